@@ -11,13 +11,11 @@ import os
 import sys
 from typing import TextIO
 
-from session.common.errors import CalibrationError
-from session.common.texts import printable
-from tinygc.cli.arguments import parser
-from tinygc.cli.commands._interruption import ended_by_signals
-from tinygc.cli.commands._results import standard_output
+from session.io.errors import CalibrationError
+from session.io.texts import printable
+from tinygc.cli.arguments import parser, refuse_overwriting
 from tinygc.cli.defaults import take_defaults
-from tinygc.cli.paths import refuse_overwriting
+from tinygc.cli.results import ended_by_signals, standard_output
 
 
 def main(arguments: list[str] | None = None) -> int:

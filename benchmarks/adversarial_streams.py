@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from session.stream import frames
-from session.stream.events import Info
-from session.stream.form import HEADER
+from session.bench import frames
+from session.bench.events import HEADER, Info
 
 PERIOD_US = 600
 PHYSICAL_HEADER = b"t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c\n"

@@ -18,13 +18,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import tinygc  # noqa: E402
-from session.dialects.layout import Answers  # noqa: E402
-from session.dialects.reader import Reader  # noqa: E402
-from session.files.fixed_point import rows  # noqa: E402
+from session.io.dialects import Answers  # noqa: E402
+from session.io.files import rows  # noqa: E402
+from session.io.reader import Reader  # noqa: E402
 from tinygc import models  # noqa: E402
-from tinygc.models.calibration_net import CalibrationNet  # noqa: E402
 from tinygc.models.denoiser import DenoisedNet, Denoiser  # noqa: E402
 from tinygc.models.linear import LinearModel  # noqa: E402
+from tinygc.models.nets import CalibrationNet  # noqa: E402
 
 RATE_HZ = 208.0
 PIECE = 1 << 14

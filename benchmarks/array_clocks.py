@@ -17,15 +17,13 @@ import numpy as np
 from common import markdown, progress
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG
-from session.log.array_reading import read_array
-from session.log.array_session import ArraySession
-from session.public import mikov, mimu
-from tinygc.array.ages.ages import SampleAges, ages_of
-from tinygc.array.ages.turn_differences import TurnDifferences, turn_differences
-from tinygc.array.places.clocks import nearest_clock
-from tinygc.array.places.places import clock_fits, places_of
-from tinygc.array.places.rates import session_rates
+from session.annexes.arrays.recording import ArraySession, read_array
+from session.annexes.public import mikov, mimu
+from session.io.units import DEG
+from tinygc.annexes.arrays.clocks import nearest_clock, session_rates
+from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
+from tinygc.annexes.arrays.latency import SampleAges, ages_of
+from tinygc.annexes.arrays.turn_differences import TurnDifferences, turn_differences
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

@@ -14,13 +14,11 @@ import numpy as np
 from common import markdown, progress
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG
-from session.log.array_reading import read_array
-from session.public import mikov, mimu
-from tinygc.array.fit import ArrayFit, fit_array
-from tinygc.simulation.array.options import ArrayOptions
-from tinygc.simulation.array.simulate import simulate_array
-from tinygc.simulation.array.write import write_array
+from session.annexes.arrays.recording import read_array
+from session.annexes.public import mikov, mimu
+from session.io.units import DEG
+from tinygc.annexes.arrays.fit import ArrayFit, fit_array
+from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
 from tinygc.simulation.options import SimulationOptions
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"

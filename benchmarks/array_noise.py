@@ -18,10 +18,10 @@ import numpy as np
 from common import markdown
 from scipy.signal import csd, welch
 
-from session.common.units import DEG
-from tinygc.array.fused.model import ArrayModel
+from session.io.units import DEG
+from tinygc.annexes.arrays.model import ArrayModel
+from tinygc.annexes.arrays.voting import LiveArray
 from tinygc.closure.allan import allan_curve
-from tinygc.deploy.array.live import LiveArray
 
 HERE = Path(__file__).resolve().parent.parent
 SHARED = HERE.parent / "shared" / "mimu"

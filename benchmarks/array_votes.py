@@ -1,4 +1,4 @@
-"""The vote of an array: false alarms, and how soon each fault is found, by the thresholds of ``tinygc/deploy/array/voting.py``.
+"""The vote of an array: false alarms, and how soon each fault is found, by the thresholds of ``tinygc/annexes/arrays/voting.py``.
 
     python benchmarks/array_votes.py                    # simulated hours, faults, and ../shared/mimu
     python benchmarks/array_votes.py --quick
@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from common import markdown
 
-from session.common.units import DEG
-from tinygc.array.fused.model import ArrayModel
-from tinygc.deploy.array import one_vote
-from tinygc.deploy.array.live import LiveArray
+from session.io.units import DEG
+from tinygc.annexes.arrays import voting
+from tinygc.annexes.arrays.model import ArrayModel
+from tinygc.annexes.arrays.voting import LiveArray
 
 HERE = Path(__file__).resolve().parent.parent
 SHARED = HERE.parent / "shared" / "mimu"
@@ -31,9 +31,9 @@ FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
 
 def with_factor(factor: float) -> None:
     """Bars of the mean and of the mean square, in sigmas, times a factor."""
-    from tinygc.deploy.array.voting import FAST, SLOW
+    from tinygc.annexes.arrays.voting import FAST, SLOW
 
-    one_vote.SLOW, one_vote.FAST = SLOW * factor, FAST * factor**2  # type: ignore[attr-defined]
+    voting.SLOW, voting.FAST = SLOW * factor, FAST * factor**2  # type: ignore[attr-defined]
 
 
 def false_votes(model: ArrayModel, raw: np.ndarray) -> tuple[int, float, float]:

@@ -14,15 +14,14 @@ import numpy as np
 from closure_table import rms
 from common import in_parallel, markdown, simulated
 
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
-from tinygc.methods.network.training import train_second_order
-from tinygc.models.calibration_net import CalibrationNet
+from tinygc.estimation.network_training import train_second_order
 from tinygc.models.linear import bias_only
-from tinygc.models.published_net import PublishedNet
-from tinygc.problem.build import build_problem
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.simulation.options import SimulationOptions
 
 FS_RPS = 500 * DEG

@@ -14,21 +14,19 @@ from pathlib import Path
 import numpy as np
 from common import first_still_heading_deg, in_parallel, markdown, simulated, with_heading
 
-from session.common.units import DEG
-from session.log.folder import Session, read_session
+from session.io.folder import Session, read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fitting.figures import closure_figures, run_figures
-from tinygc.methods.denoise_options import DenoiseOptions
-from tinygc.methods.denoising.material import of_problem
-from tinygc.methods.denoising.training import train_denoiser
-from tinygc.methods.network.training import train_second_order
-from tinygc.methods.options import FitOptions
-from tinygc.methods.pso import fit_pso
-from tinygc.methods.run import run_method
+from tinygc.closure.problem import Problem
+from tinygc.closure.runs import read_closure_runs
+from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.denoiser_training import of_problem, train_denoiser
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.network_training import train_second_order
+from tinygc.estimation.options import DenoiseOptions, FitOptions
+from tinygc.estimation.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
-from tinygc.problem.problem import Problem
 from tinygc.simulation.options import SimulationOptions
 
 TITLES = {

@@ -18,28 +18,26 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.units import DEG, MDPS, MG, G
+from session.bench.messages import AcceptedTurn, Progress
+from session.bench.progress import OwnAccelerometer
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.guide.messages import AcceptedTurn, Progress
-from session.guide.own_accelerometer import OwnAccelerometer
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
-from tinygc.closure.bias_wander import BiasWander
-from tinygc.closure.floor import Floor
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.samples import Samples
+from session.io.units import DEG, MDPS, MG, G
+from tinygc.closure.build import build_problem
+from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.plan.coach import Coach
-from tinygc.plan.proposals import TARGETS
-from tinygc.plan.turns import Turn, TurnPart
-from tinygc.problem.build import build_problem
-from tinygc.simulation import motion
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import _streams, plan_of, simulate_session
-from tinygc.simulation.table_movement import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
-from tinygc.simulation.unit import SimulatedUnit, draw_unit
+from tinygc.planning.coach import Coach
+from tinygc.planning.proposals import TARGETS
+from tinygc.planning.turns import Turn, TurnPart
+from tinygc.simulation import movement as motion
+from tinygc.simulation.movement import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions, draw_unit
+from tinygc.simulation.simulator import _streams, plan_of, simulate_session
 
 COUNTS = (8, 12, 20, 28, 40)
 RAW_MG = 30.0

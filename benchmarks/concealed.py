@@ -19,8 +19,8 @@ import numpy as np
 
 def explain(folder: Path) -> dict:
     """The explanation's JSON, with the seconds it took."""
-    from tinygc.explanation.verdict.explain import explain_session
-    from tinygc.explanation.verdict.result import to_json
+    from tinygc.explanation.engine import explain_session
+    from tinygc.explanation.result import to_json
 
     began = time.perf_counter()
     result = to_json(explain_session(folder))

@@ -13,15 +13,14 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fitting.stated_noise import stated_noise
-from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness
+from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.models.linear import BIAS, MATRIX, NAMES, bias_only
-from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 
 @dataclass(frozen=True)

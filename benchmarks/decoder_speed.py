@@ -8,7 +8,7 @@ import time
 from adversarial_streams import ADVERSARIAL, ORDINARY, Stream
 from common import markdown, progress
 
-from session.stream.decoder import StreamDecoder
+from session.bench.decoder import StreamDecoder
 
 RUNS = 3
 

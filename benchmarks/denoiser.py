@@ -23,18 +23,17 @@ from closure_table import RECORDINGS, rms
 from common import in_parallel, markdown, simulated
 from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
-from session.common.units import DEG
-from session.log.folder import Session, read_session
+from session.io.folder import Session, read_session
+from session.io.units import DEG
 from tinygc import closure
-from tinygc.fitting.figures import run_figures
-from tinygc.methods.denoise_options import DenoiseOptions
-from tinygc.methods.denoising import risk as denoise_risk
-from tinygc.methods.denoising.material import REACH, Material, of_problem
-from tinygc.methods.denoising.training import train_denoiser
-from tinygc.methods.network.training import train_second_order
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import ClosureRun, read_closure_runs
+from tinygc.estimation import denoiser_training
+from tinygc.estimation.choice import run_figures
+from tinygc.estimation.denoiser_training import REACH, Material, of_problem, train_denoiser
+from tinygc.estimation.network_training import train_second_order
+from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.denoiser import DenoisedNet
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 
 DELAYS = (5, 8, 12, 16, 24)
@@ -146,7 +145,7 @@ def _judge(unseen: Material, run: ClosureRun, net, model, calibrated) -> dict:
 
 def _in_motion(unseen: Material, net, answer, before: np.ndarray) -> float:
     """dps: the answer against the noisy rate of its own sample, less what noise they share (found with a second dose of it)."""
-    noise = denoise_risk.autocovariance([net(x) for x in unseen.stills], TAPS)[:, 0]
+    noise = denoiser_training.autocovariance([net(x) for x in unseen.stills], TAPS)[:, 0]
     rng, total = np.random.default_rng(0), []
     for x, count in zip(unseen.context, unseen.counts, strict=True):
         x = net(x[: 2 * REACH + count])

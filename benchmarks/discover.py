@@ -20,9 +20,8 @@ import numpy as np
 from common import markdown, progress
 from scipy.stats import binomtest
 
-from tinygc.challenge.cases import STRENGTHS
-from tinygc.challenge.discover.examine import examine_laws, to_json
-from tinygc.challenge.discover.score import SAME, WITH_LAW
+from tinygc.annexes.challenge.cases import STRENGTHS
+from tinygc.annexes.challenge.law_examination import SAME, WITH_LAW, examine_laws, to_json
 
 RIGHT = ("found", "catalogue_equal")
 DRAWN = "law.random"

@@ -14,16 +14,15 @@ from functools import partial
 import numpy as np
 from common import in_parallel, markdown, simulated
 
-from session.common.units import DEG
-from session.log.folder import read_session
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.judge.exact import Constants, exact
-from tinygc.discovery.judge.weigh import FormEvidence
-from tinygc.discovery.screen.sharpen import sharpened
-from tinygc.explanation.naming.search import rewhitened
-from tinygc.explanation.twin.replay import Replay
-from tinygc.explanation.twin.twin import Twin
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.discovery.constants import sharpened
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact
+from tinygc.closure.build import build_problem
+from tinygc.explanation.search import rewhitened
+from tinygc.noise.refit import Replay
+from tinygc.noise.twin import Twin
 from tinygc.simulation.options import SimulationOptions
 
 FS_RPS = 500 * DEG

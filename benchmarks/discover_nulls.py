@@ -17,17 +17,16 @@ import numpy as np
 from common import markdown, progress
 from scipy import stats
 
-from session.log.folder import read_session
-from tinygc.discovery.grammar.bits import bits
-from tinygc.discovery.grammar.enumeration import enumerated
-from tinygc.discovery.grammar.largest import largest_of
-from tinygc.discovery.grammar.words import equation
-from tinygc.discovery.screen.screening import screened
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.naming.search import rewhitened
-from tinygc.explanation.twin.replay import Replay
-from tinygc.explanation.twin.twin import Twin
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from tinygc.annexes.discovery.enumeration import bits, enumerated
+from tinygc.annexes.discovery.quantities import largest_of
+from tinygc.annexes.discovery.screening import screened
+from tinygc.annexes.discovery.words import equation
+from tinygc.closure.build import build_problem
+from tinygc.explanation.evidence import Evidence
+from tinygc.explanation.search import rewhitened
+from tinygc.noise.refit import Replay
+from tinygc.noise.twin import Twin
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

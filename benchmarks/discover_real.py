@@ -23,7 +23,7 @@ from common import in_parallel, markdown
 from real_recordings import SETS, USUAL, add_choice, chosen_jobs
 from real_recordings_page import named, shapes, title
 
-from session.common.errors import CalibrationError
+from session.io.errors import CalibrationError
 
 HEADER = (
     "recording",
@@ -84,8 +84,8 @@ def main() -> None:
 
 def one_recording(job: Searching) -> dict[str, Any]:
     """``set``, ``name``, ``explain`` (its JSON) and ``searches``, one of each seed; or why it was ``refused``."""
-    from session.log.folder import read_session
-    from tinygc.library.explain import explain
+    from session.io.folder import read_session
+    from tinygc.library.explanations import explain
 
     result: dict[str, Any] = {"set": job.set_name, "name": job.folder.name, "explain": None, "searches": [], "refused": None}
     try:
@@ -98,8 +98,8 @@ def one_recording(job: Searching) -> dict[str, Any]:
 
 def searched(explanation: Any, seed: int) -> dict[str, Any]:
     """``seed``, ``seconds``, ``discovery`` as the JSON of ``explain`` has it, and ``noise_p`` of each law's tests."""
-    from tinygc.discovery.judge.discover import discover
-    from tinygc.discovery.told.as_json import to_json
+    from tinygc.annexes.discovery.engine import discover
+    from tinygc.annexes.discovery.result import to_json
 
     began = time.process_time()
     found = discover(explanation, seed=seed)

@@ -40,8 +40,8 @@ def distort(t_s, rate, force, temp_c):
 
 def forms_of(largest: dict[str, float], count: int) -> list:
     """The grammar's, and products beyond it until there are so many."""
-    from tinygc.discovery.grammar.enumeration import enumerated
-    from tinygc.discovery.grammar.form import Factor, Form
+    from tinygc.annexes.discovery.enumeration import enumerated
+    from tinygc.annexes.discovery.form import Factor, Form
 
     forms = list(enumerated(largest))
     names = [name for name, size in largest.items() if size > 0]
@@ -58,15 +58,15 @@ def forms_of(largest: dict[str, float], count: int) -> list:
 
 def timed(folder: Path, count: int, looks: int) -> dict:
     """Seconds by step, and MB, of screening one folder in this process."""
-    from session.log.folder import read_session
-    from tinygc.discovery.grammar.largest import largest_of
-    from tinygc.discovery.screen.learnable import learnable, learnable_from
-    from tinygc.discovery.screen.screening import screened
-    from tinygc.explanation.naming.evidence import Evidence
-    from tinygc.explanation.naming.search import rewhitened
-    from tinygc.explanation.twin.replay import Replay
-    from tinygc.explanation.twin.twin import Twin
-    from tinygc.problem.build import build_problem
+    from session.io.folder import read_session
+    from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
+    from tinygc.annexes.discovery.quantities import largest_of
+    from tinygc.annexes.discovery.screening import screened
+    from tinygc.closure.build import build_problem
+    from tinygc.explanation.evidence import Evidence
+    from tinygc.explanation.search import rewhitened
+    from tinygc.noise.refit import Replay
+    from tinygc.noise.twin import Twin
 
     evidence = Evidence(Twin(build_problem(read_session(folder))))
     nothing = evidence.nothing

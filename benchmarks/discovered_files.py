@@ -24,9 +24,8 @@ from pathlib import Path
 from common import markdown, progress
 
 import calibrate
-from tinygc.challenge.cases import Case
-from tinygc.challenge.conceal import conceal
-from tinygc.challenge.discover.truth import ALL
+from tinygc.annexes.challenge.cases import Case, conceal
+from tinygc.annexes.challenge.law_cases import ALL
 from tinygc.effects import load_folder, using
 from tinygc.effects.device import NoC
 from tinygc.effects.testing import check

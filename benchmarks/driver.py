@@ -17,10 +17,10 @@ import numpy as np
 from common import markdown, progress
 from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample
 
-from session.guide.board_words import BoardWords
-from session.stream import commands
-from tinygc.simulation.asm330lhh import registers
-from tinygc.simulation.asm330lhh.faults import Fault
+from session.bench import frames
+from session.bench.screen import BoardWords
+from tinygc.annexes.emulated import readings
+from tinygc.annexes.emulated.readings import Fault
 
 SETTLED_S, TIMES, APART_S = 0.6, 20, 0.5
 MILLION_S = 150.0
@@ -82,7 +82,7 @@ def at_rate(elf: Path, odr_hz: float, **how) -> Driven:
     """A board that streams at a data rate, settled; nothing of before counts."""
     driven = Driven(elf, **how)
     driven.run(0.4)
-    driven.ask(commands.DATA_RATE, odr_hz)
+    driven.ask(frames.DATA_RATE, odr_hz)
     driven.run(SETTLED_S)
     driven.forget()
     return driven
@@ -153,7 +153,7 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
 
 def name_of(address: int) -> str:
     """Of a register that can be written."""
-    return next((name for name, value in vars(registers).items() if value == address and address in registers.WRITABLE), f"0x{address:02X}")
+    return next((name for name, value in vars(readings).items() if value == address and address in readings.WRITABLE), f"0x{address:02X}")
 
 
 def print_start(driven: Driven) -> None:

@@ -13,18 +13,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 
 import measure
 
-from session.common.units import DEG, G
-from session.stream import commands
-from session.stream.board import FAULTS, Board, Done, Faults
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Info, Trouble
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.readings import Oscillator
-from tinygc.simulation.asm330lhh.registers import CLOCK_HZ
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-from tinygc.simulation.stm32f405.clock import CORE_HZ
-from tinygc.simulation.stm32f405.machine import Machine
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import FAULTS, Board, Chunk, Done, Faults, Info, Trouble
+from session.io.units import DEG, G
+from tinygc.annexes.emulated.bus import CORE_HZ
+from tinygc.annexes.emulated.machine import Machine
+from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 BAUD = 2_000_000
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
@@ -133,11 +129,11 @@ class Driven:
     def ask(self, command: int, *values: float, within_s: float = 4.0) -> None:
         """Send a command; RuntimeError where the board does not obey."""
         self._asked += 1
-        self.machine.usart1.feed(commands.encode_command(command, self._asked, *values))
+        self.machine.usart1.feed(frames.encode_command(command, self._asked, *values))
         end_s = self.t_s + within_s
         while self._asked not in self._answers and self.t_s < end_s:
             self.run(0.05)
-        if (result := self._answers.get(self._asked)) != commands.DONE:
+        if (result := self._answers.get(self._asked)) != frames.DONE:
             raise RuntimeError(f"command 0x{command:02X} {values}: result {result}")
 
     def load(self, seconds: float) -> float:

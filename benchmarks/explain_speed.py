@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from session.common.units import DEG, G
+from session.io.units import DEG, G
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -31,7 +31,7 @@ K_THERMAL, K_GRAVITY = 0.01 * DEG, 0.02 * DEG
 
 def timed(folder: Path) -> dict:
     """Seconds by step, and MB, of explaining one folder in this process."""
-    from tinygc.explanation.verdict.explain import explain_session
+    from tinygc.explanation.engine import explain_session
 
     seconds, now = dict.fromkeys(STEPS, 0.0), [STEPS[0], time.process_time()]
 

@@ -20,17 +20,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 import measure
 from common import markdown, progress
 
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from session.log.folder import Session, read_session
+from session.io.errors import CalibrationError
+from session.io.folder import Session, read_session
+from session.io.units import DEG
 from tinygc import models
-from tinygc.deploy.embedded.program import Program, program
-from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.program import Program, Registers, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.deploy.embedded.stage import Inputs
-from tinygc.fitting.save import save_models
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from tinygc.deploy.embedded.stages import Inputs
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import save_models
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 
 CORE_HZ, ODR_HZ = 168e6, 833

@@ -22,19 +22,19 @@ import numpy as np
 from common import markdown, progress
 
 from session.detect.stills import find_stills
-from session.log.folder import Session, read_session
-from session.log.logfile import read_log
-from session.log.samples import Samples
+from session.io.folder import Session, read_session
+from session.io.logfile import read_log
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.methods.options import FitOptions
-from tinygc.methods.pso import fit_pso
-from tinygc.methods.run import run_method
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only
-from tinygc.problem.build import build_problem
-from tinygc.problem.problem import Problem
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 SESSION = Path(__file__).resolve().parents[1] / "data" / "session1"
 MANY_ROWS = 500_000
@@ -112,7 +112,7 @@ def _tiled(samples: Samples) -> Samples:
 
 
 def _fast_samples() -> Samples:
-    from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+    from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
     options = SimulationOptions(segments=10, closure_s=0.0, odr_hz=1667)
     log = simulate_session(options).log
@@ -121,7 +121,7 @@ def _fast_samples() -> Samples:
 
 
 def _methods(problem: Problem, args: argparse.Namespace):
-    from tinygc.methods.network.training import train_second_order
+    from tinygc.estimation.network_training import train_second_order
 
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     progress("least squares")
@@ -146,7 +146,7 @@ def _epoch(batch: Batch, repeat: int):
 
     from tinygc.attitude.rotation import compose, multiply
     from tinygc.closure.residual import residual, segment_residuals
-    from tinygc.models.calibration_net import CalibrationNet
+    from tinygc.models.nets import CalibrationNet
 
     progress("one epoch")
     weights = torch.as_tensor(CalibrationNet.identity().vector).requires_grad_()
@@ -212,7 +212,7 @@ def _whole_job(folder: Path):
 
 
 def _alone(folder: Path, methods: str) -> None:
-    from tinygc.fitting.session import fit_session
+    from tinygc.estimation.fit import fit_session
 
     fit_session(folder, replace(FitOptions(), methods=tuple(methods.split(","))))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

@@ -27,12 +27,9 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from tinygc.fleet.cluster import Cluster
-from tinygc.fleet.folders import session_folders
-from tinygc.fleet.options import FleetOptions
-from tinygc.fleet.processes import Processes
-from tinygc.fleet.run import Tally, run_fleet
-from tinygc.fleet.table import NAME, open_table
+from tinygc.annexes.lots.fleet.row import FleetOptions
+from tinygc.annexes.lots.fleet.run import Cluster, Processes, Tally, run_fleet, session_folders
+from tinygc.annexes.lots.fleet.table import NAME, open_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -19,16 +19,15 @@ from functools import cache
 import numpy as np
 from common import markdown, progress
 
-from tinygc.challenge.cases import Case
-from tinygc.challenge.discover.laws.table import BY_HAND
-from tinygc.challenge.discover.score import SAME
-from tinygc.challenge.discover.truth import AddedRate, added_rate
-from tinygc.discovery.grammar.as_effect import columns_of
-from tinygc.discovery.grammar.bits import bits
-from tinygc.discovery.grammar.enumeration import enumerated
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.largest import largest_of
-from tinygc.discovery.grammar.words import equation
+from tinygc.annexes.challenge.cases import Case
+from tinygc.annexes.challenge.law_cases import AddedRate, added_rate
+from tinygc.annexes.challenge.law_examination import SAME
+from tinygc.annexes.challenge.laws import BY_HAND
+from tinygc.annexes.discovery.enumeration import bits, enumerated
+from tinygc.annexes.discovery.equivalence import columns_of
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.quantities import largest_of
+from tinygc.annexes.discovery.words import equation
 from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
 

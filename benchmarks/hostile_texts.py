@@ -22,16 +22,16 @@ import yaml
 from rich.table import Table
 from rich.text import Text
 
-from session.checks.findings import Finding
-from session.common.console import PlainConsole
-from session.common.errors import CalibrationError
-from session.common.texts import comment, printable, unicode_text
-from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
-from session.recording.session_text import toml_text
+from session.bench.console import PlainConsole
+from session.bench.session_file import toml_text
+from session.detect.findings import Finding
+from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
+from session.io.errors import CalibrationError
+from session.io.texts import comment, printable, unicode_text
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel
-from tinygc.report.html.markup import code, escape, facts, table
+from tinygc.reporting.html.markup import code, escape, facts, table
 
 HARMLESS = "unit 7"
 UNREADABLE = 1000

@@ -18,19 +18,19 @@ import numpy as np
 from common import markdown
 from scipy.optimize import least_squares
 
-from session.accelerometer import parameters
-from session.accelerometer.from_stills import force_of
-from session.common.units import DEG
-from session.log.config import Accelerometer
-from session.log.folder import Session, read_session
+from session.detect import accelerometer
+from session.detect.accelerometer import force_of
+from session.io.config import Accelerometer
+from session.io.folder import Session, read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.prepared import prepare
+from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.problem.build import build_problem
-from tinygc.problem.prepared import prepare
-from tinygc.problem.problem import Problem
 
 FOLDS = 5
 
@@ -72,10 +72,10 @@ def by_squares(measured: np.ndarray, gravity: float) -> Accelerometer:
     """Nine numbers from stills' mean readings (S, 3), as equation 10 of the paper."""
 
     def cost(x: np.ndarray) -> np.ndarray:
-        return gravity**2 - np.sum(parameters.corrected(x, measured) ** 2, axis=1)
+        return gravity**2 - np.sum(accelerometer.corrected(x, measured) ** 2, axis=1)
 
-    x = least_squares(cost, parameters.IDENTITY, x_scale=parameters.units(gravity)).x
-    return parameters.after(x, Accelerometer())
+    x = least_squares(cost, accelerometer.IDENTITY, x_scale=accelerometer.units(gravity)).x
+    return accelerometer.after(x, Accelerometer())
 
 
 def _held_out(problem: Problem) -> float:

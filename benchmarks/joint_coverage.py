@@ -13,17 +13,15 @@ import numpy as np
 from common import in_parallel, markdown
 from scipy import stats
 
-from session.accelerometer import parameters
-from session.common.units import DEG, MG
-from session.log.config import Accelerometer
+from session.detect import accelerometer
+from session.io.config import Accelerometer
+from session.io.units import DEG, MG
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fitting.stated_noise import stated_noise
-from tinygc.fitting.stated_sigmas import stated_goodness, stated_joint_covariance
-from tinygc.library.simulate import simulate
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.stated_noise import stated_goodness, stated_joint_covariance, stated_noise
+from tinygc.library.sessions import simulate
 from tinygc.models.linear import NAMES, LinearModel, bias_only
-from tinygc.problem.prepared import prepare
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.unit import SimulatedUnit
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 
 RAW = {"accel_bias_mg": 30.0, "accel_scale_error": 0.01, "accel_misalignment": 0.005}
 
@@ -37,7 +35,7 @@ def main() -> None:
     results = in_parallel(one_session, [(args.seed + i, args.segments) for i in range(args.sessions)], "session")
     z = np.array([result["z"] for result in results])
     print(f"{len(z)} simulated sessions of {args.segments} segments, no [accelerometer]: share of errors within their stated sigmas.\n")
-    names = [*parameters.NAMES, *NAMES]
+    names = [*accelerometer.NAMES, *NAMES]
     rows = [_row(name, z[:, i]) for i, name in enumerate(names)]
     print(markdown(["parameter", "within 1σ", "within 2σ", "error rms / σ", "mean error / σ"], [*rows, _row("all", z.ravel())]))
     for words, of in (("all 21", slice(None)), ("the accelerometer's 9", slice(0, 9)), ("the gyroscope's 12", slice(9, 21))):
@@ -49,8 +47,8 @@ def main() -> None:
         )
     sigma = np.median([result["sigma"] for result in results], axis=0)
     print(
-        f"Median stated sigma: scale {np.median(sigma[parameters.SCALES]) * 1e6:.0f} ppm, nonorthogonality "
-        f"{np.median(sigma[parameters.SHEARS]) * 1e6:.0f} µrad, bias {np.median(sigma[parameters.BIASES]) / MG:.3f} mg; "
+        f"Median stated sigma: scale {np.median(sigma[accelerometer.SCALES]) * 1e6:.0f} ppm, nonorthogonality "
+        f"{np.median(sigma[accelerometer.SHEARS]) * 1e6:.0f} µrad, bias {np.median(sigma[accelerometer.BIASES]) / MG:.3f} mg; "
         f"E {np.median(sigma[9:18]) * 1e6:.0f} ppm (or µrad), B {np.median(sigma[18:]) / DEG * 1e3:.2f} mdps."
     )
 
@@ -97,10 +95,10 @@ def in_triad(unit: SimulatedUnit) -> LinearModel:
 
 def errors_of(x: np.ndarray, found: Accelerometer, unit: SimulatedUnit) -> np.ndarray:
     """(9,) of a correction x that led to ``found``."""
-    before = np.linalg.inv(parameters.matrix_of(x)) @ found.matrix
-    start = found.bias_mps2 - np.linalg.solve(before, x[parameters.BIAS])
+    before = np.linalg.inv(accelerometer.matrix_of(x)) @ found.matrix
+    start = found.bias_mps2 - np.linalg.solve(before, x[accelerometer.BIAS])
     matrix = triad(unit)[1] @ np.linalg.inv(before)
-    return x - np.concatenate([matrix[parameters.UPPER], before @ (unit.accel_bias - start)])
+    return x - np.concatenate([matrix[accelerometer.UPPER], before @ (unit.accel_bias - start)])
 
 
 def _row(name: str, z: np.ndarray) -> list[str]:

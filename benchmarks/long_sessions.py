@@ -20,15 +20,12 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from session.common.units import DEG, DEG_PER_HOUR, G
-from session.files.fixed_point import rows
-from tinygc.simulation import sensor
-from tinygc.simulation.noise import bias_instability
-from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
-from tinygc.simulation.simulate import Recording, Simulation, plan_of, true_signals
-from tinygc.simulation.stroke import Stroke
-from tinygc.simulation.table_movement import Plan
-from tinygc.simulation.unit import draw_unit
+from session.io.files import rows
+from session.io.units import DEG, DEG_PER_HOUR, G
+from tinygc.simulation import simulator
+from tinygc.simulation.movement import Plan, Stroke
+from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, draw_unit
+from tinygc.simulation.simulator import Recording, Simulation, bias_instability, plan_of, true_signals
 from tinygc.simulation.write import HEADER, config_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -133,9 +130,9 @@ def _pieces(options: SimulationOptions, unit, plan: Plan) -> Iterator[Recording]
     """What ``simulate_session`` gives at once, ``PIECE_S`` at a time: each with a run-up of its own for the filters."""
     odr_hz = unit.odr_hz
     count, size = int(np.ceil(plan.log_s * odr_hz)), round(PIECE_S * odr_hz)
-    factor, run_up = sensor.oversampling(odr_hz), int(np.ceil(sensor.RUN_UP_S * odr_hz))
+    factor, run_up = simulator.oversampling(odr_hz), int(np.ceil(simulator.RUN_UP_S * odr_hz))
     gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
-    gyro_hz, accel_hz, units = GYRO_LPF2_HZ[options.odr_hz], sensor.ACCEL_BANDWIDTH_ODR * odr_hz, options.register_units
+    gyro_hz, accel_hz, units = GYRO_LPF2_HZ[options.odr_hz], simulator.ACCEL_BANDWIDTH_ODR * odr_hz, options.register_units
     rng = np.random.default_rng([options.seed, 1])
     flicker = bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, rng).astype(np.float32)
     for start in range(0, count, size):
@@ -143,13 +140,13 @@ def _pieces(options: SimulationOptions, unit, plan: Plan) -> Iterator[Recording]
         stop = min(start + size, count)
         t_fine = np.arange((start - run_up) * factor, stop * factor) / (factor * odr_hz)
         rate, force, temp_c = true_signals(options, unit, _near(plan, t_fine[0], t_fine[-1]), t_fine)
-        gyro = sensor.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, rng)[run_up:] + flicker[start:stop]
-        accel = sensor.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, rng)[run_up:]
+        gyro = simulator.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, rng)[run_up:] + flicker[start:stop]
+        accel = simulator.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, rng)[run_up:]
         yield Recording(
             t_us=np.rint(np.arange(start, stop) / odr_hz * 1e6).astype(np.int64),
-            gyro=sensor.registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
-            accel=sensor.registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
-            temp=sensor.temperature_registers(temp_c[run_up * factor :: factor], rng, units),
+            gyro=simulator.registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
+            accel=simulator.registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
+            temp=simulator.temperature_registers(temp_c[run_up * factor :: factor], rng, units),
         )
 
 

@@ -16,13 +16,13 @@ from collections.abc import Iterator
 import numpy as np
 from common import markdown
 
-from session.common.units import DEG
-from tinygc.lot.control import chart
-from tinygc.lot.hierarchy import hierarchy
-from tinygc.lot.outliers import outliers
-from tinygc.lot.report import _interval
-from tinygc.lot.sessions import lot_sessions
-from tinygc.lot.unit_result import NAMES, UnitResult
+from session.io.units import DEG
+from tinygc.annexes.lots.capability import chart
+from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots.lot import NAMES, UnitResult
+from tinygc.annexes.lots.outliers import outliers
+from tinygc.annexes.lots.report import _interval
+from tinygc.annexes.lots.sessions import lot_sessions
 
 COUNT = len(NAMES)
 #: between units, one sigma of each number, SI

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from common import in_parallel, markdown, simulated
 
-from session.common.units import DEG, G
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.linear_estimates import effects_of
-from tinygc.lot.pooling import pooled
-from tinygc.lot.unit_result import NAMES, UnitResult
+from session.io.units import DEG, G
+from tinygc.annexes.lots.effects import pooled
+from tinygc.annexes.lots.lot import NAMES, UnitResult
+from tinygc.explanation.engine import effects_of, explain_session
 from tinygc.simulation.options import SimulationOptions
 
 

@@ -15,20 +15,19 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.units import DEG
-from session.log.folder import read_session
-from tinygc.fitting.bias_choice import choose
-from tinygc.fitting.lot_prior import LotFile, fit_with_lot
-from tinygc.fitting.stated_noise import stated_noise
-from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness
-from tinygc.lot.lot import Lot
-from tinygc.lot.unit_result import NAMES as LOT_NAMES
-from tinygc.methods.options import FitOptions
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.lots.fit import LotFile, fit_with_lot
+from tinygc.annexes.lots.lot import NAMES as LOT_NAMES
+from tinygc.annexes.lots.lot import Lot
+from tinygc.closure.build import FEWEST_SEGMENTS
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.bias import choose
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.models.linear import PARAMETERS
-from tinygc.problem.build import FEWEST_SEGMENTS
-from tinygc.problem.prepared import prepare
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session, unit_of
+from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.write import write_simulation
 
 #: scale (fraction), misalignment (rad), bias (dps): one sigma between units

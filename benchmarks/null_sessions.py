@@ -19,7 +19,7 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.common.errors import CalibrationError
+from session.io.errors import CalibrationError
 from tinygc.simulation.options import SimulationOptions
 
 RATES_HZ = (62.5, 104.0, 208.0, 416.0, 833.0)
@@ -44,7 +44,7 @@ def drawn(seed: int, noise_factor: float) -> SimulationOptions:
 
 def explained(job: tuple[int, float]) -> dict:
     """What ``explain`` says of one null session."""
-    from tinygc.explanation.verdict.explain import explain_session
+    from tinygc.explanation.engine import explain_session
 
     options = drawn(*job)
     began = time.perf_counter()

@@ -27,10 +27,8 @@ from urllib.parse import urlsplit
 import numpy as np
 from common import markdown, progress
 
-from tinygc.simulation.board.board import Board
-from tinygc.simulation.board.source import simulated
-from tinygc.simulation.board.terminal import Terminal
 from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.virtual_board import Board, Terminal, simulated
 
 ROOT = Path(__file__).resolve().parent.parent
 SETTLED_S = 6.0  #: behind the first sample: modules are loaded by then

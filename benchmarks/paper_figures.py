@@ -27,14 +27,14 @@ from paper.euroc import EUROC
 from paper.figures_euroc import figure5, figure6
 from scipy.signal import freqz, welch
 
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
+from tinygc.closure.build import build_problem
+from tinygc.closure.problem import Problem
+from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.models.denoiser import DenoisedNet
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import ClosureRun, read_closure_runs
-from tinygc.problem.problem import Problem
 
 ROOT = Path(__file__).resolve().parents[1]
 BEFORE, AFTER, SHIFTED, OTHER = "#9aa5b1", "#c0392b", "#2c5fa8", "#27804a"

@@ -13,10 +13,9 @@ from pathlib import Path
 
 from common import markdown, progress
 
-from session.recording.decoding import stream
-from session.recording.logwriter import LogWriter
-from session.recording.recorder import Recorder
-from session.stream.decoder import StreamDecoder
+from session.bench.decoder import StreamDecoder
+from session.bench.logwriter import LogWriter
+from session.bench.recorder import Recorder, stream
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -18,11 +18,11 @@ import numpy as np
 from common import in_parallel
 from real_recordings import Job, add_choice, chosen_jobs
 
-from session.common.units import DEG
-from session.detect import bridges
-from session.log.config import Sensor
-from session.log.folder import read_session
-from session.log.samples import Samples
+from session.detect import bridging
+from session.io.config import Sensor
+from session.io.folder import read_session
+from session.io.samples import Samples
+from session.io.units import DEG
 
 SETS = ("xsens", "mikov", "mimu")
 #: gaps that are cut: how many at once, how often; where it turns by this
@@ -75,15 +75,15 @@ def pulls_of_gaps(job: Job) -> dict[int, np.ndarray]:
     speed = np.linalg.norm(samples.gyro - np.median(samples.gyro, axis=0), axis=1)
     fast = np.flatnonzero((speed > TURNING_RPS) & (np.abs(samples.gyro).max(axis=1) < limit))
     fast = fast[(fast > 100) & (fast < len(samples) - 100)]
-    usual, found = bridges.MOST, {}
-    bridges.MOST = LONGEST
+    usual, found = bridging.MOST, {}
+    bridging.MOST = LONGEST
     try:
         for count in range(1, LONGEST + 1):
             rng = np.random.default_rng(count)
             parts = [_one_cut(samples, sensor, rng.choice(fast, GAPS, replace=False), count) for _ in range(REPEATS)]
             found[count] = np.concatenate(parts)
     finally:
-        bridges.MOST = usual
+        bridging.MOST = usual
     return found
 
 
@@ -93,11 +93,11 @@ def _one_cut(samples: Samples, sensor: Sensor, rows: np.ndarray, count: int) -> 
     keep = np.ones(len(samples), dtype=bool)
     for row in rows:
         keep[row : row + count] = False
-    filled, found = bridges.bridged(Samples(samples.t_ns[keep], samples.gyro[keep], samples.accel[keep]), sensor)
+    filled, found = bridging.bridged(Samples(samples.t_ns[keep], samples.gyro[keep], samples.accel[keep]), sensor)
     if len(filled) != len(samples):
         return np.zeros((0, 2))  # stamps so coarse that none is known to be missing
     pairs = []
-    for bridge in (each for each in found if each.what == bridges.GAP):
+    for bridge in (each for each in found if each.what == bridging.GAP):
         part = slice(bridge.row, bridge.row + bridge.count)
         pairs.append(np.stack([(filled.gyro[part] - samples.gyro[part]).sum(axis=0) * samples.period_s, bridge.sigma_rad], axis=-1))
     return np.concatenate(pairs) if pairs else np.zeros((0, 2))
@@ -106,12 +106,12 @@ def _one_cut(samples: Samples, sensor: Sensor, rows: np.ndarray, count: int) -> 
 def impacts_row(job: Job) -> str:
     """Of the table."""
     from tinygc.closure.least_squares import fit_least_squares
+    from tinygc.closure.prepared import prepare
     from tinygc.closure.residual import closure_angles
-    from tinygc.fitting.bias_choice import choose
-    from tinygc.fitting.figures import closure_figures
-    from tinygc.methods.options import FitOptions
-    from tinygc.methods.run import run_method
-    from tinygc.problem.prepared import prepare
+    from tinygc.estimation.bias import choose
+    from tinygc.estimation.choice import closure_figures
+    from tinygc.estimation.held_out import run_method
+    from tinygc.estimation.options import FitOptions
 
     problem, options = prepare(job.folder).problem, FitOptions()
     name = f"{job.set_name}/{job.folder.name}".removesuffix(f"/{job.set_name}")

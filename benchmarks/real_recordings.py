@@ -21,9 +21,9 @@ from pathlib import Path
 from common import in_parallel
 from real_recordings_page import missed, page, said_wrongly
 
-from session.common.errors import CalibrationError
-from session.log.folder import read_session
-from session.public import euroc_folders, mimu
+from session.annexes.public import euroc, mimu
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 SETS = ("xsens", "mikov", "mimu", "injected", "euroc")
@@ -79,13 +79,13 @@ def jobs_of(name: str, shared: Path, made: Path) -> Iterator[Job]:
         return
     folders = sorted(path.parent for path in source.glob("**/session.toml"))
     if not folders:
-        folders = {"mimu": mimu.write, "euroc": euroc_folders.write}[name](source, made / name)
+        folders = {"mimu": mimu.write, "euroc": euroc.write}[name](source, made / name)
     yield from (Job(name, folder) for folder in folders)
 
 
 def one_recording(job: Job) -> dict:
     """``set``, ``name``, ``seconds``, and ``explain``'s JSON or why it was ``refused``."""
-    from tinygc.library.explain import explain
+    from tinygc.library.explanations import explain
 
     began = time.perf_counter()
     result: dict = {"set": job.set_name, "name": job.folder.name, "explain": None, "refused": None}

@@ -14,14 +14,14 @@ from pathlib import Path
 
 from common import in_parallel, markdown
 
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.uncertainty import goodness
-from tinygc.fitting.figures import closure_figures
-from tinygc.methods.options import FitOptions
-from tinygc.methods.run import run_method
-from tinygc.problem.build import build_problem
+from tinygc.estimation.choice import closure_figures
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 METHODS = ("raw", "least_squares", "pso", "tinygc")

@@ -13,19 +13,18 @@ import numpy as np
 from common import in_parallel, markdown
 from scipy import stats
 
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.fitting.compare import DIFFERS_P, Calibrated, compare
+from tinygc.estimation.compare import DIFFERS_P, Calibrated, compare
 from tinygc.models.linear import bias_only
-from tinygc.problem.build import build_problem
-from tinygc.simulation import simulate
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.unit import SimulatedUnit
+from tinygc.simulation import simulator
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 
 
 @dataclass(frozen=True)
@@ -82,9 +81,9 @@ def calibrated(job: Job) -> Calibrated:
 
 def recorded(options: SimulationOptions, scale_ppm: float = 0.0) -> Session:
     """The session in memory; the unit's x axis reads ``scale_ppm`` more."""
-    unit = simulate.draw_unit(options, simulate._streams(options)[0])
+    unit = simulator.draw_unit(options, simulator._streams(options)[0])
     more = np.diag([1 / (1 + 1e-6 * scale_ppm), 1, 1])
-    made = simulate.simulate_session(options, unit=replace(unit, E=unit.E @ more))
+    made = simulator.simulate_session(options, unit=replace(unit, E=unit.E @ more))
     return as_session(options, made.unit, made.log)
 
 

@@ -25,13 +25,13 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy.linalg import sqrtm
 
-from session.common.errors import CalibrationError
-from session.public.__main__ import main as public
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from session.annexes.public.__main__ import main as public
+from session.io.errors import CalibrationError
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import MATRIX
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "mimu"
 BIASES = ("ends", "stills", "auto")

@@ -14,13 +14,12 @@ from common import in_parallel, markdown, simulated
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG, G
-from session.sensor.registers import gyro_rps_per_lsb
-from tinygc.methods.options import FitOptions
-from tinygc.report.html.evidence import gather
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
-from tinygc.simulation.unit import SimulatedUnit
+from session.io.registers import gyro_rps_per_lsb
+from session.io.units import DEG, G
+from tinygc.estimation.options import FitOptions
+from tinygc.reporting.html.evidence import gather
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.simulator import simulate_session
 
 #: one sigma of what --hide conceals
 HIDDEN_DPS_PER_G, HIDDEN_HALF_DIFFERENCE = 0.05, 0.002

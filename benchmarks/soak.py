@@ -28,12 +28,11 @@ from common import markdown, progress
 from full_disk import FullDisk
 from soak_day import day
 
-from session.common.errors import DeviceError, StorageError
-from session.recording import rawfile
-from session.recording.decoding import stream
-from session.recording.logwriter import LogWriter
-from session.recording.recorder import Recorder
-from session.stream.decoder import StreamDecoder
+from session.bench import rawfile
+from session.bench.decoder import StreamDecoder
+from session.bench.logwriter import LogWriter
+from session.bench.recorder import Recorder, stream
+from session.io.errors import DeviceError, StorageError
 
 ENDS = ("killed", "unplugged", "disk full", "stopped")
 IN_A_FOLDER = 25  #: rounds that go on with each other: each resumes what all before it left

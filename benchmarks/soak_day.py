@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from common import progress
 
-from session.recording import recorder as recorder_module
-from session.recording.port import Opened, Received
-from session.recording.rawfile import RAW
-from session.recording.recorder import Recorder
-from session.stream import frames
-from session.stream.events import Chunk, Info
+from session.bench import frames
+from session.bench import recorder as recorder_module
+from session.bench.events import Chunk, Info
+from session.bench.port import Opened, Received
+from session.bench.rawfile import RAW
+from session.bench.recorder import Recorder
 
 RATE_HZ = 1667.0
 READ_S = 0.1  #: from one read of the port to the next

@@ -9,12 +9,12 @@ import time
 import numpy as np
 from common import markdown, progress
 
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk
-from tinygc.simulation.board.faults import flipped
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
+from tinygc.simulation.virtual_board import flipped
 
 RATE_HZ = 1667
 BLOCKS = (512, 4096, 65536)

@@ -21,12 +21,11 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from session.common.units import DEG, DEG_PER_HOUR, G
-from session.log.rests import RestLog
-from tinygc.temperature import knots as knots_module
-from tinygc.temperature.axis_fit import AxisFit, fit_axis
-from tinygc.temperature.knots import make_knots
-from tinygc.temperature.sweeps import sweeps_of
+from session.io.rests import RestLog
+from session.io.units import DEG, DEG_PER_HOUR, G
+from tinygc.annexes.temperature import rest_blocks
+from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis
+from tinygc.annexes.temperature.rest_blocks import make_knots, sweeps_of
 
 ROOT = Path(__file__).resolve().parent.parent
 ZERO, SLOPE, BEND, ABOUT_C = 0.5, 0.034, 2e-4, 40.0
@@ -104,7 +103,7 @@ def nulls(seeds: int) -> None:
 
 def knots(seeds: int) -> None:
     for count in (80, 160, 320):
-        knots_module.MOST_KNOTS = count
+        rest_blocks.MOST_KNOTS = count
         began = time.perf_counter()
         z = np.array([errors(seed, lag_s=40.0) for seed in range(seeds)])
         sigma = np.mean([fitted(seed, lag_s=40.0)[0].sigma[1] / DEG for seed in range(3)])

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.errors import CalibrationError
-from session.log.folder import read_session
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
 
 HERE = "tinygc.explanation"
 WATCHED = {
@@ -34,7 +34,7 @@ WATCHED = {
         "mends.ceilings": "CORNER LEAST_CEILING",
         "mends.plateaus": "FLAT NOISES CORNER FEWEST SAME SHORTEST_S LEAST WHOLE ALIKE",
         "mends.false_readings": "LONGEST SIDE BEYOND CAME_BACK SHARE NOISE_MISSES LEAST_NOISE_LSB",
-        "session.detect.interpolation": "SIDE AS_FAST FEWEST_TRIALS MOST_TRIALS",
+        "session.detect.bridging": "SIDE AS_FAST FEWEST_TRIALS MOST_TRIALS",
         "mends.left_open": "OPEN KEPT",
     },
     "naming": {
@@ -127,7 +127,7 @@ def hidden_in(stage: str) -> list:
     """What is looked at: challenge cases, or kinds of a wrong truth with their seeds."""
     if stage == "truth":
         return [(kind, seed) for kind in TRUTH_KINDS for seed in (1, 2)]
-    from tinygc.challenge.cases import Case
+    from tinygc.annexes.challenge.cases import Case
     from tinygc.simulation.options import SimulationOptions
 
     def case(ids: tuple[str, ...], strength: float | None, seed: int) -> Case:
@@ -178,13 +178,13 @@ def _judged(hidden: set[str], look: Callable[[], tuple[set[str], bool]]) -> tupl
 
 
 def _concealed(case, folder: Path, stage: str):
-    from tinygc.challenge.conceal import conceal
-    from tinygc.explanation.mends.mending import mend
-    from tinygc.explanation.twin.turn_gravity import turn_gravity
-    from tinygc.explanation.twin.twin import Twin
-    from tinygc.explanation.verdict.claims import offset_claim
-    from tinygc.explanation.verdict.decision import decide
-    from tinygc.problem.build import build_problem
+    from tinygc.annexes.challenge.cases import conceal
+    from tinygc.closure.build import build_problem
+    from tinygc.explanation.claims import offset_claim
+    from tinygc.explanation.data_repair import mend
+    from tinygc.explanation.decision import decide
+    from tinygc.noise.channels import turn_gravity
+    from tinygc.noise.twin import Twin
     from tinygc.simulation.write import write_files
 
     simulation, toml, _ = conceal(case)
@@ -217,7 +217,7 @@ TRUTH_KINDS = {
 
 
 def _wrong_truth(case: tuple[str, int], folder: Path, stage: str):
-    from tinygc.explanation.truth.explain import explain_truth
+    from tinygc.explanation.truth_engine import explain_truth
 
     kind, seed = case
     _write_truth(folder, seed, **TRUTH_KINDS[kind])

@@ -14,9 +14,9 @@ import numpy as np
 from asymmetry import CASES, NETS, Case
 from common import in_parallel, markdown, simulated
 
-from session.log.folder import read_session
-from tinygc.methods.network import training
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
+from tinygc.estimation import network_training
 from tinygc.simulation.options import SimulationOptions
 
 SMALLER = (Case("asymmetry ±0.1 %", asymmetry=0.001), Case("cubic 0.3 %", cubic=0.003))
@@ -48,22 +48,22 @@ def one_session(job: tuple[Case, int]) -> dict[str, tuple[float, float, float, f
         problem = build_problem(read_session(folder))
     batch, sigma = problem.batch, problem.floor.sigma
     return {
-        name: (*_all_ties(batch, sigma, kind), training.train_second_order(batch, sigma, start=kind.identity()).tie)
+        name: (*_all_ties(batch, sigma, kind), network_training.train_second_order(batch, sigma, start=kind.identity()).tie)
         for name, kind in NETS.items()
     }
 
 
 def _all_ties(batch, sigma, kind) -> tuple[float, float, float]:
     """Gains in standard errors, and the tie that is chosen where each is settled."""
-    rows = training._Problem(batch, sigma, None, "exact", kind.identity(), None)
-    (_, prior), *rungs = rows.start.rungs(rows.typical_rps, training.TIES)
-    vector, r, unbent, _ = rows.settle(rows.identity, prior, training.MAX_STEPS)
+    rows = network_training._Problem(batch, sigma, None, "exact", kind.identity(), None)
+    (_, prior), *rungs = rows.start.rungs(rows.typical_rps, network_training.TIES)
+    vector, r, unbent, _ = rows.settle(rows.identity, prior, network_training.MAX_STEPS)
     linear, lowest, chosen, promised, given = rows.linear(vector, r), unbent, 0.0, [], []
     for tie, prior in rungs:
-        vector, _, left_out, _ = rows.settle(vector, prior, training.MAX_STEPS)
+        vector, _, left_out, _ = rows.settle(vector, prior, network_training.MAX_STEPS)
         promised.append(_gain(linear.left_out(prior), unbent))
         given.append(_gain(left_out, unbent))
-        if training._less(left_out, lowest, training.BELIEF):
+        if network_training._less(left_out, lowest, network_training.BELIEF):
             chosen, lowest = tie, left_out
     return max(promised), max(given), chosen
 

@@ -14,15 +14,13 @@ import numpy as np
 from common import markdown
 from scipy.spatial.transform import Rotation
 
-from session.alignment.align import align
-from session.common.units import DEG
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session, read_session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.log.truth import Truth
-from session.log.truth_reading import TruthReading
-from session.public.euroc import write_sequences
+from session.annexes.public.euroc import write_sequences
+from session.detect.truth_alignment import align
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, TruthReading
+from session.io.folder import Session, read_session
+from session.io.logfile import Log, Truth
+from session.io.samples import Samples
+from session.io.units import DEG
 
 EUROC = Path(__file__).resolve().parents[2] / "shared" / "euroc"
 SEQUENCES = ("MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")

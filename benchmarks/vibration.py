@@ -17,16 +17,14 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.units import DEG, G
-from session.log.folder import read_session
-from session.sensor.registers import accel_mps2_per_lsb
-from tinygc.challenge.concealment import Scene
-from tinygc.challenge.rate_effects import vibration_rectification
-from tinygc.fitting.physics.fit_physics import fit_physics
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from session.io.registers import accel_mps2_per_lsb
+from session.io.units import DEG, G
+from tinygc.annexes.challenge.rate_effects import Scene, vibration_rectification
+from tinygc.closure.build import build_problem
+from tinygc.estimation.physics import fit_physics
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.sensor import LOWEST_FINE_HZ
-from tinygc.simulation.simulate import plan_of, simulate_session
+from tinygc.simulation.simulator import LOWEST_FINE_HZ, plan_of, simulate_session
 from tinygc.simulation.write import config_text, write_files
 
 EFFECT = "gyro.vibration_rectification"

@@ -2,7 +2,7 @@
 
 Simulated sessions of 40 segments, each twice: as it is, and with a bias that follows a warm-up (exponential, of which the session sees
 what is left of it) on one axis.  The difference of the two least squares fits is the drift's doing alone: of E, and of B beside the mean
-bias.  It sets ``BAR_RPS`` of ``session/guide/warmth.py``.
+bias.  It sets ``BAR_RPS`` of ``session/bench/live.py``.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.units import MDPS
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.samples import Samples
+from session.io.units import MDPS
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.plan.proposals import TARGETS
-from tinygc.problem.build import build_problem
+from tinygc.planning.proposals import TARGETS
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 DRIFTS_MDPS = (0.5, 1.0, 2.0, 5.0, 10.0)
 SETTLES_S = (60.0, 150.0, 600.0)

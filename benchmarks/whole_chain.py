@@ -25,10 +25,10 @@ import numpy as np
 from common import markdown, progress
 from emulated_driver import built
 
-from tinygc.simulation.board.source import STILL_S
-from tinygc.simulation.emulated.replayed import with_its_own_rate
+from tinygc.annexes.emulated.board import with_its_own_rate
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import Recording, Simulation, simulate_session, unit_of
+from tinygc.simulation.simulator import Recording, Simulation, simulate_session, unit_of
+from tinygc.simulation.virtual_board import STILL_S
 from tinygc.simulation.write import write_simulation
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -22,8 +22,8 @@ from browser import Browser, browser_path  # noqa: E402
 from coached_hand import CoachedHand  # noqa: E402
 from PIL import Image  # noqa: E402
 
-from session.guide.messages import Stage  # noqa: E402
-from session.page.server import PageServer  # noqa: E402
+from session.bench.messages import Stage  # noqa: E402
+from session.bench.page.server import PageServer  # noqa: E402
 
 COLOURS = 128
 WIDE, NARROW = (1280, 900), (390, 844)

@@ -14,15 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG, G
-from session.public.euroc import write_sequences
+from session.annexes.public.euroc import write_sequences
+from session.io.units import DEG, G
 from tinygc.cli.console import output
-from tinygc.explanation.save import save_explanation
-from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.result import save_truth
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.pages import explanation_page
-from tinygc.library.explain import explain
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.library.explanations import explain
+from tinygc.reporting.explanation_text import explanation_page, save_explanation
+from tinygc.reporting.truth_text import save_truth
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

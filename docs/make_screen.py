@@ -14,16 +14,16 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from session.common.units import DEG
-from session.guide.guide import Guide
-from session.guide.messages import Kind, Stage
-from session.guide.screen import REMEMBERED, view
-from session.log.config import Protocol, Sensor
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
-from tinygc.plan.coach import Coach
+from session.bench.guide import Guide
+from session.bench.messages import Kind, Stage
+from session.bench.screen import REMEMBERED, view
+from session.io.config import Protocol, Sensor
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.samples import Samples
+from session.io.units import DEG
+from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 HAND_DPS = 0.3
 

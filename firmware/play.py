@@ -23,10 +23,10 @@ import serial
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from session.common.errors import CalibrationError, DeviceError, FormatError
-from session.stream import frames
-from session.stream.form import HEADER
-from tinygc.cli.paths import Paths, file_written, path_read, refuse_overwriting
+from session.bench import frames
+from session.bench.events import HEADER
+from session.io.errors import CalibrationError, DeviceError, FormatError
+from tinygc.cli.arguments import Paths, file_written, path_read, refuse_overwriting
 
 CALIBRATED_TYPE, SELF_TEST_TYPE, HELLO_TYPE = 0x03, 0x04, 0x10
 CALIBRATED, SELF_TEST = struct.Struct("<BHIfff"), struct.Struct("<BHHfI")

@@ -18,3 +18,6 @@ Units
 Arrays
     The last axis is x, y, z.  Sample ranges are half open: ``start <= i < stop``.
 """
+
+#: the package's version, and what every file that is written says it was made with
+VERSION = "0.1.0"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from session.common.units import DEG
+from session.io.units import DEG
 
 
 def stuck(raw: np.ndarray) -> np.ndarray:

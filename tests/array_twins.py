@@ -10,11 +10,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from session.log.array_session import ArraySession
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session
-from session.log.logfile import Log
-from session.log.samples import Samples
+from session.annexes.arrays.recording import ArraySession
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.samples import Samples
 
 DEG = np.pi / 180
 GRAVITY = 9.80665

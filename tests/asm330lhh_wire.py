@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 BYTE_S = 8 / 5.25e6
 READY_S = 0.02

@@ -6,11 +6,11 @@ import numpy as np
 from conftest import DEG, GRAVITY, config
 from scipy.spatial.transform import Rotation
 
-from session.guide.guide import Guide
-from session.guide.messages import Stage
-from session.log.samples import Samples
-from session.page.view import PageView
-from tinygc.plan.coach import Coach
+from session.bench.guide import Guide
+from session.bench.messages import Stage
+from session.bench.page.state import PageView
+from session.io.samples import Samples
+from tinygc.planning.coach import Coach
 
 ERRORS = np.eye(3) + 1e-3 * np.array([[4.0, 1.5, -2.0], [-1.0, -6.0, 2.5], [2.0, -1.5, 5.0]])
 BIAS_DPS = np.array([0.5, -0.3, 0.6])

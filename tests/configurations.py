@@ -7,9 +7,8 @@ from dataclasses import fields
 import numpy as np
 from hypothesis import strategies as st
 
-from session.log.config import REFERENCES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site
-from session.log.truth_reading import FRAMES, ORDERS, SENSES, TruthGiven
-from session.sensor.known import DEFAULT
+from session.io.config import FRAMES, ORDERS, REFERENCES, SENSES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven
+from session.io.registers import DEFAULT
 
 #: ordinary ones, those of a shell, of TOML and of a terminal, and any other
 TEXTS = st.one_of(

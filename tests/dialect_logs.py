@@ -3,9 +3,9 @@
 import numpy as np
 from conftest import DEG, Table
 
-from session.common.units import G
-from session.dialects.layout import Answers
-from session.log.folder import read_session
+from session.io.dialects import Answers
+from session.io.folder import read_session
+from session.io.units import G
 from session.replay.convert import convert
 
 FULL_SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG, G
-from tinygc.discovery.grammar.as_effect import as_effect
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.words import equation, what
-from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
+from session.io.units import DEG, G
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.search_state import Beside, Discovery, HeldOut, Law, RunnerUp
+from tinygc.annexes.discovery.words import equation, what
 from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

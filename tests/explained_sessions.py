@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from session.common.units import DEG, G
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.result import to_json
+from session.io.units import DEG, G
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

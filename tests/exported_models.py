@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.embedded.stage import Inputs
+from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import AppliedEffect, Conditions, NoC, catalogue
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
 
 DEG = np.pi / 180
 CARRIED = [name for name, effect in catalogue().items() if not isinstance(effect.device, NoC)]

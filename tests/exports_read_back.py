@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 from conftest import DEG, config
 
-from session.log.samples import Samples
+from session.io.samples import Samples
 from tinygc.deploy.exports._context import Context
 from tinygc.effects import AppliedEffect, Conditions, catalogue
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import PhysicsModel
-from tinygc.models.published_net import PublishedNet
 
 RNG = np.random.default_rng(11)
 MEASURED, FORCE = RNG.uniform(-8, 8, (10_000, 3)), RNG.uniform(-20, 20, (10_000, 3))

@@ -8,11 +8,10 @@ from pathlib import Path
 from conftest import ROOT
 from processes import run
 
-from tinygc.simulation.asm330lhh.motion import Still
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-from tinygc.simulation.stm32f405.cpu import CCM, missing
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.annexes.emulated.cpu import CCM, missing
+from tinygc.annexes.emulated.machine import Machine
+from tinygc.annexes.emulated.readings import Still
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 HEAD = """
 #include <stdint.h>

@@ -4,7 +4,7 @@ import re
 from itertools import product
 from pathlib import Path
 
-from tinygc.discovery.grammar.quantities import QUANTITIES
+from tinygc.annexes.discovery.quantities import QUANTITIES
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")

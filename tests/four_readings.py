@@ -4,8 +4,8 @@ import gzip
 
 import numpy as np
 
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io.config import Sensor
+from session.io.logfile import read_log
 
 SENSOR = Sensor("ASM330LHH", "42", 208.0, 500.0, 4.0)
 HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"

@@ -3,14 +3,14 @@
 import numpy as np
 from conftest import DEG, config
 
+from session.bench.guide import Guide
+from session.bench.messages import Kind
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.guide.guide import Guide
-from session.guide.messages import Kind
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.samples import Samples
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 
 def guide_of(segments=40, odr_hz=208.0, **options) -> Guide:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.common.units import DEG, MG
+from session.io.units import DEG, MG
 from tinygc.effects import Effect, Movement
 
 IDS = (

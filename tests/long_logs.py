@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from session.files.fixed_point import rows
+from session.io.files import rows
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import HEADER, config_text
 
 OPTIONS = SimulationOptions(segments=14, closure_s=0.0, seed=3, odr_hz=104)

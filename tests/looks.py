@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.checks.first_look import Finding, first_look
+from session.detect.findings import Finding
+from session.detect.first_look import first_look
 from session.detect.stills import find_stills
-from session.log.folder import Session
+from session.io.folder import Session
 
 G = 9.80665
 IDENTITY = np.eye(3)

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG
-from tinygc.lot.lot import Lot
-from tinygc.lot.unit_result import NAMES
+from session.io.units import DEG
+from tinygc.annexes.lots.lot import NAMES, Lot
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session, unit_of
+from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.write import write_simulation
 
 MODEL = "ASM330LHH"

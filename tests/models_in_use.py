@@ -4,12 +4,11 @@ import numpy as np
 from conftest import DEG, Table
 
 from tinygc.effects import AppliedEffect, Conditions, catalogue
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
 
 RATE_HZ = 104.0
 SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG
-from session.log.config import Sensor
-from session.public.mimu import experiments
-from tinygc.array.fused.agreement import END
-from tinygc.array.fused.build_model import build_array_model
-from tinygc.array.fused.model import ArrayModel, FusedUnit
-from tinygc.array.places.mountings import nearest_rotation
-from tinygc.array.places.place import UnitPlace
+from session.annexes.public.mimu import experiments
+from session.io.config import Sensor
+from session.io.units import DEG
+from tinygc.annexes.arrays.clocks import UnitPlace
+from tinygc.annexes.arrays.extrinsics import nearest_rotation
+from tinygc.annexes.arrays.fusion import END, build_array_model
+from tinygc.annexes.arrays.model import ArrayModel, FusedUnit
 from tinygc.models.linear import LinearModel
 
 RATE_HZ, FULL_SCALE_DPS, LSB_PER_DPS = 62.5, 2000.0, 16.4

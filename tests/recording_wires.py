@@ -12,12 +12,10 @@ from pathlib import Path
 
 from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until, wait
 
-from session.recording.decoding import stream
-from session.recording.logwriter import LogWriter
-from session.recording.recorder import Recorder
-from session.stream.decoder import StreamDecoder
-from tinygc.simulation.board.clock import Clock
-from tinygc.simulation.board.terminal import Terminal
+from session.bench.decoder import StreamDecoder
+from session.bench.logwriter import LogWriter
+from session.bench.recorder import Recorder, stream
+from tinygc.simulation.virtual_board import Clock, Terminal
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.log.rests import RestLog, rest_from_samples
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.io.rests import RestLog, rest_from_samples
+from session.io.samples import Samples
+from tinygc.annexes.temperature.rest_simulation import Chip, RestOptions, simulate_rest
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.rest import Chip, simulate_rest
-from tinygc.simulation.rest_options import RestOptions
 
 #: slow enough that a test of hours costs little
 CHIP = Chip(odr_hz=13.0, gyro_fs_dps=500.0, accel_fs_g=4.0, gyro_noise_dps_rthz=0.005, accel_noise_ug_rthz=60.0, bias_instability_dph=3.0)

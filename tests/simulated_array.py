@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG
-from session.log.config import Sensor
-from tinygc.array.fused.build_model import build_array_model
-from tinygc.array.fused.model import ArrayModel, FusedUnit
-from tinygc.array.places.place import UnitPlace
+from session.io.config import Sensor
+from session.io.units import DEG
+from tinygc.annexes.arrays.clocks import UnitPlace
+from tinygc.annexes.arrays.fusion import build_array_model
+from tinygc.annexes.arrays.model import ArrayModel, FusedUnit
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 100.0

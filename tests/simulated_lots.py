@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from session.common.units import DEG
-from tinygc.lot.unit_result import NAMES, UnitResult
+from session.io.units import DEG
+from tinygc.annexes.lots.lot import NAMES, UnitResult
 
 COUNT = len(NAMES)
 #: between units, one sigma of each number, SI

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from session.log.folder import read_session
-from tinygc.explanation.noise.session_noise import known_whitener
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
+from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

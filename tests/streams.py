@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Event, Info
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Event, Info
 
 PERIOD_US = 600
 INFO = Info(500.0, 4.0, 1666.5, "77")

@@ -8,14 +8,14 @@ import pytest
 from conftest import config
 from scipy.spatial.transform import Rotation
 
-from session.accelerometer.parameters import IDENTITY, NAMES, PARAMETERS, SCALES, after, units
-from session.common.units import MG
-from session.log.config import Accelerometer
-from session.log.folder import read_session
-from tinygc.fitting.accelerometer import AccelerometerFit, jacobian, unobserved_values
-from tinygc.fitting.compare_triads import Triad, compare_triads
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, after, units
+from session.io.config import Accelerometer
+from session.io.folder import read_session
+from session.io.units import MG
+from tinygc.estimation.accelerometer import AccelerometerFit, jacobian, unobserved_values
+from tinygc.estimation.compare import Triad, compare_triads
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
 GRAVITY = 9.7946

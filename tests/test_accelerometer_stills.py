@@ -7,14 +7,12 @@ import pytest
 from conftest import GRAVITY, Table
 from public_files import mikov_text, write_euroc
 
-from session.accelerometer.from_stills import from_stills
-from session.accelerometer.lengths import attitudes_of, fit_lengths
-from session.accelerometer.section import with_section
-from session.common.errors import FormatError
-from session.common.units import MG
-from session.log.config import Accelerometer
-from session.log.folder import read_session
-from session.public.__main__ import main as public
+from session.annexes.public.__main__ import main as public
+from session.detect.accelerometer import attitudes_of, fit_lengths, from_stills, with_section
+from session.io.config import Accelerometer
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from session.io.units import MG
 
 MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
 BIAS = np.array([0.3, -0.2, 0.5])

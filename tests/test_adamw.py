@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from session.common.errors import FitError
-from tinygc.methods.checkpoint import Checkpoint
-from tinygc.methods.network.adamw_checkpoint import forget, minimise
+from session.io.errors import FitError
+from tinygc.estimation.adamw import forget, minimise
+from tinygc.estimation.options import Checkpoint
 
 START = np.array([3.0, -2.0, 1.0])
 

@@ -9,8 +9,8 @@ from test_report_decision import Adopted, decide
 
 import calibrate
 import tinygc
-from session.common.units import DEG
-from tinygc.fitting.against_raw import AgainstRaw
+from session.io.units import DEG
+from tinygc.estimation.choice import AgainstRaw
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -11,19 +11,18 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
 
 import calibrate
-from session.alignment.align import align
-from session.checks.alignment import with_aligned_truth
-from session.checks.first_look import check_folder
-from session.common.errors import FormatError
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.log.truth import read_truth
-from session.log.truth_reading import FRAMES, ORDERS, SENSES, TruthGiven, TruthReading, down_of
-from session.public.euroc import write_sequences
+from session.annexes.public.euroc import write_sequences
+from session.detect.check_references import with_aligned_truth
+from session.detect.first_look import check_folder
+from session.detect.truth_alignment import align
+from session.io.config import FRAMES, ORDERS, SENSES, TruthGiven, TruthReading, down_of, read_config
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from session.io.logfile import read_truth
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.prepared import prepare
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models.linear import LinearModel
-from tinygc.problem.prepared import prepare
 
 MILLI = 1e-3
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from session.common.units import DEG_PER_HOUR
+from session.io.units import DEG_PER_HOUR
 from tinygc.closure.allan import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
 
 PERIOD_S, WALK = 0.01, 6e-5

@@ -12,9 +12,9 @@ from conftest import DEG, ROOT, SESSION_TOML, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
 
 import calibrate
-from session.files import fixed_point
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io import files
+from session.io.config import Sensor
+from session.io.logfile import read_log
 from tinygc import models
 from tinygc.models.denoiser import DenoisedNet
 
@@ -39,7 +39,7 @@ def read(path):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_apply_writes_the_calibrated_log(name, folder, tmp_path, monkeypatch):
-    from session.dialects import lines
+    from session.io import lines
 
     monkeypatch.setattr(lines.Lines.take, "__defaults__", (4000,))
     assert run(tmp_path, tmp_path / f"{name}.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
@@ -215,7 +215,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     """Four times the rows, the same peak of Python's own allocations within a few pieces."""
     import tracemalloc
 
-    from session.dialects.layout import Answers
+    from session.io.dialects import Answers
     from tinygc.deploy.apply import apply_model
 
     (tmp_path / "model.json").write_text(json.dumps(models.to_dict(MODELS["denoised"])))
@@ -223,7 +223,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     for rows in (40_000, 160_000):
         t_us, registers = np.arange(rows) * 9600, RNG.integers(-20_000, 20_000, (7, rows))
         log = tmp_path / f"{rows}.csv"
-        log.write_bytes(b"t_us,gx,gy,gz,ax,ay,az,temp\n" + fixed_point.rows([t_us, *registers], [0] * 8))
+        log.write_bytes(b"t_us,gx,gy,gz,ax,ay,az,temp\n" + files.rows([t_us, *registers], [0] * 8))
         tracemalloc.start()
         apply_model(tmp_path / "model.json", log, tmp_path / f"{rows}.out.csv", Answers(gyro_fs_dps=500, accel_fs_g=4))
         peaks.append(tracemalloc.get_traced_memory()[1])

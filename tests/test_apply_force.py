@@ -11,15 +11,14 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 import tinygc
-from session.common.errors import CalibrationError, DataError, FormatError
-from session.common.units import MG
-from session.log.config import Accelerometer, Sensor
-from session.log.folder import read_session
-from session.log.hashes import sha256_of
-from session.log.logfile import read_log
+from session.io.config import Accelerometer, Sensor
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.folder import read_session, sha256_of
+from session.io.logfile import read_log
+from session.io.units import MG
 from tinygc import models
-from tinygc.deploy.surroundings import in_frame_of
-from tinygc.models.accelerometer import accelerometer_of, accelerometer_table, sensor_table
+from tinygc.deploy.calibration import in_frame_of
+from tinygc.models.model import accelerometer_of, accelerometer_table, sensor_table
 
 TURN = Rotation.from_rotvec([4e-3, -2e-3, 3e-3]).as_matrix()
 UPPER = np.array([[1.01, 0.002, -0.004], [0, 0.99, 0.003], [0, 0, 1.005]])

@@ -15,11 +15,11 @@ import pytest
 from conftest import ROOT
 from processes import CALIBRATE, PIPE, calibrate, run, started, until
 
-from session.log.folder import read_session
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Comment, Info
-from tinygc.simulation.board.source import simulated
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Comment, Info
+from session.io.folder import read_session
 from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.virtual_board import simulated
 
 if shutil.which("g++") is None:
     pytest.skip("not installed: g++", allow_module_level=True)

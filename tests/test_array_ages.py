@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from array_twins import DEG, Body, Unit, any_unit, array_of
 
-from session.common.units import NS
-from session.log.array_reading import read_array
-from session.log.array_session import ArraySession
-from session.public import mimu
-from session.public.__main__ import main as public
-from tinygc.array.ages.ages import SampleAges, ages_of, corrected
-from tinygc.array.ages.phase_track import sawtooth
-from tinygc.array.ages.turn_differences import turn_differences
-from tinygc.array.places.places import clock_fits
+from session.annexes.arrays.recording import ArraySession, read_array
+from session.annexes.public import mimu
+from session.annexes.public.__main__ import main as public
+from session.io.units import NS
+from tinygc.annexes.arrays.extrinsics import clock_fits
+from tinygc.annexes.arrays.latency import SampleAges, ages_of, corrected, sawtooth
+from tinygc.annexes.arrays.turn_differences import turn_differences
 
 READER_HZ = 62.5
 

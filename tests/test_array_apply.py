@@ -10,19 +10,17 @@ from formats_page import strangers
 from simulated_array import DEG, RATE_HZ, measured, model_of, motion, units
 
 import calibrate
-from session.common.units import NS, G
+from session.annexes.arrays.recording import read_array
 from session.detect.stills import Noise
-from session.log.array_reading import read_array
-from session.log.config import Accelerometer
-from session.log.hashes import sha256_of
-from session.log.logfile import read_log
-from tinygc.array.fused.build_model import save_array_model
-from tinygc.array.fused.from_fit import array_model_of, together
-from tinygc.array.fused.model import ArrayModel
-from tinygc.array.fused.resample import Resampler
-from tinygc.array.places.place import UnitClock
-from tinygc.closure.bias_wander import BiasInstability
-from tinygc.deploy.array.force import fused_force
+from session.io.config import Accelerometer
+from session.io.folder import sha256_of
+from session.io.logfile import read_log
+from session.io.units import NS, G
+from tinygc.annexes.arrays.apply import fused_force
+from tinygc.annexes.arrays.clocks import UnitClock
+from tinygc.annexes.arrays.fusion import Resampler, array_model_of, save_array_model, together
+from tinygc.annexes.arrays.model import ArrayModel
+from tinygc.closure.floor import BiasInstability
 
 TOML = """schema = "tinygc-session/1"
 

@@ -9,10 +9,9 @@ import pytest
 from simulated_array import DEG, DENSITY, measured, model_of, motion, units
 
 import calibrate
-from tinygc.array.fused.build_model import save_array_model
-from tinygc.deploy.array.c_source import array_source
-from tinygc.deploy.array.live import LiveArray
-from tinygc.deploy.array.voting import REASONS
+from tinygc.annexes.arrays.c_code import array_source
+from tinygc.annexes.arrays.fusion import save_array_model
+from tinygc.annexes.arrays.voting import REASONS, LiveArray
 from tinygc.deploy.embedded.source import FLAGS
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")

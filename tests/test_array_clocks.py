@@ -8,15 +8,11 @@ from array_twins import DEG, Body, Unit, any_unit, array_of, samples_of
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from session.common.errors import CalibrationError
-from session.log.array_reading import read_array
-from session.log.array_session import ArraySession
-from session.public.__main__ import main as public
-from tinygc.array.places.clocks import fit_clock, interpolated_variance
-from tinygc.array.places.correlation import rough_clock
-from tinygc.array.places.mountings import TRIADS_RAD, fit_mounting
-from tinygc.array.places.places import clock_fits, places_of
-from tinygc.array.places.rates import Rates, rates_of
+from session.annexes.arrays.recording import ArraySession, read_array
+from session.annexes.public.__main__ import main as public
+from session.io.errors import CalibrationError
+from tinygc.annexes.arrays.clocks import Rates, fit_clock, interpolated_variance, rates_of, rough_clock
+from tinygc.annexes.arrays.extrinsics import TRIADS_RAD, clock_fits, fit_mounting, places_of
 
 ABOUT_S = 14.5  #: half of the body's time
 

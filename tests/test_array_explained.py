@@ -9,14 +9,22 @@ from conftest import DEG
 from formats_page import strangers
 
 import calibrate
-from session.log.array_reading import read_array
-from tinygc.array.explain import ALIKE, COMMON, OWN, SOME, ArrayExplanation, Trait, _traits, explain_array
-from tinygc.array.fit import fit_array
-from tinygc.array.joint.split import OWN_P
-from tinygc.array.moments import FALSE_READING, KNOCK
-from tinygc.simulation.array.options import ArrayOptions
-from tinygc.simulation.array.simulate import simulate_array
-from tinygc.simulation.array.write import write_array
+from session.annexes.arrays.recording import read_array
+from tinygc.annexes.arrays.explanation import (
+    ALIKE,
+    COMMON,
+    FALSE_READING,
+    KNOCK,
+    OWN,
+    SOME,
+    ArrayExplanation,
+    Trait,
+    _traits,
+    explain_array,
+)
+from tinygc.annexes.arrays.fit import fit_array
+from tinygc.annexes.arrays.joint import OWN_P
+from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
 from tinygc.simulation.options import SimulationOptions
 
 

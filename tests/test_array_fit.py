@@ -12,21 +12,17 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.common.texts import shell_word
-from session.log.array_reading import read_array
-from session.log.config import LeftOut
-from session.public import mikov, mimu
-from tinygc.array.explain import ArrayExplanation
-from tinygc.array.fit import fit_array
-from tinygc.array.fit_json import array_to_json, unit_model
-from tinygc.array.fused.model_files import load_array_model
-from tinygc.array.joint.events import ArrayEvent
-from tinygc.array.joint.state import MOUNTING
-from tinygc.array.joint.system import System
-from tinygc.report.array_text import event_lines, event_words
-from tinygc.simulation.array.options import ArrayOptions
-from tinygc.simulation.array.simulate import simulate_array
-from tinygc.simulation.array.write import write_array
+from session.annexes.arrays.recording import read_array
+from session.annexes.public import mikov, mimu
+from session.io.config import LeftOut
+from session.io.texts import shell_word
+from tinygc.annexes.arrays.explanation import ArrayExplanation
+from tinygc.annexes.arrays.fit import array_to_json, fit_array, unit_model
+from tinygc.annexes.arrays.joint import ArrayEvent
+from tinygc.annexes.arrays.model import load_array_model
+from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
+from tinygc.annexes.arrays.system import MOUNTING, System
+from tinygc.annexes.arrays.text import event_lines, event_words
 from tinygc.simulation.options import SimulationOptions
 
 

@@ -6,9 +6,9 @@ from array_faults import FAULTS, with_fault
 from real_array import aligned, at_rest, recordings
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
-from session.common.errors import CalibrationError
-from tinygc.array.fused.weights import best_weights
-from tinygc.deploy.array.live import LiveArray
+from session.io.errors import CalibrationError
+from tinygc.annexes.arrays.model import best_weights
+from tinygc.annexes.arrays.voting import LiveArray
 
 BEGIN, END, COUNT = 1500, 3000, 4200
 

@@ -10,11 +10,9 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
-from session.common.errors import CalibrationError, FormatError
-from tinygc.array.fused.build_model import build_array_model, save_array_model
-from tinygc.array.fused.medians import weighted_median
-from tinygc.array.fused.model_files import from_table, load_array_model, to_table
-from tinygc.array.fused.weights import best_weights, blocks, combined, divisible
+from session.io.errors import CalibrationError, FormatError
+from tinygc.annexes.arrays.fusion import build_array_model, save_array_model
+from tinygc.annexes.arrays.model import best_weights, blocks, combined, divisible, from_table, load_array_model, to_table, weighted_median
 
 RNG = np.random.default_rng(16)
 

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.common.errors import CalibrationError, DataError, FormatError
-from session.log.array_logs import array_log_paths
-from session.log.array_reading import is_array, read_array
-from session.log.folder import read_session
-from session.public.__main__ import main as public
-from tinygc.fitting.listing import list_sessions
-from tinygc.library.check import check
+from session.annexes.arrays.recording import array_log_paths, read_array
+from session.annexes.public.__main__ import main as public
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.folder import is_array, read_session
+from tinygc.estimation.listing import list_sessions
+from tinygc.library.sessions import check
 
 TOML = """schema = "tinygc-session/1"
 

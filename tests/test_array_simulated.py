@@ -9,15 +9,12 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.common.errors import CalibrationError, FormatError
-from session.log.array_reading import read_array
-from tinygc.simulation import motion as table
-from tinygc.simulation.array.jerks import Jerks, jerks_in_turns
-from tinygc.simulation.array.options import ArrayOptions
-from tinygc.simulation.array.simulate import simulate_array
-from tinygc.simulation.array.write import write_array
+from session.annexes.arrays.recording import read_array
+from session.io.errors import CalibrationError, FormatError
+from tinygc.annexes.arrays.simulation import ArrayOptions, Jerks, jerks_in_turns, simulate_array, write_array
+from tinygc.simulation import movement
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of
+from tinygc.simulation.simulator import plan_of
 
 QUIET = {"gyro_noise_dps_rthz": 0.0, "accel_noise_ug_rthz": 0.0, "bias_instability_dph": 0.0, "odr_error": 0.0, "vigour": 0.5}
 
@@ -47,7 +44,7 @@ def test_forces_differ_by_where_units_are():
     for unit, truth in zip(made.units, made.truths, strict=True):
         f = (unit.log.accel * step - unit.unit.accel_bias) @ unit.unit.accel_matrix.T
         force.append(f @ truth.mounting.T)
-    motion = table.move(made.plan, made.units[0].log.t_us * 1e-6)
+    motion = movement.move(made.plan, made.units[0].log.t_us * 1e-6)
     r = made.truths[1].position_m
     expected = np.cross(motion.acceleration, r) + np.cross(motion.rate, np.cross(motion.rate, r))
     late = 2  # samples of the accelerometer's filter, about

@@ -11,13 +11,12 @@ from processes import PATIENCE_S
 from rich.console import Console
 from test_page_state import Kept, Silent
 
-from session.guide.asked_for import SETTLING_S
-from session.guide.coach_thread import CoachThread
-from session.guide.instructions import ANY_TURN
-from session.guide.messages import Advice, Kind, Movement, Stage
-from session.guide.screen import PlainLines, view
-from session.log.samples import Samples
-from session.page.view import PageView
+from session.bench.guide import ANY_TURN
+from session.bench.guided_session import CoachThread
+from session.bench.messages import SETTLING_S, Advice, Kind, Movement, Stage
+from session.bench.page.state import PageView
+from session.bench.screen import PlainLines, view
+from session.io.samples import Samples
 
 THINKS = "one moment: the coach looks at the last turn"
 TABLE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(90, (0, 1, 0), 3).rest(5).turn(90, (0, 0, 1), 3).rest(5)
@@ -151,7 +150,7 @@ def test_after_a_rejected_turn_the_coach_is_asked_for_where_the_board_lies_now(s
 
 
 def test_a_dropped_turn_takes_its_advice_along(samples):
-    from session.recording.decisions import Decision
+    from session.bench.rawfile import Decision
 
     guide, _, _, _ = followed(samples.between(0, int(16.5 * HZ)), [8.2])
     assert guide.accepted == 2

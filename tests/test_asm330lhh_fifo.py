@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from asm330lhh_wire import ACCEL, GYRO, READY_S, Wire, counting, data, level, words
 
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.readings import Oscillator
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.annexes.emulated.readings import Fault, Oscillator
+from tinygc.annexes.emulated.sensor import Asm330lhh
 
 TEMPERATURE, TIMESTAMP, CHANGE = 3, 4, 5
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from asm330lhh_wire import BYTE_S, READY_S, Wire
 
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.motion import STANDARD_GRAVITY, Sampled, Still
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.readings import Oscillator, SelfTest, to_registers
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.annexes.emulated.readings import STANDARD_GRAVITY, Fault, Oscillator, Sampled, SelfTest, Still, to_registers
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 
 def wire(motion=None, **how) -> Wire:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from conftest import Table, session_of
 
-from session.common.units import DEG, DEG_PER_HOUR
-from session.log.config import Site
-from session.log.folder import read_session
-from tinygc.closure.bias_wander import UNKNOWN, BiasInstability
-from tinygc.explanation.noise.session_noise import known_whitener
-from tinygc.explanation.twin.twin import Twin
-from tinygc.problem.bias_instability import ESTIMATED, GIVEN, estimated
-from tinygc.problem.build import build_problem
+from session.io.config import Site
+from session.io.folder import read_session
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc.closure.allan import ESTIMATED, GIVEN, estimated
+from tinygc.closure.build import build_problem
+from tinygc.closure.floor import UNKNOWN, BiasInstability
+from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.twin import Twin
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -9,15 +9,13 @@ from conftest import DEG, GRAVITY, Table, write_session
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.common.errors import FitError
-from session.detect.rests import find_rests
-from session.log.folder import read_session
-from session.log.samples import Samples
+from session.detect.truth_segments import find_rests
+from session.io.errors import FitError
+from session.io.folder import read_session
+from session.io.samples import Samples
 from tinygc import models
-from tinygc.attitude.integrate import steps
-from tinygc.attitude.rotation import accumulate, conjugate, log, multiply
-from tinygc.fitting.bias.of_day import bias_from_gravity
-from tinygc.fitting.bias.origin import origin_of
+from tinygc.attitude.rotation import accumulate, conjugate, log, multiply, steps
+from tinygc.estimation.bias_of_day import bias_from_gravity, origin_of
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 200

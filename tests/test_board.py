@@ -14,16 +14,13 @@ from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
 
 import calibrate
-from session.common.errors import CalibrationError
-from session.log.config import Sensor
-from session.log.logfile import read_log
-from session.recording.recorder import Recorder
-from session.sensor.registers import RegisterUnits
-from session.stream.events import Chunk, Info
-from tinygc.simulation.board.board import Board
-from tinygc.simulation.board.faults import Faults, flipped, spoil
-from tinygc.simulation.board.source import Source, recorded
-from tinygc.simulation.board.terminal import Terminal
+from session.bench.events import Chunk, Info
+from session.bench.recorder import Recorder
+from session.io.config import Sensor
+from session.io.errors import CalibrationError
+from session.io.logfile import read_log
+from session.io.registers import RegisterUnits
+from tinygc.simulation.virtual_board import Board, Faults, Source, Terminal, flipped, recorded, spoil
 
 SOURCE = Source(smooth_registers(2000), INFO)
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}

@@ -11,13 +11,12 @@ from processes import wait
 from streams import INFO, frame_list, sent
 from test_stream_board import board_frame, done_frame
 
-from session.common.errors import CalibrationError, DeviceError
-from session.log.config import BoardGiven, read_config
-from session.recording import setting
-from session.recording.session_file import SessionFile
-from session.recording.setting import BoardSetting, Wanted
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
+from session.bench import frames, port
+from session.bench.decoder import StreamDecoder
+from session.bench.port import BoardSetting, Wanted
+from session.bench.session_file import SessionFile
+from session.io.config import BoardGiven, read_config
+from session.io.errors import CalibrationError, DeviceError
 
 
 class Wire:
@@ -95,7 +94,7 @@ def test_a_refusal_is_one_line(result, says):
 
 
 def test_a_board_that_does_not_answer_is_waited_for_no_longer_than_it_takes(monkeypatch):
-    monkeypatch.setattr(setting, "ANSWER_S", 0.01)
+    monkeypatch.setattr(port, "ANSWER_S", 0.01)
     with pytest.raises(DeviceError, match="does not answer"):
         BoardSetting(Wanted(odr_hz=833.0))(Wire(deaf=True))
     with pytest.raises(DeviceError, match="2000000 baud"):

@@ -8,11 +8,8 @@ from streams import INFO, frame_list, sent
 from test_board_setting import Wire
 from test_stream_board import board_frame
 
-from session.recording import port as ports
-from session.recording import setting
-from session.recording.port import Closed, Opened, Port, Received
-from session.recording.setting import BoardSetting, Wanted
-from session.stream import frames
+from session.bench import frames, port
+from session.bench.port import BoardSetting, Closed, Opened, Port, Received, Wanted
 
 OTHER = frames.encode_info(0, INFO)  # 500 dps, 4 g: what the board is switched on with
 WANTED = Wanted(odr_hz=833.0, gyro_fs_dps=2000.0)
@@ -23,7 +20,7 @@ def set_board(monkeypatch):
     """A setting that has just set a board, long enough ago to be sure of it."""
     made = BoardSetting(WANTED)
     assert made(Wire()) == b""
-    monkeypatch.setattr(setting, "MEANS_IT_S", 0.0)
+    monkeypatch.setattr(port, "MEANS_IT_S", 0.0)
     return made
 
 
@@ -91,8 +88,8 @@ class Restarting(Wire):
 
 def test_the_port_sets_it_again_and_begins_another_connection(monkeypatch):
     wire = Restarting(60)
-    monkeypatch.setattr(setting, "MEANS_IT_S", 0.0)
-    monkeypatch.setattr(ports.serial, "Serial", lambda *args, **how: wire)
+    monkeypatch.setattr(port, "MEANS_IT_S", 0.0)
+    monkeypatch.setattr(port.serial, "Serial", lambda *args, **how: wire)
     made = BoardSetting(WANTED)
     opened = Port("wire", prepare=made, forgotten=made.forgotten)
     items = []

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.checks.copies import check_copies
-from session.log.logfile import Log
-from session.log.samples import Samples
-from tinygc.simulation.board.board import Board
-from tinygc.simulation.board.source import simulated
-from tinygc.simulation.board.takes import next_take, remember, taken
+from session.detect.check_samples import check_copies
+from session.io.logfile import Log
+from session.io.samples import Samples
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
+from tinygc.simulation.virtual_board import Board, next_take, remember, simulated, taken
 
 OPTIONS = SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0, seed=7)
 

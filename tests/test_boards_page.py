@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from session.stream import commands, frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Info
+from session.bench import frames
+from session.bench import frames as commands
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Info
 
 PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
 FIRMWARE = ROOT / "firmware"

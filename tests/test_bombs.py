@@ -16,13 +16,12 @@ import pytest
 from commandline import refused
 from processes import PATIENCE_S, PIPE, started
 
-from session.common.errors import FormatError
-from session.files import reading
-from session.files.reading import open_file, open_stream, read_bytes
-from session.recording.growing import GrowingFile
-from tinygc.cli.arguments import parser
+from session.bench.rawfile import GrowingFile
+from session.io import files
+from session.io.errors import FormatError
+from session.io.files import open_file, open_stream, read_bytes
+from tinygc.cli.arguments import parser, path_read
 from tinygc.cli.commands import COMMANDS
-from tinygc.cli.paths import path_read
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -39,12 +38,12 @@ WAITS_S = 300
 CHILD = r"""
 import json, re, signal, sys, time
 from pathlib import Path
-from session.common.errors import CalibrationError
-from session.dialects.layout import Answers
-from session.dialects.reader import Reader
-from session.files.results import read_json
-from session.log.folder import read_session
-from session.replay.from_raw import convert_raw
+from session.io.errors import CalibrationError
+from session.io.dialects import Answers
+from session.io.reader import Reader
+from session.io.results import read_json
+from session.io.folder import read_session
+from session.replay.convert import convert_raw
 
 def as_foreign(path):
     for piece in Reader(path, Answers(gyro_fs_dps=500, accel_fs_g=4)).pieces():
@@ -232,7 +231,7 @@ def test_a_path_that_becomes_another_between_two_looks_is_noticed(kind, tmp_path
     path = tmp_path / "log0001.csv"
     os.mkfifo(path) if kind == "fifo" else path.symlink_to("/dev/zero")
     regular = os.stat(__file__)
-    monkeypatch.setattr(reading.os, "stat", lambda path: regular)
+    monkeypatch.setattr(files.os, "stat", lambda path: regular)
     with pytest.raises(FormatError, match="a named pipe" if kind == "fifo" else "a device"):
         open_file(path)
 
@@ -248,7 +247,7 @@ def test_a_file_that_grows_beyond_its_size_is_not_read_on(tmp_path, monkeypatch)
     path = tmp_path / "session.toml"
     path.write_bytes(b"x" * 5000)
     status = os.stat(path)
-    monkeypatch.setattr(reading.os, "fstat", lambda _: os.stat_result((status.st_mode, *status[1:6], 0, *status[7:])))
+    monkeypatch.setattr(files.os, "fstat", lambda _: os.stat_result((status.st_mode, *status[1:6], 0, *status[7:])))
     with pytest.raises(FormatError, match="its bytes do not end"):
         read_bytes(path, 1000)
     assert read_bytes(path, 5000) == b"x" * 5000
@@ -273,15 +272,15 @@ OPENING = {"read_text", "read_bytes", "fromfile", "loadtxt", "genfromtxt", "memm
 #: (module, function) that may: the one place; a parser of lines that were read within bounds; a member of an archive that was opened there;
 #: a log that is held open to be added to; the page's own files; and the seal of a challenge, whose ``open`` is no file's
 ALLOWED = {
-    ("session/files/reading.py", "open"),
-    ("session/files/reading.py", "fdopen"),
-    ("session/files/archives.py", "open"),
-    ("session/recording/lock.py", "open"),  # which reads nothing of it
-    ("session/recording/growing.py", "open"),
-    ("session/page/server.py", "read_bytes"),
-    ("tinygc/cli/commands/_page_end.py", "read_bytes"),  # the report that was just made
-    ("tinygc/challenge/examination.py", "open"),
-    ("session/dialects/rows.py", "loadtxt"),
+    ("session/io/files.py", "open"),
+    ("session/io/files.py", "fdopen"),
+    ("session/io/files.py", "open"),
+    ("session/bench/rawfile.py", "open"),  # which reads nothing of it
+    ("session/bench/rawfile.py", "open"),
+    ("session/bench/page/server.py", "read_bytes"),
+    ("tinygc/cli/recording.py", "read_bytes"),  # the report that was just made
+    ("tinygc/annexes/challenge/examination.py", "open"),
+    ("session/io/reader.py", "loadtxt"),
 }
 
 

@@ -7,9 +7,9 @@ from models_in_use import LINEAR
 
 import calibrate
 import tinygc
-from session.common.errors import CalibrationError, DataError, FormatError
-from session.common.units import DEG, G
-from session.log.config import read_config
+from session.io.config import read_config
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.units import DEG, G
 from tinygc.deploy.calibration import Calibration
 
 pytestmark = pytest.mark.filterwarnings("error")

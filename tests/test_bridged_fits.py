@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from conftest import DEG, GRAVITY, Table, session_of
 
-from session.checks.bridges import with_bridges
-from session.log.samples import Samples
+from session.detect.check_samples import with_bridges
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.problem.build import build_problem
-from tinygc.problem.problem import Problem
 
 ODR_HZ, TURNS, SEEDS = 26.0, 24, 20
 ERROR = np.eye(3) + 0.01 * np.random.default_rng(7).normal(size=(3, 3))

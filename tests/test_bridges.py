@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config, session_of
 
-from session.checks.bridges import WHAT, check_bridges, with_bridges
-from session.checks.first_look import check_session
-from session.detect.bridges import CLIPPED, GAP, bridged, short_gaps
-from session.log.folder import read_session
-from session.log.samples import Samples
+from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
+from session.detect.check_samples import BRIDGED, check_bridges, with_bridges
+from session.detect.first_look import check_session
+from session.io.folder import read_session
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
+from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
-from tinygc.problem.build import build_problem
-from tinygc.problem.prepared import prepare
 
 SENSOR = config().sensor
 
@@ -159,7 +159,7 @@ def test_a_gap_of_four_still_costs_its_turn():
 def test_check_says_what_was_put_in():
     samples = spoilt(Table().tumble(16, seed=3).samples(), 2, 5)
     findings = {f.what: f for f in check_session(session_of(samples))}
-    assert "missing in" in findings[WHAT].says
+    assert "missing in" in findings[BRIDGED].says
     assert "none longer than 3 samples" in findings["gaps"].says
     assert not any(f.level == "error" for f in findings.values())
     assert check_bridges(session_of(Table().tumble(3).samples()).logs[0], SENSOR, [], None, 5.0) == []

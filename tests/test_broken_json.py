@@ -9,14 +9,14 @@ from conftest import Table, write_session
 
 import calibrate
 import tinygc
-from session.common.errors import FormatError
-from session.files import fixed_point
-from session.files.results import read_json
+from session.io import files
+from session.io.errors import FormatError
+from session.io.results import read_json
 from tinygc import models
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
-from tinygc.models.shapes import covariance
+from tinygc.models.model import covariance
+from tinygc.models.nets import CalibrationNet
 
 LINEAR = models.to_dict(LinearModel(np.eye(3), np.zeros(3)))
 
@@ -85,7 +85,7 @@ def test_a_number_that_no_text_can_hold_is_refused_without_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(ValueError, match="cannot be written"):
-            fixed_point.rows([np.array([1e300, 1.0])], [9])
+            files.rows([np.array([1e300, 1.0])], [9])
 
 
 @pytest.mark.slow

@@ -7,22 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
-from session.common.errors import DataError, FormatError
-from session.common.units import DEG
-from tinygc.challenge import examine as examination
-from tinygc.challenge.cases import ALIKE, LEAST_HZ, NEEDS, STRENGTHS, TOLD, Case, draw_cases
-from tinygc.challenge.conceal import MAKERS, conceal
-from tinygc.challenge.concealment import Scene
-from tinygc.challenge.examination import OPENED, SEALED, SESSIONS
-from tinygc.challenge.outsiders import OUTSIDERS
-from tinygc.challenge.reliability import calibration_error, reliability
-from tinygc.challenge.score import parameter_errors, score
-from tinygc.challenge.seal import seal
-from tinygc.challenge.table import challenge_tables, markdown, totals
+from session.io.errors import DataError, FormatError
+from session.io.units import DEG
+from tinygc.annexes.challenge import examination
+from tinygc.annexes.challenge.cases import ALIKE, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, TOLD, Case, conceal, draw_cases
+from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, challenge_tables, markdown, seal, totals
+from tinygc.annexes.challenge.other_effects import OUTSIDERS
+from tinygc.annexes.challenge.rate_effects import Scene
+from tinygc.annexes.challenge.score import calibration_error, parameter_errors, reliability, score
 from tinygc.effects import Movement, catalogue
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
-from tinygc.simulation.unit import draw_unit
+from tinygc.simulation.options import SimulationOptions, draw_unit
+from tinygc.simulation.simulator import plan_of, simulate_session, true_signals
 
 CASES, SEGMENTS, SEED = 2, 8, 8
 

@@ -11,17 +11,14 @@ from formats_page import CODE, section, strangers
 from rich.console import Console
 
 import calibrate
-from session.common.units import DEG
-from tinygc.challenge.cases import STRENGTHS, Case
-from tinygc.challenge.conceal import conceal
-from tinygc.challenge.discover import examine as examination
-from tinygc.challenge.discover.cases import ALIKE, draw_discover_cases
-from tinygc.challenge.discover.laws.table import BY_HAND, LAWS
-from tinygc.challenge.discover.score import correlation, score_law
-from tinygc.challenge.discover.tables import law_tables, totals
-from tinygc.challenge.discover.truth import ALL, added_rate
-from tinygc.challenge.examination import OPENED, SEALED, SESSIONS, Examination
-from tinygc.challenge.rate_effects import RATE_EFFECTS
+from session.io.units import DEG
+from tinygc.annexes.challenge import law_examination
+from tinygc.annexes.challenge.cases import STRENGTHS, Case, conceal
+from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, Examination
+from tinygc.annexes.challenge.law_cases import ALIKE, ALL, added_rate, draw_discover_cases
+from tinygc.annexes.challenge.law_examination import correlation, law_tables, score_law, totals
+from tinygc.annexes.challenge.laws import BY_HAND, LAWS
+from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import catalogue
 from tinygc.simulation.options import SimulationOptions
 
@@ -238,7 +235,7 @@ def small(tmp_path_factory):
         return said(law_said(write_law(copy / "explain"), [0.1, 0.1, 0.1]))
 
     announced = []
-    result = examination.examine_laws(folder, 4, 11, segments=4, answer=answer, announce=announced.append)
+    result = law_examination.examine_laws(folder, 4, 11, segments=4, answer=answer, announce=announced.append)
     return folder, result, seen, announced
 
 
@@ -251,12 +248,12 @@ def test_the_searcher_sees_a_copy_and_no_truth(small):
         assert {path.name for path in (folder / SESSIONS / copy.name).iterdir()} == {"session.toml", "log0001.csv.gz"}
         assert "law." not in (copy / "session.toml").read_text()
     assert b"law." not in (folder / SEALED).read_bytes()
-    assert (folder / examination.LAWS / "case001" / "discovered_01.py").exists()
+    assert (folder / law_examination.EXAMINED_LAWS / "case001" / "discovered_01.py").exists()
 
 
 def test_the_table_and_the_json_are_whole(small):
     folder, result, *_ = small
-    table = json.loads(json.dumps(examination.to_json(result)))
+    table = json.loads(json.dumps(law_examination.to_json(result)))
     assert table["schema"] == "tinygc-discover-challenge/1"
     assert not strangers(table)
     assert {path.name for path in folder.iterdir()} <= set(CODE.findall(section("`tinygc-discover-challenge/1`")))
@@ -289,6 +286,6 @@ def test_a_copy_is_a_copy(small, tmp_path):
     """The same log, byte by byte."""
     folder, *_ = small
     for name in ("session.toml", "log0001.csv.gz"):
-        both = [folder / SESSIONS / part / "case001" / name for part in ("", examination.COPIES)]
+        both = [folder / SESSIONS / part / "case001" / name for part in ("", law_examination.COPIES)]
         assert both[0].read_bytes() == both[1].read_bytes()
     shutil.rmtree(folder / SESSIONS)

@@ -6,18 +6,24 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG, G
-from tinygc.challenge.concealment import Scene
-from tinygc.challenge.discover.laws.attitude import attitudes, running_products, seen_by_body
-from tinygc.challenge.discover.laws.drawn import draw_expression
-from tinygc.challenge.discover.laws.linear import beyond_linear, rms
-from tinygc.challenge.discover.laws.memory import last_sign
-from tinygc.challenge.discover.laws.shapes import lagged
-from tinygc.challenge.discover.laws.table import BY_HAND, LAWS
+from session.io.units import DEG, G
+from tinygc.annexes.challenge.laws import (
+    BY_HAND,
+    LAWS,
+    attitudes,
+    beyond_linear,
+    draw_expression,
+    lagged,
+    last_sign,
+    rms,
+    running_products,
+    seen_by_body,
+)
+from tinygc.annexes.challenge.rate_effects import Scene
 from tinygc.effects import catalogue
-from tinygc.simulation.motion import move, table_to_body
+from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of, true_signals, unit_of
+from tinygc.simulation.simulator import plan_of, true_signals, unit_of
 
 OPTIONS = SimulationOptions(segments=6, closure_s=0.0, warm_up_c=10.0, seed=3)
 FULL_SCALE = OPTIONS.gyro_fs_dps * DEG

@@ -12,19 +12,27 @@ from formats_page import strangers
 from rich.console import Console
 
 import calibrate
-from session.common.errors import FormatError
-from session.common.units import DEG
-from session.log.folder import read_session
-from tinygc.challenge.cases import STRENGTHS
-from tinygc.challenge.examination import OPENED, SEALED, SESSIONS
-from tinygc.challenge.on_recording import examine as examination
-from tinygc.challenge.on_recording.files import write_spoilt
-from tinygc.challenge.on_recording.inject import FAULTS, inject, rate_changes, requantised
-from tinygc.challenge.on_recording.power import Power, Tried, agreement, powers
-from tinygc.challenge.on_recording.power_table import power_tables, sentences
-from tinygc.challenge.on_recording.recording import recording_of, steps_of
-from tinygc.challenge.on_recording.trials import MULTIPLES, STRONG, Trial, draw_trials
-from tinygc.challenge.outsiders import OUTSIDERS
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.challenge import recording_examination
+from tinygc.annexes.challenge.cases import STRENGTHS
+from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS
+from tinygc.annexes.challenge.other_effects import OUTSIDERS
+from tinygc.annexes.challenge.recording import (
+    FAULTS,
+    MULTIPLES,
+    STRONG,
+    Trial,
+    draw_trials,
+    inject,
+    rate_changes,
+    recording_of,
+    requantised,
+    steps_of,
+    write_spoilt,
+)
+from tinygc.annexes.challenge.recording_examination import Power, Tried, agreement, power_tables, powers, sentences
 from tinygc.effects import catalogue
 from tinygc.effects.movement import Movement
 
@@ -199,7 +207,7 @@ def test_upper_bounds_count_as_not_decided():
 
 
 def examined(*found):
-    return examination.OwnExamination("mine", 1, "00", "explained", ("gyro.g_sensitivity",), list(found))
+    return recording_examination.OwnExamination("mine", 1, "00", "explained", ("gyro.g_sensitivity",), list(found))
 
 
 def printed(result):
@@ -218,7 +226,7 @@ def test_the_page_says_all_three_and_marks_upper_bounds():
 
 def test_names_of_its_own_that_went_missing_are_written_and_printed():
     lost = Power("a", "dps", None, (Tried(1.0, True, ("a",), (), ("gyro.g_sensitivity",)), Tried(2.0, True, ("a",), (), ())))
-    table = json.loads(json.dumps(examination.to_json(examined(lost))))
+    table = json.loads(json.dumps(recording_examination.to_json(examined(lost))))
     assert [one["lost"] for one in table["effects"][0]["tried"]] == [["gyro.g_sensitivity"], []]
     assert not strangers(table)
     assert "its own that are gone beside what was concealed: gyro.g_sensitivity in 1" in printed(examined(lost))
@@ -246,18 +254,18 @@ def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
 @pytest.mark.slow
 def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp_path, monkeypatch):
     wanted = ("gyro.g_sensitivity", "gyro.scale_asymmetry", "data.glitches")
-    draw = examination.draw_trials
+    draw = recording_examination.draw_trials
 
     def few(*args):
         return [each for each in draw(*args) if each.id in wanted and (each.size == 1.0 or each.seen_from == each.size / 8)]
 
-    monkeypatch.setattr(examination, "draw_trials", few)
+    monkeypatch.setattr(recording_examination, "draw_trials", few)
     announced = []
 
     def announce(text):
         announced.append((text, {path.name for path in tmp_path.rglob("*")}))
 
-    result = examination.examine_recording(folder, tmp_path / "out", None, 5, announce=announce)
+    result = recording_examination.examine_recording(folder, tmp_path / "out", None, 5, announce=announce)
     ((text, present),) = announced
     assert result.sha256 in text
     assert SEALED in present
@@ -268,7 +276,7 @@ def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp
     for each in result.powers:
         assert each.tried[-1].found, each
         assert not any(one.wrong for one in each.tried)
-    table = json.loads(json.dumps(examination.to_json(result)))
+    table = json.loads(json.dumps(recording_examination.to_json(result)))
     assert not strangers(table)
     assert power_tables(result).renderables
     assert len(sentences(result)) >= 3
@@ -281,7 +289,7 @@ def test_refusals_are_one_line(tmp_path, capsys, folder):
     full.mkdir()
     (full / "mine").write_text("")
     with pytest.raises(FormatError, match="not empty"):
-        examination.examine_recording(folder, full, 1, 0)
+        recording_examination.examine_recording(folder, full, 1, 0)
     beside_truth = tmp_path / "truth"
     shutil.copytree(folder, beside_truth)
     toml = beside_truth / "session.toml"

@@ -8,9 +8,10 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table, config, session_of, write_session
 from looks import G, look, of, serious
 
-from session.checks.first_look import Finding, check_folder, worst
-from session.log.config import Accelerometer
-from session.log.logfile import Log
+from session.detect.findings import Finding, worst
+from session.detect.first_look import check_folder
+from session.io.config import Accelerometer
+from session.io.logfile import Log
 
 # Nothing wrong
 

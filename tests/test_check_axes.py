@@ -7,9 +7,8 @@ import pytest
 from conftest import DEG, Table, session_of
 from looks import IDENTITY, X_Y_EXCHANGED, look, name_of, of, serious
 
-from session.checks.axes import axes_in_words
+from session.detect.axes import SIGNED_PERMUTATIONS, agreement, axes_in_words
 from session.detect.stills import find_stills
-from session.detect.tilt import SIGNED_PERMUTATIONS, agreement
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 from conftest import DEG
 from looks import G, look, of
 
-from session.checks.first_look import first_look
+from session.detect.first_look import first_look
 
 
 @pytest.mark.parametrize("level_dps", [26.0, 50.0])

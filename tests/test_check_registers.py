@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, look, of, serious, with_sensor
 
 from session.detect.stills import find_stills
-from session.log.samples import Samples
+from session.io.samples import Samples
 
 # Stamps
 

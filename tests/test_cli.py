@@ -12,7 +12,7 @@ from commandline import HEADER, QUICK, refused, spoil
 from conftest import ROOT
 
 from tinygc.cli import arguments as arguments_of
-from tinygc.methods.registry import CHOSEN as METHODS
+from tinygc.estimation.options import CHOSEN as METHODS
 
 # Streams
 

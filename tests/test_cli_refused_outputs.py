@@ -71,8 +71,8 @@ def test_what_cannot_be_written_is_found_before_the_work(run, folder, tmp_path, 
     def worked(*args, **settings):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("tinygc.library.fit.fit_session", worked)
-    monkeypatch.setattr("tinygc.library.explain.explain_session", worked)
+    monkeypatch.setattr("tinygc.library.sessions.fit_session", worked)
+    monkeypatch.setattr("tinygc.library.explanations.explain_session", worked)
     (tmp_path / "file").write_text("mine")
     before = sorted(tmp_path.rglob("*"))
     refused(run(command, folder, "--out", tmp_path / "file" / "sub"), "file", "--out")

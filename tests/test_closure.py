@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.models import linear
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 RNG = np.random.default_rng(0)

@@ -7,12 +7,12 @@ import pytest
 from conftest import DEG, Table, session_of
 from guided_streams import guide_of, play, said
 
-from session.guide.messages import Kind, Stage
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.recording.decisions import Decision
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
+from session.bench.messages import Kind, Stage
+from session.bench.rawfile import Decision
+from session.io.logfile import Log
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import read_closure_runs
 
 PLANNED_S = 20.0
 WAY = (90, (0, 1, 0), 3)

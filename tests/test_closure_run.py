@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from conftest import DEG, Table
 
-from session.common.errors import DataError
-from session.log.folder import read_session
-from session.log.logfile import Log
+from session.io.errors import DataError
+from session.io.folder import read_session
+from session.io.logfile import Log
 from tinygc import closure
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import read_closure_runs
 from tinygc.models.linear import LinearModel
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,13 @@ import pytest
 from conftest import config, session_of
 from guided_streams import guide_of, play, simulated
 
-from session.guide.messages import Progress
+from session.bench.messages import Progress
+from tinygc.closure.build import build_problem
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
-from tinygc.plan.coach import Coach
-from tinygc.plan.proposals import TARGETS
-from tinygc.plan.turns import columns, turns_from
-from tinygc.problem.build import build_problem
+from tinygc.planning.coach import Coach
+from tinygc.planning.proposals import TARGETS
+from tinygc.planning.turns import columns, turns_from
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,11 @@ from guided_streams import guide_of
 from processes import run
 from scipy.spatial.transform import Rotation
 
-import session.page
-from session.guide.messages import Advice, Movement, Stage
-from session.page.state import _target
-from tinygc.plan.coach import PLANNED_FULL_SCALE, Coach, _movements, _vector
-from tinygc.plan.lying import EDGES, SIDES, nearest_up, up_words
-from tinygc.plan.turns import EIGHTHS, ends, turns_from
+import session.bench.page
+from session.bench.messages import Advice, Movement, Stage
+from session.bench.page.state import _target
+from tinygc.planning.coach import PLANNED_FULL_SCALE, Coach, _movements, _vector
+from tinygc.planning.turns import EDGES, EIGHTHS, SIDES, ends, nearest_up, turns_from, up_words
 
 G = 9.80665
 GUIDE = guide_of()
@@ -183,7 +182,7 @@ for (const { q, turns } of JSON.parse(readFileSync(process.argv[3])))
 console.log(JSON.stringify([worst, count]));
 """
     (tmp_path / "check.mjs").write_text(script)
-    turning = shutil.copy(Path(session.page.__file__).parent / "files" / "turning.js", tmp_path / "turning.mjs")
+    turning = shutil.copy(Path(session.bench.page.__file__).parent / "files" / "turning.js", tmp_path / "turning.mjs")
     ran = run(["node", tmp_path / "check.mjs", turning, tmp_path / "targets.json"], capture_output=True, text=True, check=True)
     worst, count = json.loads(ran.stdout)
     assert count > 400

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.common.robust import sigma_of, sigma_of_steps
-from session.common.runs import runs_of
-from session.common.units import NS, NS_PER_S
-from session.dialects.stamps import fresh
-from session.log.samples import Samples, start_times
+from session.io.numeric import runs_of, sigma_of, sigma_of_steps
+from session.io.reader import fresh
+from session.io.samples import Samples, start_times
+from session.io.units import NS, NS_PER_S
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = {
@@ -50,12 +49,12 @@ def test_a_stamp_is_fresh_if_it_is_later():
 @pytest.mark.parametrize(
     ("idiom", "home"),
     [
-        (r"0\.6745|1\.4826", "session/common/robust.py"),
-        (r"flatnonzero\(np\.diff\(np\.concatenate", "session/common/runs.py"),
-        (r"cumsum\(\[0", "session/log/samples.py"),
-        (r"= 1e-9  #: s per", "session/common/units.py"),
+        (r"0\.6745|1\.4826", "session/io/numeric.py"),
+        (r"flatnonzero\(np\.diff\(np\.concatenate", "session/io/numeric.py"),
+        (r"cumsum\(\[0", "session/io/samples.py"),
+        (r"= 1e-9  #: s per", "session/io/units.py"),
         (r"slice\(0, 9\), slice\(9, 12\)", "tinygc/models/linear.py"),
-        (r"FIRST_CLAIM = ", "tinygc/explanation/twin/layout.py"),
+        (r"FIRST_CLAIM = ", "tinygc/noise/twin.py"),
     ],
 )
 def test_each_has_one_home(idiom, home):
@@ -95,6 +94,6 @@ def test_a_place_that_is_written_out_is_seen(line):
 
 
 def test_no_module_writes_out_where_a_parameter_stands():
-    """``tinygc.models.linear`` names the places in the linear model's vector, ``tinygc.explanation.twin.layout`` those in the state's."""
+    """``tinygc.models.linear`` names the places in the linear model's vector, ``tinygc.noise.twin`` those in the state's."""
     lines = [(name, line) for name, text in SOURCES.items() if name.startswith("tinygc/") for line in text.splitlines()]
     assert [(name, line) for name, line in lines if WRITTEN_OUT.search(line.replace("hexdigest()[:12]", ""))] == []

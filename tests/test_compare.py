@@ -11,8 +11,8 @@ from conftest import DEG, ROOT
 from scipy import stats
 
 import calibrate
-from session.common.errors import DataError, FormatError
-from tinygc.fitting.compare import agreement, compare, read_calibrated
+from session.io.errors import DataError, FormatError
+from tinygc.estimation.compare import agreement, compare, read_calibrated
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from repeatability import Job, calibrated

@@ -11,11 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.accelerometer.parameters import PARAMETERS
-from session.log.config import Accelerometer
-from tinygc.fitting.agreement import agreement
-from tinygc.fitting.compare import compare, read_calibrated
-from tinygc.fitting.compare_triads import Triad, into_frame_of
+from session.detect.accelerometer import PARAMETERS
+from session.io.config import Accelerometer
+from tinygc.estimation.compare import Triad, agreement, compare, into_frame_of, read_calibrated
 from tinygc.models.linear import BIAS, MATRIX
 
 TURN = Rotation.from_rotvec([0.010, -0.006, 0.008])

@@ -8,8 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.result import to_json
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
 
 CASES = ["case001", "case011", "case020", "case028"]  # nothing, a rate effect, false readings, a pair
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
-from session.checks.first_look import check_folder, check_keys
-from session.common.errors import CalibrationError, FormatError
-from session.common.units import STANDARD_GRAVITY_MPS2
-from session.log.config import Accelerometer, Sensor, read_config
-from session.recording.session_file import toml_text
+from session.bench.session_file import toml_text
+from session.detect.first_look import check_folder, check_keys
+from session.io.config import Accelerometer, Sensor, read_config
+from session.io.errors import CalibrationError, FormatError
+from session.io.units import STANDARD_GRAVITY_MPS2
 
 
 def read(tmp_path, text):

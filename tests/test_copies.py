@@ -8,9 +8,9 @@ import pytest
 from conftest import Table, session_of
 
 import calibrate
-from session.checks.copies import check_copies
-from session.checks.first_look import check_session
-from session.log.samples import Samples
+from session.detect.check_samples import check_copies
+from session.detect.first_look import check_session
+from session.io.samples import Samples
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

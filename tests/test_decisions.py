@@ -6,9 +6,8 @@ import pytest
 from recording_wires import caught_up, make_wire, record, replayed
 from streams import frame_list, samples, sent
 
-from session.recording.decisions import Decision, decision_of, name_kept
-from session.recording.rawfile import Mark, read_marks
-from session.recording.recorder import Recorder
+from session.bench.rawfile import Decision, Mark, decision_of, name_kept, read_marks
+from session.bench.recorder import Recorder
 
 wire = pytest.fixture(make_wire, name="wire")
 BEGIN, KEEP, PAUSE = Decision("begin", "unclosed"), Decision("keep", "closure"), Decision("pause")

@@ -12,11 +12,11 @@ from commandline import refused
 from formats_page import CODE, rows
 from streams import INFO
 
-from session.log.config import Site, read_config
-from session.recording.session_file import SessionFile
-from tinygc.cli import defaults
+from session.bench.session_file import SessionFile
+from session.io.config import Site, read_config
+from tinygc.cli import defaults, recording
 from tinygc.cli.arguments import parser
-from tinygc.cli.commands import _bench
+from tinygc.cli.commands import COMMANDS
 from tinygc.cli.defaults import ENVIRONMENT, place, take_defaults
 
 WHOLE = """schema = "tinygc-defaults/1"
@@ -73,19 +73,19 @@ def test_a_limit_is_taken_said_and_beaten_by_the_command_line(run, own, folder):
 def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, tmp_path):
     path = own()
     args = asked("record", "--quiet")
-    assert (args.port, _bench.bench(args)) == ("/dev/ttyACM7", Site(48.14, 9.8073))
+    assert (args.port, recording.bench(args)) == ("/dev/ttyACM7", Site(48.14, 9.8073))
     assert args.defaults.to_json() == {
         "file": str(path),
         "record": {"port": "/dev/ttyACM7"},
         "site": {"latitude_deg": 48.14, "gravity_mps2": 9.8073},
     }
     args = asked("record", "--quiet", "--port", "COM3", "--like", tmp_path / "bench.toml")  # which says where the table stands
-    assert (args.port, args.defaults, _bench.bench(args)) == ("COM3", None, Site())
+    assert (args.port, args.defaults, recording.bench(args)) == ("COM3", None, Site())
     (tmp_path / "session.toml").write_text("")
     assert asked("record", "--quiet", "--out", tmp_path, "--resume").defaults.used == {"record.port": "/dev/ttyACM7"}
     own(WHOLE.replace("[site]", 'like = "bench/session.toml"\n[site]'))
     args = asked("record", "--quiet")
-    assert (args.like, _bench.bench(args)) == (tmp_path / "bench" / "session.toml", Site())
+    assert (args.like, recording.bench(args)) == (tmp_path / "bench" / "session.toml", Site())
 
 
 def test_the_site_stands_in_the_session_that_is_written(tmp_path):
@@ -148,4 +148,4 @@ def test_the_page_has_the_keys_and_no_others(own):
 def parser_takes(command: str) -> dict[str, str]:
     from importlib import import_module
 
-    return import_module(f"tinygc.cli.commands.{command}").DEFAULTS
+    return import_module(COMMANDS[command]).DEFAULTS

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from session.common.errors import FormatError
+from session.io.errors import FormatError
 from tinygc import models
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import PARAMETERS, SHAPES, WINDOW, DenoisedNet, Denoiser
+from tinygc.models.nets import CalibrationNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(200, 3)) + np.array([0.3, -0.2, 0.0])

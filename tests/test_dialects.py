@@ -7,10 +7,9 @@ import pytest
 from conftest import DEG, write_session
 from dialect_logs import ACCEL, DIALECTS, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
 
-from session.common.errors import CalibrationError, FormatError
-from session.common.units import G
-from session.dialects.units import parse_unit
-from session.log.folder import read_session
+from session.io.errors import CalibrationError, FormatError
+from session.io.folder import read_session
+from session.io.units import G, parse_unit
 
 
 @pytest.mark.parametrize("name", DIALECTS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dialect_logs import DIALECTS, SAMPLES, T_US, inertial, make, rows, same, triads
 
-from session.common.errors import CalibrationError, FormatError
+from session.io.errors import CalibrationError, FormatError
 
 # Hostile
 
@@ -92,7 +92,7 @@ def test_a_broken_gzip_gives_what_came_before(tmp_path):
 
 
 def test_pieces_of_a_file_join_without_a_seam(tmp_path, monkeypatch):
-    from session.dialects import lines
+    from session.io import lines
 
     monkeypatch.setattr(lines.Lines.take, "__defaults__", (1000,))
     monkeypatch.setattr(lines, "READ_BYTES", 100)

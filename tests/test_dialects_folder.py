@@ -9,9 +9,9 @@ from dialect_logs import (
     rows,
 )
 
-from session.common.errors import FormatError, StorageError
-from session.dialects.layout import Answers
-from session.log.folder import read_session
+from session.io.dialects import Answers
+from session.io.errors import FormatError, StorageError
+from session.io.folder import read_session
 from session.replay.convert import convert
 
 
@@ -65,7 +65,7 @@ def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys)
     import json
 
     import calibrate
-    from session.log.logfile import read_log
+    from session.io.logfile import read_log
 
     folder = simulated()
     sensor = read_session(folder).config.sensor

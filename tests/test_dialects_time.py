@@ -20,9 +20,9 @@ from dialect_logs import (
     triads,
 )
 
-from session.common.errors import DataError, FormatError
-from session.dialects.stamps import exact_ns
-from session.log.folder import read_session
+from session.io.errors import DataError, FormatError
+from session.io.folder import read_session
+from session.io.reader import exact_ns
 
 # Time
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.words import constant_of
-from tinygc.discovery.judge.axes import differing
-from tinygc.discovery.judge.weigh import FormEvidence
-from tinygc.discovery.screen.by_axis import by_axis
-from tinygc.discovery.screen.looks import Look
-from tinygc.discovery.screen.responses import Responses
-from tinygc.explanation.naming.search import rewhitened
-from tinygc.explanation.twin.replay import Replay
+from session.io.units import DEG
+from tinygc.annexes.discovery.constants import by_axis
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.projections import Look
+from tinygc.annexes.discovery.responses import Responses
+from tinygc.annexes.discovery.search_state import differing
+from tinygc.annexes.discovery.selection import FormEvidence
+from tinygc.annexes.discovery.words import constant_of
+from tinygc.explanation.search import rewhitened
+from tinygc.noise.refit import Replay
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_DPS = 500.0

@@ -8,9 +8,9 @@ import pytest
 from discovery_answers import LAWS, hidden
 
 import calibrate
-from session.common.units import DEG
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.judge import discover as judge
+from session.io.units import DEG
+from tinygc.annexes.discovery import engine
+from tinygc.annexes.discovery.form import Factor, Form
 
 #: the law, what is near it, and some that have nothing to do with it; benchmarks/discovered_files.py searches among all forms
 FORMS = [
@@ -33,7 +33,7 @@ def sessions(tmp_path_factory):
 
 def test_a_law_that_is_found_is_named_and_calibrated_away_elsewhere(sessions, tmp_path, monkeypatch):
     first, second = sessions
-    monkeypatch.setattr(judge, "enumerated", lambda largest: FORMS)
+    monkeypatch.setattr(engine, "enumerated", lambda largest: FORMS)
 
     def done(*words) -> None:
         assert calibrate.main([str(word) for word in (*words, "--quiet")]) == 0

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG
-from tinygc.discovery.grammar.as_effect import as_effect, columns_of
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.some_movement import some_movement
-from tinygc.discovery.judge.exact import Constants, exact, one_step
-from tinygc.discovery.judge.weigh import FormEvidence
-from tinygc.explanation.twin.layout import claim_slice
+from session.io.units import DEG
+from tinygc.annexes.discovery.equivalence import as_effect, columns_of, some_movement
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact, one_step
+from tinygc.noise.twin import claim_slice
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG

@@ -6,20 +6,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tinygc.discovery.grammar.as_effect import columns_of
-from tinygc.discovery.grammar.bits import bits
-from tinygc.discovery.grammar.enumeration import enumerated
-from tinygc.discovery.grammar.form import PATTERNS, Factor, Form, patterns_of
-from tinygc.discovery.grammar.functions import FUNCTIONS
-from tinygc.discovery.grammar.grids import constant_at, places
-from tinygc.discovery.grammar.largest import largest_of
-from tinygc.discovery.grammar.quantities import QUANTITIES
-from tinygc.discovery.grammar.same import Values, projections, told_apart
-from tinygc.discovery.grammar.some_movement import some_movement
-from tinygc.discovery.grammar.vocabulary import offered
-from tinygc.discovery.grammar.words import LONGEST, equation, in_words, regime, splits, what
+from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, offered, places
+from tinygc.annexes.discovery.equivalence import Values, columns_of, projections, some_movement, told_apart
+from tinygc.annexes.discovery.form import PATTERNS, Factor, Form, patterns_of
+from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
+from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, splits, what
 from tinygc.effects import signals, without_vibration
-from tinygc.explanation.twin.variable import READ
+from tinygc.noise.twin import READ
 
 #: of movements that the enumeration has not seen
 FRESH, FRESHER = 6, 8

@@ -6,13 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tinygc.discovery.grammar.as_effect import as_effect, columns_of
-from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
-from tinygc.discovery.grammar.largest import largest_of
-from tinygc.discovery.grammar.quantities import QUANTITIES
-from tinygc.discovery.grammar.some_movement import some_movement
-from tinygc.discovery.grammar.units import UnitError, text_of, unit_of
-from tinygc.discovery.grammar.words import equation, in_words
+from tinygc.annexes.discovery.equivalence import as_effect, columns_of, some_movement
+from tinygc.annexes.discovery.form import PATTERNS, Factor, Form, UnitError, text_of, unit_of
+from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
+from tinygc.annexes.discovery.words import equation, in_words
 from tinygc.effects import signals
 
 FRESH = 6

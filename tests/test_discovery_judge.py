@@ -8,21 +8,17 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG
-from session.log.folder import read_session
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.judge import discover as judge
-from tinygc.discovery.judge import parts
-from tinygc.discovery.judge.added import beside_calibration, correlation
-from tinygc.discovery.judge.held_out import Unseen
-from tinygc.discovery.judge.parts import FEWEST, RUN, parted, without
-from tinygc.discovery.judge.weigh import FormEvidence
-from tinygc.discovery.told.fits import pairs_of
-from tinygc.explanation.noise.components import components_of
-from tinygc.explanation.noise.undersampling import undersampling
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.problem.build import build_problem
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.annexes.discovery import engine, search_state
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.law_fits import pairs_of
+from tinygc.annexes.discovery.search_state import FEWEST, RUN, Unseen, beside_calibration, correlation, parted, without
+from tinygc.annexes.discovery.selection import FormEvidence
+from tinygc.closure.build import build_problem
+from tinygc.explanation.engine import explain_session
+from tinygc.noise.components import components_of, undersampling
+from tinygc.noise.twin import Twin
 from tinygc.simulation.options import SimulationOptions
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
@@ -98,7 +94,7 @@ def test_two_short_recordings_are_thinned_and_none_is_put_away_whole(simulated_w
 @pytest.mark.parametrize("turns", [(15,), (16,), (20,), (21,), (48,), (3,) * 10, (4,) * 6, (5,) * 6, (6,) * 4, (30, 3, 3, 3)])
 def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, monkeypatch):
     """Many short logs are one session: none is counted anew."""
-    monkeypatch.setattr(parts, "without", lambda problem, held: held)
+    monkeypatch.setattr(search_state, "without", lambda problem, held: held)
     problem = SimpleNamespace(used=[SimpleNamespace(log=number) for number, count in enumerate(turns) for _ in range(count)])
     drawn = [parted(problem, seed) for seed in range(12)]
     for split in drawn:
@@ -109,7 +105,7 @@ def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, 
 
 
 def test_few_turns_prove_nothing_and_the_answer_says_so(simulated_with):
-    found = judge.discover(explain_session(simulated_with(None, segments=9)))
+    found = engine.discover(explain_session(simulated_with(None, segments=9)))
     assert found.verdict == "none"
     assert found.why == "a third of 9 turns is too few to judge an equation by: record 15 or more"
 
@@ -182,8 +178,8 @@ def discovered(simulated_with):
 
     def search(distort, **options):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(judge, "enumerated", lambda largest: FORMS)
-            return judge.discover(explain_session(simulated_with(distort, **options)))
+            patch.setattr(engine, "enumerated", lambda largest: FORMS)
+            return engine.discover(explain_session(simulated_with(distort, **options)))
 
     return search
 
@@ -224,9 +220,9 @@ def two_laws(t_s, rate, force, temp_c):
 
 @pytest.mark.slow
 def test_each_of_two_laws_keeps_its_own_rivals_numbers_and_picture(simulated_with, monkeypatch):
-    monkeypatch.setattr(judge, "enumerated", lambda largest: [*FORMS, LEAKS])
+    monkeypatch.setattr(engine, "enumerated", lambda largest: [*FORMS, LEAKS])
     explained = explain_session(simulated_with(two_laws, segments=30))
-    answer = judge.discover(explained)
+    answer = engine.discover(explained)
     assert {law.form for law in answer.laws} == {PRODUCT, LEAKS}
     truth = {PRODUCT: np.array([0.02, -0.015, 0.01]) * FS_RPS, LEAKS: MATRIX.ravel() * FS_RPS**2}
     for law in answer.laws:

@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 from discovery_answers import LAWS, found, hidden, law_of, runner_up
 
-from session.common.units import DEG
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.fits import pairs_of
-from tinygc.discovery.told.other_curve import other_curve
-from tinygc.discovery.told.pictures import figure_of
-from tinygc.discovery.told.points import of_stills, of_turns
-from tinygc.discovery.told.series import Series, curve, main_of, series_of
-from tinygc.explanation.pictures.canvas import save
-from tinygc.explanation.verdict.explain import explain_session
+from session.io.units import DEG
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.law_fits import Series, curve, main_of, other_curve, pairs_of, series_of
+from tinygc.annexes.discovery.pictures import figure_of, of_stills, of_turns
+from tinygc.explanation.engine import explain_session
+from tinygc.reporting.pictures.canvas import save
 
 WARMER = Form((Factor("temperature", "itself"),))
 

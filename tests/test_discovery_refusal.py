@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from discovery_answers import DECIDED, LAWS, law_of
 
-from tinygc.discovery.grammar.as_effect import as_effect
-from tinygc.discovery.judge import refusal, verdict
-from tinygc.discovery.judge.added import EQUAL
-from tinygc.discovery.judge.refusal import ALL_OF_IT, CHANCE, HELD_OUT_P, leaves_something, refused, taken
-from tinygc.discovery.judge.rivals import Rival
-from tinygc.discovery.judge.searched import NOISE_P
-from tinygc.discovery.judge.verdict import DECISIVE
-from tinygc.explanation.naming.naming import STAND_IN
+from tinygc.annexes.discovery import engine, search_state
+from tinygc.annexes.discovery.engine import DECISIVE
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.search_state import ALL_OF_IT, CHANCE, EQUAL, HELD_OUT_P, NOISE_P, Rival, leaves_something, refused, taken
+from tinygc.explanation.search import STAND_IN
 
 FORM = LAWS["matrix"][0]
 LAW = as_effect(FORM, "discovered.n0")
@@ -46,7 +43,7 @@ def in_its_place(monkeypatch):
 
     def put(worse):
         rivals = [] if worse is None else [Rival(OTHER, None, worse, worse, 0.0)]
-        monkeypatch.setattr(refusal, "rivals", lambda *_: rivals)
+        monkeypatch.setattr(search_state, "rivals", lambda *_: rivals)
 
     put(None)
     return put
@@ -100,29 +97,29 @@ def judged(*others, axes=None):
 def test_a_law_is_found_where_nothing_is_undecided():
     law = law_of(*LAWS["matrix"])
     assert law.gain > DECISIVE
-    assert verdict._undecided([judged()], (law,), ALL_OF_IT) == ""
-    assert verdict._undecided([judged()], (law,), ALL_OF_IT - 0.001).startswith("98.9 % of the excess goes with it")
+    assert engine._undecided([judged()], (law,), ALL_OF_IT) == ""
+    assert engine._undecided([judged()], (law,), ALL_OF_IT - 0.001).startswith("98.9 % of the excess goes with it")
     faint = law_of(*LAWS["matrix"], gain=DECISIVE - 1)
-    assert verdict._undecided([judged()], (law, faint), 1.0).startswith("too little is seen of it")
+    assert engine._undecided([judged()], (law, faint), 1.0).startswith("too little is seen of it")
     rival = Rival(OTHER, None, 3.0, 3.0, 0.5)
-    assert verdict._undecided([judged(rival, rival)], (law,), 1.0) == "3 forms of equal worth add different rates"
+    assert engine._undecided([judged(rival, rival)], (law,), 1.0) == "3 forms of equal worth add different rates"
 
 
 def test_a_constant_of_each_axis_is_said():
     axes = SimpleNamespace(constant=0, values=np.array([0.01, 0.02, 0.04]), more=31.4)
     dead_zone = law_of(*LAWS["dead zone"])
-    said = verdict._undecided([SimpleNamespace(form=dead_zone.form, others=[], axes=axes)], (dead_zone,), 1.0)
+    said = engine._undecided([SimpleNamespace(form=dead_zone.form, others=[], axes=axes)], (dead_zone,), 1.0)
     assert said.startswith("its width (of full scale) seems to differ by axis (0.01, 0.02, 0.04; chi-square 31)")
 
 
 def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     """Of a rival that came near, and was not refitted, nobody knows whether it adds the same rate."""
     same, unknown, far = (Rival(OTHER, None, worse, worse, alike) for worse, alike in ((1.0, EQUAL + 0.001), (5.0, 0.0), (STAND_IN, 0.3)))
-    monkeypatch.setattr(verdict, "rivals", lambda *_: [same, unknown, far])
-    monkeypatch.setattr(verdict, "differing", lambda *_: None)
+    monkeypatch.setattr(engine, "rivals", lambda *_: [same, unknown, far])
+    monkeypatch.setattr(engine, "differing", lambda *_: None)
     searched = Answered()
     searched.round_of, searched.tried = lambda law: None, []
-    found = verdict._judged(searched, LAW)
+    found = engine._judged(searched, LAW)
     assert found.others == [unknown]
     assert found.same == [same]
 

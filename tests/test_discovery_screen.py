@@ -9,34 +9,27 @@ import pytest
 from scipy import stats
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG
-from tinygc.discovery.grammar.as_effect import as_effect
-from tinygc.discovery.grammar.bits import bits
-from tinygc.discovery.grammar.enumeration import enumerated
-from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
-from tinygc.discovery.grammar.grids import constant_at, places
-from tinygc.discovery.grammar.largest import largest_of
-from tinygc.discovery.judge import discover as judge
-from tinygc.discovery.judge.added import beside_calibration as rate_beside_calibration
-from tinygc.discovery.judge.believable import takes_calibration
-from tinygc.discovery.judge.parts import without
-from tinygc.discovery.screen import spread
-from tinygc.discovery.screen.alike import basis_of
-from tinygc.discovery.screen.chance import Chance
-from tinygc.discovery.screen.learnable import learnable, learnable_from
-from tinygc.discovery.screen.looks import Look
-from tinygc.discovery.screen.probes import beside_calibration
-from tinygc.discovery.screen.responses import Responses
-from tinygc.discovery.screen.screening import screened
-from tinygc.discovery.screen.sharpen import sharpened
-from tinygc.discovery.screen.weighing import FAINT
+from session.io.units import DEG
+from tinygc.annexes.discovery import engine
+from tinygc.annexes.discovery import screening as spread
+from tinygc.annexes.discovery.constants import sharpened
+from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
+from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, places
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import PATTERNS, Factor, Form
+from tinygc.annexes.discovery.projections import FAINT, Look, basis_of
+from tinygc.annexes.discovery.quantities import largest_of
+from tinygc.annexes.discovery.responses import Responses
+from tinygc.annexes.discovery.screening import Chance, beside_calibration, screened
+from tinygc.annexes.discovery.search_state import beside_calibration as rate_beside_calibration
+from tinygc.annexes.discovery.search_state import without
+from tinygc.annexes.discovery.selection import takes_calibration
 from tinygc.effects import catalogue, signals
-from tinygc.explanation.naming.selection import left_of, orthonormal
-from tinygc.explanation.twin import thinned
-from tinygc.explanation.twin.refit import refit
-from tinygc.explanation.twin.replay import Replay
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.verdict.explain import explain_session
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.evidence import left_of, orthonormal
+from tinygc.noise import thinned
+from tinygc.noise.refit import Replay, refit
+from tinygc.noise.twin import Twin
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -281,19 +274,19 @@ def _squared(t_s, rate, force, temp_c, size=0.0):
 @pytest.mark.slow
 def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monkeypatch):
     """Screening, refit, the untouched third and the refusals: at 1.5 times the size that a session with nothing in it names, and at 0.6."""
-    monkeypatch.setattr(judge, "enumerated", lambda largest: FEW)
+    monkeypatch.setattr(engine, "enumerated", lambda largest: FEW)
 
     def explained(name, size):
         chosen = SimulationOptions(segments=24, closure_s=0.0, seed=3, odr_hz=104.0)
         return explain_session(write_session(chosen, tmp_path / name, distort=partial(_squared, size=size)))
 
     nothing = explained("nothing", 0.0)
-    answer = judge.discover(nothing)
+    answer = engine.discover(nothing)
     assert answer.verdict == "none"
     (movement,) = nothing.twin.movements
     unit = rate_beside_calibration(movement.rate**2, [movement])
     size = answer.learnable["rate"] / np.sqrt(np.mean(unit**2))
-    large, small = (judge.discover(explained(f"{share}", share * size)) for share in (1.5, 0.6))
+    large, small = (engine.discover(explained(f"{share}", share * size)) for share in (1.5, 0.6))
     assert large.verdict in ("found", "ambiguous")
     assert FEW[0] in [form for law in large.laws for form in (law.form, *law.same)]
     assert small.verdict != "found"
@@ -339,7 +332,7 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     fit = seen.law(4, ROOT_CUBE, theta)
     every = seen.screened(fit)
     monkeypatch.setattr(spread, "MOST_TURNS", 8)
-    monkeypatch.setattr(spread, "NEIGHBOURS", 4)
+    monkeypatch.setattr(spread, "TURN_NEIGHBOURS", 4)
     part = spread.spread(seen.twin)
     assert len(part.segments) == 8
     assert len(part.rows) == 16 + 4 * len(part.stills) < len(fit.r)

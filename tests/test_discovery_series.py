@@ -2,8 +2,8 @@
 
 import pytest
 
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.series import component_beside, has_curve, main_of, other_of
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.law_fits import component_beside, has_curve, main_of, other_of
 
 RATE, FORCE = Factor("rate", "itself"), Factor("force", "itself")
 

@@ -14,25 +14,23 @@ from formats_page import strangers
 from rich.text import Text
 
 import calibrate
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from session.files.results import json_text
+from session.io.errors import CalibrationError
+from session.io.results import json_text
+from session.io.units import DEG
 from tinygc import closure, explain
+from tinygc.annexes.discovery import engine, law_fits
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.law_fits import best_trial, pairs_of
+from tinygc.annexes.discovery.law_words import terms_of
+from tinygc.annexes.discovery.report import Told
+from tinygc.annexes.discovery.result import discovery_page
+from tinygc.annexes.discovery.words import in_words
 from tinygc.closure.residual import Batch
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.words import in_words
-from tinygc.discovery.judge import verdict
-from tinygc.discovery.told import next_step
-from tinygc.discovery.told.fits import pairs_of
-from tinygc.discovery.told.next_step import best_trial
-from tinygc.discovery.told.page import discovery_page
-from tinygc.discovery.told.terms import terms_of
-from tinygc.discovery.told.told import Told
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.library import explain as library
-from tinygc.library.text import as_text
-from tinygc.plan.requested import requested_by_explain
-from tinygc.plan.splitting import trials
+from tinygc.explanation.engine import explain_session
+from tinygc.library import explanations
+from tinygc.library.sessions import as_text
+from tinygc.planning.proposals import requested_by_explain
+from tinygc.planning.turns import trials
 
 ZONE, CUBE = LAWS["dead zone"], Form((Factor("rate", "cube"),))
 
@@ -169,8 +167,8 @@ def asked(monkeypatch, e):
 
     def answers(discovery):
         search = SimpleNamespace(discover=lambda explanation, *, seed=0, progress=None: discovery)
-        monkeypatch.setitem(sys.modules, "tinygc.discovery.judge.discover", search)
-        monkeypatch.setattr(library, "explain_session", lambda *words, **settings: e)
+        monkeypatch.setitem(sys.modules, "tinygc.annexes.discovery.engine", search)
+        monkeypatch.setattr(explanations, "explain_session", lambda *words, **settings: e)
 
     return answers
 
@@ -223,16 +221,16 @@ def test_a_file_that_is_in_use_is_neither_replaced_nor_taken_away(asked, folder,
 
 
 def test_a_law_has_no_name_that_a_loaded_effect_has(monkeypatch):
-    monkeypatch.setattr(verdict, "catalogue", lambda: {"discovered.dead_zone_rate": None})
-    assert verdict._free_id(ZONE[0], []) == "discovered.dead_zone_rate_2"
-    assert verdict._free_id(ZONE[0], ["discovered.dead_zone_rate_2"]) == "discovered.dead_zone_rate_3"
-    assert verdict._free_id(CUBE, []) == "discovered.cube_rate"
+    monkeypatch.setattr(engine, "catalogue", lambda: {"discovered.dead_zone_rate": None})
+    assert engine._free_id(ZONE[0], []) == "discovered.dead_zone_rate_2"
+    assert engine._free_id(ZONE[0], ["discovered.dead_zone_rate_2"]) == "discovered.dead_zone_rate_3"
+    assert engine._free_id(CUBE, []) == "discovered.cube_rate"
 
 
 def test_where_the_range_is_too_small_for_any_turn_words_tell_what_to_change(e, monkeypatch):
-    monkeypatch.setattr(next_step, "trials", lambda movement: [])
+    monkeypatch.setattr(law_fits, "trials", lambda movement: [])
     discovery = found(told_law(runners_up=(runner_up(CUBE),)))
-    said = next_step.next_of(e, discovery, pairs_of(e, discovery))
+    said = law_fits.next_of(e, discovery, pairs_of(e, discovery))
     assert said.startswith("to tell ")
     assert said.endswith(": turn slowly and quickly about the same axis")
 
@@ -248,14 +246,14 @@ def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
 
 
 def test_nothing_of_the_search_is_loaded_where_nobody_asks():
-    tree = ast.parse(Path(library.__file__).read_text(encoding="utf-8"))
+    tree = ast.parse(Path(explanations.__file__).read_text(encoding="utf-8"))
     at_once = {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
-    assert "tinygc.explanation.verdict.explain" in at_once
+    assert "tinygc.explanation.engine" in at_once
     assert not [name for name in at_once if name.startswith("tinygc.discovery")]
 
 
 def test_without_the_option_the_json_has_no_such_key(e):
-    assert "discovery" not in library.Why(e).table
+    assert "discovery" not in explanations.Why(e).table
 
 
 def test_a_session_beside_a_truth_file_is_refused_in_one_line(folder, tmp_path):
@@ -333,7 +331,7 @@ def test_a_lag_of_a_neighbour_is_said_beside_it():
 
 
 def test_a_file_in_the_place_of_the_effects_folder_is_said_before_the_search(folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(library, "explain_session", lambda *words, **settings: pytest.fail("the search had begun"))
+    monkeypatch.setattr(explanations, "explain_session", lambda *words, **settings: pytest.fail("the search had begun"))
     (tmp_path / "effects").write_text("mine", encoding="utf-8")
     assert calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path)]) == 2
     assert f"{tmp_path / 'effects'}: that is no folder" in (said := capsys.readouterr().err)

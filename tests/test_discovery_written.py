@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from discovery_answers import LAWS, law_of
 
-from session.common.units import DEG
-from tinygc.discovery.grammar.as_effect import as_effect
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.constants import constants_of
-from tinygc.discovery.told.device_code import device_code
-from tinygc.discovery.told.effect_file import written
-from tinygc.discovery.told.evidence_text import Where
+from session.io.units import DEG
+from tinygc.annexes.discovery.effect_file import Where, written
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.law_code import device_code
+from tinygc.annexes.discovery.law_words import constants_of
 from tinygc.effects import FoundAt, StageC, load_folder, using
+from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
-from tinygc.effects.trial import short_movement
 
 RATE, WARMTH = Factor("rate"), Factor("temperature")
 #: laws that a device can undo: of each axis, with constants of two quantities, of neighbours, and matrices

@@ -7,9 +7,9 @@ from conftest import SESSION_TOML
 from dialect_logs import ACCEL, DIALECTS, EPOCH_NS, GYRO, SAMPLES, make, rows, same
 
 import calibrate
-from session.common.errors import FormatError
-from session.dialects.layout import Answers
-from session.log.folder import read_session
+from session.io.dialects import Answers
+from session.io.errors import FormatError
+from session.io.folder import read_session
 from session.replay.convert import convert
 
 OWN = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"

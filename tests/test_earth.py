@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG, DEG_PER_HOUR
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import estimate_heading, no_earth, vertical_only, with_heading
-from tinygc.problem.build import build_problem
+from tinygc.closure.build import build_problem
 
 SIDEREAL_DPH = 15.041
 

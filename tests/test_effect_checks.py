@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from tinygc.challenge.cases import Case
-from tinygc.challenge.conceal import conceal
+from session.io.errors import CalibrationError
+from session.io.units import DEG
+from tinygc.annexes.challenge import proofs
+from tinygc.annexes.challenge.cases import Case, conceal
+from tinygc.annexes.challenge.proof_sessions import _setting
 from tinygc.deploy.calibration import Calibration
-from tinygc.effect_checks import live
-from tinygc.effect_checks.sessions import _setting
 from tinygc.effects import Cost, EffectError, FoundAt, Parameter, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
-from tinygc.explanation.verdict.explain import explain_session
+from tinygc.explanation.engine import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_files
 
@@ -220,7 +219,7 @@ class Careless(Calibration):
     ],
 )
 def test_only_looking_ahead_is_a_reason_to_refuse(name, how, says, monkeypatch):
-    monkeypatch.setattr(live, "Calibration", how)
+    monkeypatch.setattr(proofs, "Calibration", how)
     assert quick(catalogue()[name], "live") == says
 
 

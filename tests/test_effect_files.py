@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc import models
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, load_folder, using
-from tinygc.effects.discovery import _installed, having, loaded_folders
+from tinygc.effects.catalogue import _installed, having, loaded_folders
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 

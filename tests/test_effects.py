@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from known_effects import IDS, PARAMETERS, theta_of
 
-from session.common.units import DEG, EARTH_RATE_RPS
+from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import axis_of, catalogue, diagonal, full, largest
 from tinygc.effects.entries.earth_rotation import latitude_deg
 

@@ -7,9 +7,9 @@ import pytest
 from known_effects import FS, IDS, RATE, STRONG, movement, smooth, theta_of
 from scipy.signal import lsim
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import catalogue
-from tinygc.effects.conditions import vibration
+from tinygc.effects.movement import vibration
 
 
 def test_every_rate_effect_of_theirs_is_in_these_tests():

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.common.units import DEG
-from tinygc.effect_checks.scene import movement
+from session.io.units import DEG
+from tinygc.annexes.challenge.proof_sessions import movement
 from tinygc.effects import Effect, EffectError, FoundAt, NoC, Parameter, Reach, diagonal, full, signals
-from tinygc.effects.undo import MOST_PASSES, substituted
+from tinygc.effects.inversion import MOST_PASSES, substituted
 
 AT = FoundAt()
 MOVED = movement(104.0, AT)

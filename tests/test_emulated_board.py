@@ -16,19 +16,14 @@ from exported_models import MODELS
 from f405_programs import BURST, SENSOR_ON, compiled, found, ran, tools_missing
 from processes import CALIBRATE, PIPE, calibrate, started, until
 
-from session.recording.recorder import Recorder
-from session.stream.events import Info
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.register_input import Registers
+from session.bench.events import Info
+from session.bench.recorder import Recorder
+from tinygc.annexes.emulated.board import Replayed, oscillator_of
+from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator, Still
+from tinygc.annexes.emulated.sensor import Asm330lhh
+from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.motion import Still
-from tinygc.simulation.asm330lhh.readings import Oscillator
-from tinygc.simulation.asm330lhh.registers import CLOCK_HZ
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-from tinygc.simulation.board.source import Source
-from tinygc.simulation.board.terminal import Terminal
-from tinygc.simulation.emulated.replayed import Replayed, oscillator_of
+from tinygc.simulation.virtual_board import Source, Terminal
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -36,7 +31,7 @@ if MISSING := tools_missing():
 sys.path.insert(0, str(ROOT / "firmware"))
 import measure
 
-from tinygc.simulation.emulated.board import EmulatedBoard
+from tinygc.annexes.emulated.board import EmulatedBoard
 
 #: the FIFO of both sensors at 6667 Hz, 64 slots a burst; counts gyroscope words, adds up their first registers, and looks for gaps
 FAST = (

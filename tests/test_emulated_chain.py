@@ -8,19 +8,18 @@ import pytest
 from conftest import ROOT
 from f405_programs import BURST, SENSOR_ON, compiled, tools_missing
 
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Info
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-from tinygc.simulation.board.source import Source
-from tinygc.simulation.emulated.replayed import Replayed, oscillator_of, with_its_own_rate
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Info
+from tinygc.annexes.emulated.board import Replayed, oscillator_of, with_its_own_rate
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session, unit_of
+from tinygc.simulation.simulator import simulate_session, unit_of
+from tinygc.simulation.virtual_board import Source
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.annexes.emulated.machine import Machine
 
 #: 416 Hz; the stamps are those of INTERNAL_FREQ_FINE
 STREAMING = (

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from f405_programs import came_to_its_end, compiled, found, tools_missing
 
-from tinygc.simulation.stm32f405.clock import CORE_HZ
-from tinygc.simulation.stm32f405.cpu import RAM, ProgramError
-from tinygc.simulation.stm32f405.elf import segments
+from tinygc.annexes.emulated.bus import CORE_HZ
+from tinygc.annexes.emulated.cpu import RAM, ProgramError, segments
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from tinygc.simulation.stm32f405.machine import CYCLES_PER_INSTRUCTION, EXCEPTION_CYCLES, Machine
+from tinygc.annexes.emulated.machine import CYCLES_PER_INSTRUCTION, EXCEPTION_CYCLES, Machine
 
 
 def alone(text: str, folder, t_s: float = 0.05, **how) -> Machine:

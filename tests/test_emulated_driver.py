@@ -10,8 +10,8 @@ import pytest
 from conftest import ROOT
 from f405_programs import tools_missing
 
-from session.stream import bandwidth, commands
-from tinygc.simulation.asm330lhh.faults import Fault
+from session.bench import frames
+from tinygc.annexes.emulated.readings import Fault
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -36,7 +36,7 @@ def elf(tmp_path_factory):
 def started(elf, odr_hz: float) -> Driven:
     driven = Driven(elf)
     driven.run(0.3)
-    driven.ask(commands.DATA_RATE, odr_hz)
+    driven.ask(frames.DATA_RATE, odr_hz)
     driven.run(0.1)
     driven.forget()
     return driven
@@ -61,19 +61,19 @@ def test_what_is_sent_is_what_the_table_of_ports_counts_on(elf):
     driven = started(elf, 6667.0)
     before, seconds = driven.bytes, 1.0
     driven.run(seconds)
-    bits = bandwidth.BITS_A_BYTE * (driven.bytes - before) / seconds
-    assert bits == pytest.approx(bandwidth.bits_per_second(driven.info.odr_hz), rel=0.004)  # a burst more or less
+    bits = frames.BITS_A_BYTE * (driven.bytes - before) / seconds
+    assert bits == pytest.approx(frames.bits_per_second(driven.info.odr_hz), rel=0.004)  # a burst more or less
     text = (ROOT / "docs" / "firmware.md").read_text()
-    assert bandwidth.table(NOMINAL_HZ) in text
+    assert frames.table(NOMINAL_HZ) in text
 
 
 def test_a_port_that_carries_a_rate_carries_its_quickest_unit():
-    for baud in bandwidth.BAUDS:
-        rates = [hz for hz in NOMINAL_HZ if bandwidth.share(hz, baud) is not None]
-        assert bandwidth.bits_per_second(rates[-1] * bandwidth.HIGHEST_FACTOR) < baud
-        assert commands.least_baud(rates[-1]) < baud
-    assert bandwidth.share(6667.0, 921_600) is None
-    assert bandwidth.share(6667.0, 2_000_000) == pytest.approx(0.834, abs=0.001)
+    for baud in frames.BAUDS:
+        rates = [hz for hz in NOMINAL_HZ if frames.share(hz, baud) is not None]
+        assert frames.bits_per_second(rates[-1] * frames.HIGHEST_FACTOR) < baud
+        assert frames.least_baud(rates[-1]) < baud
+    assert frames.share(6667.0, 921_600) is None
+    assert frames.share(6667.0, 2_000_000) == pytest.approx(0.834, abs=0.001)
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_faults_cost_what_they_must_and_falsify_nothing(elf):
     faults.append(Fault("reset", 2.2))
     driven = Driven(elf, faults=faults)
     driven.run(0.3)
-    driven.ask(commands.DATA_RATE, 1667.0)
+    driven.ask(frames.DATA_RATE, 1667.0)
     driven.run(1.1 - driven.t_s)
     driven.forget()
     before = driven.counts["lost"]

@@ -10,10 +10,9 @@ from conftest import ROOT
 from exported_models import MODELS
 from f405_programs import tools_missing
 
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.register_input import Registers
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk
+from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
 if MISSING := tools_missing():
@@ -22,7 +21,7 @@ if MISSING := tools_missing():
 sys.path.insert(0, str(ROOT / "firmware"))
 import measure
 
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.annexes.emulated.machine import Machine
 
 SENSOR = Registers()
 

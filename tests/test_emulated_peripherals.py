@@ -7,14 +7,13 @@ import pytest
 from asm330lhh_wire import counting
 from f405_programs import BURST, SENSOR_ON, came_to_its_end, compiled, found, ran, tools_missing
 
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.motion import Still
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.annexes.emulated.readings import Fault, Still
+from tinygc.annexes.emulated.sensor import Asm330lhh
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.annexes.emulated.machine import Machine
 
 
 def numbers(kept) -> np.ndarray:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import pytest
 from f405_programs import came_to_its_end, compiled, found, ran, tools_missing
 
-from tinygc.simulation.asm330lhh.motion import Still
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.annexes.emulated.readings import Still
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.annexes.emulated.machine import Machine
 
 
 def test_bytes_go_out_at_the_lines_speed(tmp_path):

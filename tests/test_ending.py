@@ -16,10 +16,9 @@ from processes import CALIBRATE, PIPE, started, until
 from recording_wires import make_wire
 from streams import INFO, frame_list, sent
 
-from session.recording.lock import is_locked
-from session.recording.rawfile import read_marks
-from session.stream import frames
-from tinygc.cli.commands._interruption import Interruption, ended_by_signals
+from session.bench import frames
+from session.bench.rawfile import is_locked, read_marks
+from tinygc.cli.results import Interruption, ended_by_signals
 
 wire = pytest.fixture(make_wire, name="wire")
 other_wire = pytest.fixture(make_wire, name="other_wire")

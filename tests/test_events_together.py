@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tinygc.explanation.mends.together import EVERY_CHOICE, chance_of_each, choices
+from tinygc.explanation.data_repair import EVERY_CHOICE, chance_of_each, choices
 
 
 def turn(shifts, measured, sigma=0.1, allowed=0.0):

@@ -8,11 +8,9 @@ from explained_sessions import both, g_sensitive, lagging, warm
 from simulated_twins import make_twin_of
 
 from tinygc.effects import catalogue
-from tinygc.explanation.naming.candidates import candidates
-from tinygc.explanation.naming.evidence import Evidence, Guess
-from tinygc.explanation.naming.naming import probabilities, rivals_of
-from tinygc.explanation.naming.search import search, without_idle
-from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER
+from tinygc.explanation.evidence import Evidence, Guess, candidates
+from tinygc.explanation.search import probabilities, rivals_of, search, without_idle
+from tinygc.noise.components import STILL_RATE, TURN, WANDER
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"

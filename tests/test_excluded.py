@@ -7,13 +7,13 @@ import pytest
 from conftest import Table, session_of, write_session
 
 import calibrate
-from session.checks.first_look import check_session
-from session.detect.excluded import EXCLUDED
-from session.log.config import LeftOut
-from tinygc.methods.options import FitOptions
-from tinygc.methods.run import run_method
-from tinygc.problem.build import build_problem
-from tinygc.problem.rejections import LEFT_OUT
+from session.detect.first_look import check_session
+from session.detect.segments import EXCLUDED
+from session.io.config import LeftOut
+from tinygc.closure.build import build_problem
+from tinygc.closure.problem import LEFT_OUT
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG, EARTH_RATE_RPS, MG
+from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.naming.candidates import candidates
-from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
-from tinygc.explanation.truth.truth_effects import wander
-from tinygc.explanation.twin.state import State
-from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.evidence import candidates
+from tinygc.explanation.truth_names import wander
+from tinygc.explanation.unknown import slow_candidates, unknown_candidates
+from tinygc.noise.twin import State, Twin
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

@@ -5,7 +5,7 @@ import json
 import pytest
 from explained_sessions import make_explained, make_session
 
-from tinygc.explanation.save import save_explanation
+from tinygc.reporting.explanation_text import save_explanation
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")

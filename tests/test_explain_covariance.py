@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG_PER_HOUR
+from session.io.units import DEG_PER_HOUR
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.bias_wander import wander_covariance
-from tinygc.explanation.twin.state import Channels
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2
+from tinygc.closure.floor import wander_covariance
+from tinygc.noise.twin import Channels, Twin
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

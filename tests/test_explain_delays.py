@@ -9,9 +9,8 @@ from scipy.signal import lfilter
 from simulated_twins import LEVER_M, late, make_twin_of
 
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.twin.common_delay import in_gauge
-from tinygc.explanation.twin.refit import refit
-from tinygc.explanation.twin.turn_gravity import turn_gravity
+from tinygc.noise.channels import in_gauge, turn_gravity
+from tinygc.noise.refit import refit
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

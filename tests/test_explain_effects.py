@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from explained_sessions import ASYMMETRY, FALSE_ROWS, G_SENSITIVITY, LAG_S, effect_of, make_explained, make_session, named, pulls
 
-from session.common.units import DEG, G
+from session.io.units import DEG, G
 from tinygc.effects import catalogue
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.result import to_json
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -7,9 +7,9 @@ import pytest
 from explained_sessions import FALSE_ROWS, make_explained, make_session
 
 from tinygc.effects import catalogue
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.measured import SMALLEST_P
-from tinygc.explanation.verdict.result import SCHEMA, to_json
+from tinygc.explanation.claims import SMALLEST_P
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import SCHEMA, to_json
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")

@@ -11,18 +11,17 @@ from simulated_twins import make_twin_of
 
 from session.detect.stills import Still
 from tinygc.effects import catalogue
-from tinygc.explanation.naming import evidence as of_evidence
-from tinygc.explanation.naming import unknown
-from tinygc.explanation.naming.candidates import candidates
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.naming.search import promises
-from tinygc.explanation.naming.unknown import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz
-from tinygc.explanation.noise.whiteners import HELD
-from tinygc.explanation.twin import still_means
-from tinygc.explanation.twin.still_means import StillMeans
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
-from tinygc.explanation.verdict.veto import improvement_p
+from tinygc.explanation import evidence as of_evidence
+from tinygc.explanation import unknown
+from tinygc.explanation.decision import improvement_p
+from tinygc.explanation.evidence import Evidence, candidates
+from tinygc.explanation.search import promises
+from tinygc.explanation.unknown import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz
+from tinygc.noise import thinned
+from tinygc.noise.session_noise import HELD
+from tinygc.noise.thinned import StillMeans
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 WEIGHED = ("gyro.g_sensitivity", "gyro.scale_nonlinearity", "gyro.scale_asymmetry", "gyro.bandwidth", "timing.axis_skew", "gyro.bias_drift")
@@ -110,7 +109,7 @@ def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_o
     prior, scan = evidence.prior(have.fit), line.variants(line.scan.grid(evidence.twin.movements)[:60])
     found = []
     for together in (60, 7):
-        monkeypatch.setattr("tinygc.explanation.verdict.veto.TOGETHER", together)
+        monkeypatch.setattr("tinygc.explanation.decision.TOGETHER", together)
         found.append(improvement_p(evidence.twin, have, prior, 0, have.whiten.each(map(evidence.columns, scan))))
     assert 0 < found[0] <= 1
     assert found[1] == pytest.approx(found[0], rel=1e-9)
@@ -118,7 +117,7 @@ def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_o
 
 @pytest.mark.parametrize("counts", [None, np.arange(1, 401)])
 def test_stills_are_averaged_some_at_a_time_as_each_alone(monkeypatch, counts):
-    monkeypatch.setattr(still_means, "AT_ONCE", 16)
+    monkeypatch.setattr(thinned, "AT_ONCE", 16)
     values = np.random.default_rng(4).standard_normal((400, 3, 2))
     spans = [(0, 5), (5, 60), (58, 70), (100, 101), (300, 400)]
     weight = np.ones(400) if counts is None else counts

@@ -4,11 +4,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from session.common.units import DEG
-from tinygc.explanation.verdict.claims import Considered
-from tinygc.explanation.verdict.measured import measured
-from tinygc.explanation.verdict.pages import parameter_lines
-from tinygc.explanation.verdict.weighed import MOST_SAID, considered_lines, equivalent_words, noise_rows, rival_words
+from session.io.units import DEG
+from tinygc.explanation.claims import Considered, measured
+from tinygc.explanation.result import MOST_SAID, considered_lines, equivalent_words, noise_rows, rival_words
+from tinygc.reporting.explanation_text import parameter_lines
 
 
 @pytest.mark.parametrize(

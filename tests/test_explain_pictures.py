@@ -9,18 +9,18 @@ import pytest
 from explained_sessions import FALSE_ROWS, make_explained, make_session
 from matplotlib.figure import Figure
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
-from tinygc.explanation.pictures.panels import PAIRS, draw_claim, in_stills
-from tinygc.explanation.pictures.panels.palette import BEFORE, PALE
-from tinygc.explanation.pictures.picture import figure_of
-from tinygc.explanation.pictures.turn_values import per_parameter, strongest
-from tinygc.explanation.twin.turn_gravity import turn_equations
-from tinygc.explanation.twin.variable import READ, Variable, variable_of
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.pages import explanation_page
-from tinygc.library.text import as_text
-from tinygc.report.html.sections.explanation import section
+from tinygc.explanation.engine import explain_session
+from tinygc.library.sessions import as_text
+from tinygc.noise.channels import turn_equations
+from tinygc.noise.twin import READ, Variable, variable_of
+from tinygc.reporting.explanation_text import explanation_page
+from tinygc.reporting.html.sections.explanation import section
+from tinygc.reporting.pictures.canvas import BEFORE, PALE
+from tinygc.reporting.pictures.page import figure_of
+from tinygc.reporting.pictures.panels import PAIRS, draw_claim, in_stills
+from tinygc.reporting.pictures.values import per_parameter, strongest
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG, G
+from session.io.units import DEG, G
 from tinygc.effects import catalogue
-from tinygc.explanation.twin.refit import refit
+from tinygc.noise.refit import refit
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tinygc.explanation.naming.selection import Selection
+from tinygc.explanation.evidence import Selection
 
 
 def design(seed: int = 0, n: int = 90, groups: int = 9) -> tuple[np.ndarray, dict[str, np.ndarray]]:

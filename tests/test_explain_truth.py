@@ -12,17 +12,16 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import TOML
 
 import calibrate
-from session.log.folder import read_session
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.picture import draw_truth
-from tinygc.explanation.truth.result import refusals, truth_page, truth_to_json
-from tinygc.explanation.truth.wrong_moments import chance_of
-from tinygc.explanation.verdict.measured import SMALLEST_P, p_entry, p_words
-from tinygc.fitting.days import level_days
-from tinygc.methods.network.distance_loss import fit_distance
-from tinygc.problem.build import build_problem
-from tinygc.problem.truth_orientation import absolute_orientation_error
+from tinygc.closure.truth import absolute_orientation_error
+from tinygc.estimation.bias import level_days
+from tinygc.estimation.network_training import fit_distance
+from tinygc.explanation.claims import SMALLEST_P, p_entry, p_words
+from tinygc.explanation.truth_engine import chance_of, explain_truth
+from tinygc.reporting.pictures.truth import draw_truth
+from tinygc.reporting.truth_text import refusals, truth_page, truth_to_json
 
 
 def write(

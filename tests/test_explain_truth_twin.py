@@ -7,15 +7,14 @@ import pytest
 from conftest import DEG
 from test_explain_truth import write
 
-from session.log.folder import read_session
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
 from tinygc.effects import AppliedEffect
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.noise.components import TRUTH, WANDER
-from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.truth_effects import OFFSET
-from tinygc.explanation.truth.truth_twin import TruthTwin
-from tinygc.explanation.twin.state import State
-from tinygc.problem.build import build_problem
+from tinygc.explanation.evidence import Evidence
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.explanation.truth_names import OFFSET, TruthTwin
+from tinygc.noise.components import TRUTH, WANDER
+from tinygc.noise.twin import State
 
 
 def twin_of(folder, sigma_deg=0.02, **wrong) -> TruthTwin:

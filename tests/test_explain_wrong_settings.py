@@ -6,12 +6,12 @@ import shutil
 import pytest
 from explained_sessions import make_session
 
-from session.common.errors import DataError
-from session.common.units import DEG
-from session.log.folder import read_session
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.result import to_json
-from tinygc.problem.build import build_problem
+from session.io.errors import DataError
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
+from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
 
 session = pytest.fixture(make_session, scope="module", name="session")
 

@@ -16,18 +16,17 @@ import pytest
 import torch
 from exported_models import CARRIED, KNOWN, LINEAR, MODELS, NET, RNG, WHOLE, as_inputs, claim, physics, random_inputs
 
-from session.log.config import Accelerometer
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.register_input import Registers
+from session.io.config import Accelerometer
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.io.samples import Samples
+from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import FLAGS, source_files
 from tinygc.deploy.exports import ExportError
 from tinygc.effects import catalogue
 from tinygc.effects.device import NONE
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import PhysicsModel
 
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
@@ -282,7 +281,7 @@ def test_no_name_can_leave_its_comment(name, tmp_path):
 def test_export_writes_what_compiles_and_agrees_with_the_fit(simulated, tmp_path):
     """From the command line to the rates of the session's own log."""
     import calibrate
-    from session.log.folder import read_session
+    from session.io.folder import read_session
     from tinygc import models
 
     folder = tmp_path / "session"

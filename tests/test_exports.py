@@ -11,12 +11,12 @@ from conftest import DEG
 from exports_read_back import CELSIUS, FORCE, LINEAR, MEASURED, MODELS, OFFSETS, PUBLISHED, TOLD, UNBENT, agree, context, physics, rates
 
 import tinygc
-from session.common.units import G
+from session.io.units import G
 from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports import FORMATS, ExportError, exporter
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet
 
 

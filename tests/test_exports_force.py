@@ -12,12 +12,12 @@ import yaml
 from exports_read_back import FORCE, LINEAR, MEASURED, context, physics, rates
 from scipy.spatial.transform import Rotation
 
-from session.common.units import G
-from session.log.config import Accelerometer
+from session.io.config import Accelerometer
+from session.io.units import G
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports import exporter
-from tinygc.models.accelerometer import accelerometer_table
+from tinygc.models.model import accelerometer_table
 
 UPPER = np.array([[1.0102, 0.0021, -0.0043], [0, 0.9891, 0.0032], [0, 0, 1.0051]])
 BIAS = np.array([0.31, -0.22, 0.13])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.common.units import DEG
-from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
+from session.io.units import DEG
+from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from session.common.units import DEG
-from tinygc.models.field_parameters import WORDS, field_quantities, field_vector
-from tinygc.models.linear import NAMES
+from session.io.units import DEG
+from tinygc.models.linear import NAMES, WORDS, field_quantities, field_vector
 
 
 def calibration_of(M, b=(0.0, 0.0, 0.0)):

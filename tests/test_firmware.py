@@ -21,14 +21,13 @@ import measure
 import play
 from play import Board, read_registers
 
-from session.common.errors import DeviceError, FormatError
-from session.log.folder import read_session
-from session.recording.recorder import Recorder
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Info
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.register_input import Registers
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Info
+from session.bench.recorder import Recorder
+from session.io.errors import DeviceError, FormatError
+from session.io.folder import read_session
+from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
 MISSING = measure.tools_missing()

@@ -8,9 +8,9 @@ import pytest
 from conftest import ROOT
 
 import calibrate
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc import models
-from tinygc.methods.network import adamw_net
+from tinygc.estimation import adamw
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -97,7 +97,7 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
     how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]
     alone = fit(ROOT / "data" / "session1", tmp_path / "alone", *how)[1]
-    told, train = [], adamw_net.minimise
+    told, train = [], adamw.minimise
 
     def watched(*args, progress, **more):
         def tell(done, of):
@@ -108,7 +108,7 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
 
         return train(*args, progress=tell, **more)
 
-    monkeypatch.setattr(adamw_net, "minimise", watched)
+    monkeypatch.setattr(adamw, "minimise", watched)
     out = tmp_path / "out"
     out.mkdir()
     assert calibrate.main(["fit", str(ROOT / "data" / "session1"), "--out", str(out), "--quiet", *how]) == 130

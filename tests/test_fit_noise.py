@@ -7,20 +7,18 @@ import numpy as np
 import pytest
 from commandline import refused
 
-from session.common.errors import CalibrationError
-from session.common.units import DEG, MG
-from session.log.folder import read_session
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
+from session.io.units import DEG, MG
+from tinygc.closure.build import build_problem, with_still_bias
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.fitting.bias_choice import choose, less_by_chance
-from tinygc.fitting.session import fit_session
-from tinygc.fitting.stated_noise import FROM_LENGTHS, accelerometer_factor, from_own_stills, stated_noise
-from tinygc.fitting.stated_sigmas import stated_covariance
-from tinygc.methods.options import FitOptions
+from tinygc.estimation.bias import choose, less_by_chance
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.stated_noise import FROM_LENGTHS, accelerometer_factor, from_own_stills, stated_covariance, stated_noise
 from tinygc.models.linear import BIAS, MATRIX
-from tinygc.problem.build import build_problem
-from tinygc.problem.still_bias import with_still_bias
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session
 
 LEAST_SQUARES = FitOptions(methods=("least_squares",))

@@ -9,19 +9,15 @@ import pytest
 from fleets import FIT, QUICK, Here, asked, content, made, ran
 from scipy import stats
 
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.fleet import compute, keys
-from tinygc.fleet.cells import cell_of
-from tinygc.fleet.folders import listed_folders
-from tinygc.fleet.keys import key_of
-from tinygc.fleet.options import FleetOptions
-from tinygc.fleet.results import unit_results, weighed_of
-from tinygc.fleet.row import packed, unpacked
-from tinygc.fleet.run import run_fleet
-from tinygc.fleet.table import EACH, open_table
-from tinygc.library.check import check
-from tinygc.library.fit import fit
-from tinygc.lot.unit_result import NAMES, Weighed
+from tinygc.annexes.lots.fleet import compute
+from tinygc.annexes.lots.fleet import row as keys
+from tinygc.annexes.lots.fleet.row import FleetOptions, cell_of, key_of, packed, unpacked
+from tinygc.annexes.lots.fleet.run import listed_folders, run_fleet
+from tinygc.annexes.lots.fleet.summary import unit_results, weighed_of
+from tinygc.annexes.lots.fleet.table import EACH, open_table
+from tinygc.annexes.lots.lot import NAMES, Weighed
+from tinygc.explanation.engine import explain_session
+from tinygc.library.sessions import check, fit
 
 
 @pytest.fixture(scope="module")

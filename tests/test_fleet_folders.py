@@ -8,15 +8,12 @@ from pathlib import Path
 import pytest
 from fleets import QUICK, Here, asked, made, ran
 
-from session.common.errors import CalibrationError
-from tinygc.fleet.compute import Job, Outcome, compute
-from tinygc.fleet.folders import listed_folders, session_folders
-from tinygc.fleet.keys import key_of
-from tinygc.fleet.options import FleetOptions
-from tinygc.fleet.results import unit_results
-from tinygc.fleet.row import empty
-from tinygc.fleet.run import run_fleet
-from tinygc.fleet.table import open_table
+from session.io.errors import CalibrationError
+from tinygc.annexes.lots.fleet.compute import Job, Outcome, compute
+from tinygc.annexes.lots.fleet.row import FleetOptions, empty, key_of
+from tinygc.annexes.lots.fleet.run import listed_folders, run_fleet, session_folders
+from tinygc.annexes.lots.fleet.summary import unit_results
+from tinygc.annexes.lots.fleet.table import open_table
 
 FOREIGN = Path(__file__).parent / "foreign_effects"
 

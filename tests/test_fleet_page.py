@@ -8,16 +8,15 @@ from fleets import FIT, made, ran
 from formats_page import CODE, rows, strangers
 from html_pages import parsed
 
-from tinygc.cli.commands import fleet
-from tinygc.cli.commands._fleet_progress import Meter
-from tinygc.fleet.compute import Outcome
-from tinygc.fleet.options import STEPS
-from tinygc.fleet.row import COLUMNS, FIGURES, LONG, VALUES, empty
-from tinygc.fleet.run import Tally
-from tinygc.fleet.summary import MOST_LISTED, distribution, reason_of, summarise
-from tinygc.fleet.table import open_table, read_table
-from tinygc.report.html.fleet import page
-from tinygc.report.html.markup import Section
+from tinygc.annexes.lots.fleet import command
+from tinygc.annexes.lots.fleet.command import Meter
+from tinygc.annexes.lots.fleet.compute import Outcome
+from tinygc.annexes.lots.fleet.page import page
+from tinygc.annexes.lots.fleet.row import COLUMNS, FIGURES, LONG, STEPS, VALUES, empty
+from tinygc.annexes.lots.fleet.run import Tally
+from tinygc.annexes.lots.fleet.summary import MOST_LISTED, distribution, reason_of, summarise
+from tinygc.annexes.lots.fleet.table import open_table, read_table
+from tinygc.reporting.html.markup import Section
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
 
@@ -140,7 +139,7 @@ def test_progress_says_what_was_done_at_which_rate_and_how_long_it_takes():
 
 
 def test_the_command_knows_the_steps_without_loading_them():
-    assert fleet.STEPS == STEPS
+    assert command.STEPS == STEPS
 
 
 def test_no_session_is_said(run, tmp_path):

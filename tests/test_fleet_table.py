@@ -7,13 +7,12 @@ import sqlite3
 import pytest
 from fleets import QUICK, Here, asked, content, made, ran
 
-from session.common.errors import CalibrationError, FormatError, StorageError
-from tinygc.fleet.compute import Outcome
-from tinygc.fleet.folders import session_folders
-from tinygc.fleet.results import unit_results, write_csv
-from tinygc.fleet.row import COLUMNS, empty
-from tinygc.fleet.run import run_fleet
-from tinygc.fleet.table import NAME, open_table, read_table
+from session.io.errors import CalibrationError, FormatError, StorageError
+from tinygc.annexes.lots.fleet.compute import Outcome
+from tinygc.annexes.lots.fleet.row import COLUMNS, empty
+from tinygc.annexes.lots.fleet.run import run_fleet, session_folders
+from tinygc.annexes.lots.fleet.summary import unit_results, write_csv
+from tinygc.annexes.lots.fleet.table import NAME, open_table, read_table
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.common.units import DEG
 from session.detect.stills import Noise, Still
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, closure_floor, gyro_variance, still_tilt_variance

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 import tinygc
-from session.common.errors import CalibrationError
-from session.log.folder import read_session
-from tinygc.challenge.examine import explained
-from tinygc.effect_checks.scene import SIZE
-from tinygc.effect_checks.sessions import inject
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
+from tinygc.annexes.challenge.examination import explained
+from tinygc.annexes.challenge.proof_sessions import SIZE, inject
 from tinygc.effects import load_folder, using
 from tinygc.effects.testing import check
 
@@ -32,12 +31,12 @@ def known():
 @pytest.fixture
 def strangers():
     """A process that has not loaded the folder: what a command must be told by --effects."""
-    from tinygc.effects import discovery
+    from tinygc.effects import catalogue
 
-    before = dict(discovery._folders)
-    discovery._folders.clear()
+    before = dict(catalogue._folders)
+    catalogue._folders.clear()
     yield
-    discovery._folders.update(before)
+    catalogue._folders.update(before)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, sectio
 from processes import CALIBRATE, DEVNULL, PIPE, heard, run, started
 
 import calibrate
-from session.log.config import Config
+from session.io.config import Config
 from tinygc.deploy.exports import FORMATS
 from tinygc.effects import catalogue
 
@@ -290,9 +290,8 @@ def test_a_key_that_is_not_on_the_page_is_found():
 @pytest.mark.slow
 def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
     """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
+    from tinygc.annexes.temperature.rest_simulation import RestOptions, write_rest
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.rest_options import RestOptions
-    from tinygc.simulation.write_rest import write_rest
 
     rest = RestOptions(cycles=1.0, cycle_s=600.0, cold_c=10.0, warm_c=45.0, lag_s=20.0, knocks=1)
     made = write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")

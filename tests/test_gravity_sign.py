@@ -13,16 +13,15 @@ from test_problem import with_dials
 from truth_sessions import Wrong, made
 
 import tinygc
-from session.checks.alignment import with_aligned_truth
-from session.checks.first_look import check_session
+from session.detect.axes import agreement
+from session.detect.check_references import with_aligned_truth
+from session.detect.first_look import check_session
 from session.detect.stills import find_stills
-from session.detect.tilt import agreement
-from session.log.folder import read_session
-from session.log.truth_reading import TruthGiven
+from session.io.config import TruthGiven
+from session.io.folder import read_session
 from tinygc.attitude.earth import vertical_only, vertical_rate
-from tinygc.problem.build import build_problem
-from tinygc.problem.gravity_sign import WHAT
-from tinygc.problem.prepared import prepare
+from tinygc.closure.build import build_problem
+from tinygc.closure.prepared import GRAVITY_SIGN, prepare
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +54,7 @@ def in_a_folder(folder, new, sign):
 
 
 def said(session):
-    return [finding for finding in prepare(session).warnings if finding.what == WHAT]
+    return [finding for finding in prepare(session).warnings if finding.what == GRAVITY_SIGN]
 
 
 def test_the_turns_do_not_tell_gravitys_sign(folder):
@@ -79,13 +78,13 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
 
 def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
     session = read_session(folder)
-    assert [finding for finding in tinygc.check(session) if finding.what == WHAT] == []
-    assert [finding for finding in tinygc.check(upside_down(session)) if finding.what == WHAT] == said(upside_down(session))
+    assert [finding for finding in tinygc.check(session) if finding.what == GRAVITY_SIGN] == []
+    assert [finding for finding in tinygc.check(upside_down(session)) if finding.what == GRAVITY_SIGN] == said(upside_down(session))
     right, wrong = (in_a_folder(folder, tmp_path / name, sign) for name, sign in (("right", 1), ("wrong", -1)))
     code, out, _ = run("check", right, "--json", "-", "--strict")
-    assert (code, [each for each in json.loads(out)["findings"] if each["what"] == WHAT]) == (0, [])
+    assert (code, [each for each in json.loads(out)["findings"] if each["what"] == GRAVITY_SIGN]) == (0, [])
     code, out, _ = run("check", wrong, "--json", "-", "--strict")
-    (finding,) = (each for each in json.loads(out)["findings"] if each["what"] == WHAT)
+    (finding,) = (each for each in json.loads(out)["findings"] if each["what"] == GRAVITY_SIGN)
     assert (code, finding["level"], finding["where"]) == (1, "warning", "log0001.csv")
     assert "negate all axes of the accelerometer" in finding["do"]
     shown = " ".join(run("check", wrong)[1].split())
@@ -94,7 +93,7 @@ def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
 
 def test_check_says_nothing_of_it_where_there_is_too_little_to_tell(simulated, tmp_path):
     few = in_a_folder(simulated(segments=4, closure_s=0.0, odr_hz=208.0), tmp_path / "few", -1)
-    assert [finding for finding in tinygc.check(few) if finding.what == WHAT] == []
+    assert [finding for finding in tinygc.check(few) if finding.what == GRAVITY_SIGN] == []
 
 
 def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(folder):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from streams import frame_list, sent
 
-from session.common.errors import FormatError
-from session.recording.decoding import stream
-from session.recording.growing import GrowingFile
-from session.recording.logwriter import SHORT_STARTS, LogWriter
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Trouble
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Trouble
+from session.bench.logwriter import SHORT_STARTS, LogWriter
+from session.bench.rawfile import GrowingFile
+from session.bench.recorder import stream
+from session.io.errors import FormatError
 
 TEXT = "".join(f"{i},a line of it\n" for i in range(2000))
 

@@ -7,8 +7,7 @@ import pytest
 from conftest import Table
 from guided_streams import guide_of, offline, play, simulated, with_hand
 
-from session.guide.coverage import face_up
-from session.guide.messages import Advice, Kind, Stage
+from session.bench.messages import Advice, Kind, Stage, face_up
 
 
 @pytest.mark.parametrize(("odr_hz", "seed"), [(104.0, 3), (208.0, 0), (208.0, 1), (416.0, 2), (1667.0, 0)])

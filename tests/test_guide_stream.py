@@ -5,9 +5,9 @@ import pytest
 from conftest import Table
 from guided_streams import guide_of, play, said
 
-from session.guide.messages import Kind, Stage
-from session.guide.stream_check import stream_problem
-from session.log.samples import Samples, joined
+from session.bench.live import stream_problem
+from session.bench.messages import Kind, Stage
+from session.io.samples import Samples, joined
 
 
 @pytest.mark.parametrize("at_s", [0.5, 1.5, 2.9, 4.5, 6.3, 9.0])

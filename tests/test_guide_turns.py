@@ -4,8 +4,8 @@ import numpy as np
 from conftest import DEG, Table
 from guided_streams import guide_of, offline, play, said, with_hand
 
-from session.guide.messages import Kind
-from session.log.samples import Samples
+from session.bench.messages import Kind
+from session.io.samples import Samples
 
 
 def reject(samples: Samples) -> str:

@@ -10,12 +10,12 @@ import pytest
 from conftest import Table, config
 from processes import PATIENCE_S
 
-from session.common.errors import CalibrationError, OtherSensor
-from session.guide.guide import Guide
-from session.guide.guided_session import GuidedRecording
-from session.guide.messages import Kind, Stage
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
-from session.stream.events import Chunk, Info, Trouble
+from session.bench.events import Chunk, Info, Trouble
+from session.bench.guide import Guide
+from session.bench.guided_session import GuidedRecording
+from session.bench.messages import Kind, Stage
+from session.io.errors import CalibrationError, OtherSensor
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
 INFO = Info(500.0, 4.0, 208.0, "1")
 SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0), 3).rest(2.5).turn(120, (0, 0, 1), 3).rest(3)
@@ -24,8 +24,8 @@ SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0),
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """However busy the machine is: nothing is silent, and no coach late, unless a test wants it so."""
-    monkeypatch.setattr("session.guide.guided_session.SILENT_S", PATIENCE_S)
-    monkeypatch.setattr("session.guide.guided_session.LAST_WORD_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
 class Port:
@@ -111,16 +111,16 @@ def test_pulled_and_reset_anywhere(at):
 
 
 def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
-    monkeypatch.setattr("session.guide.guided_session.SHOW_EVERY_S", -1.0)
+    monkeypatch.setattr("session.bench.guided_session.SHOW_EVERY_S", -1.0)
 
     def silent(port):
-        monkeypatch.setattr("session.guide.guided_session.SILENT_S", -1.0)
+        monkeypatch.setattr("session.bench.guided_session.SILENT_S", -1.0)
 
     def wrong_baud(port):
         port.decoder = SimpleNamespace(garbage=812, crc_errors=3)
 
     def right_again(port):
-        monkeypatch.setattr("session.guide.guided_session.SILENT_S", 60.0)
+        monkeypatch.setattr("session.bench.guided_session.SILENT_S", 60.0)
 
     guide, said = led(Port([INFO, pulled, plugged, silent, wrong_baud, right_again, *chunks(SESSION)]))
     why = [now.why for now in said.instructions]

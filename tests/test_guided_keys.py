@@ -10,12 +10,12 @@ from conftest import Table, config
 from processes import PATIENCE_S
 from test_guided import INFO, Said, chunks
 
-from session.common.errors import FormatError
-from session.guide.guide import Guide
-from session.guide.guided_session import GuidedRecording
-from session.guide.messages import Advice, Kind, Stage
-from session.recording.decisions import Decision
-from session.stream.events import Trouble
+from session.bench.events import Trouble
+from session.bench.guide import Guide
+from session.bench.guided_session import GuidedRecording
+from session.bench.messages import Advice, Kind, Stage
+from session.bench.rawfile import Decision
+from session.io.errors import FormatError
 
 #: four turns, with moments in which each of them moves, s: 3 to 6, 8.5 to 11.5, 14 to 17, 19.5 to 22.5
 TURNS = [(120, (1, 0, 0)), (130, (0, 1, 0)), (140, (0, 0, 1)), (150, (1, 1, 0))]
@@ -25,8 +25,8 @@ MOVING = [(3.0, 6.0), (8.5, 11.5), (14.0, 17.0), (19.5, 22.5)]
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """However busy the machine is: nothing is silent, and no coach late, unless a test wants it so."""
-    monkeypatch.setattr("session.guide.guided_session.SILENT_S", PATIENCE_S)
-    monkeypatch.setattr("session.guide.guided_session.LAST_WORD_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.bench.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
 def session(turns=4) -> Table:
@@ -130,7 +130,7 @@ def test_pressed_twice_it_does_not_drop_the_turn_before():
 
 def test_paused_nothing_is_judged(monkeypatch):
     """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
-    monkeypatch.setattr("session.guide.guided_session.SHOW_EVERY_S", -1.0)
+    monkeypatch.setattr("session.bench.guided_session.SHOW_EVERY_S", -1.0)
     wire = Wire(chunks(session()), keys=[(8.4, "p"), (11.7, "p")])
     guide, said, _ = led(wire)
     assert [decision.text for decision in wire.decided] == ["pause", "begin log"]

@@ -13,10 +13,9 @@ import pytest
 from commandline import refused
 from html_pages import parsed
 
-from session.log.config import read_config
-from session.log.logfile import read_log
-from tinygc.cli.arguments import parser
-from tinygc.cli.paths import file_written, folder_written, log_written, path_read
+from session.io.config import read_config
+from session.io.logfile import read_log
+from tinygc.cli.arguments import file_written, folder_written, log_written, parser, path_read
 from tinygc.deploy.exports import FORMATS
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula

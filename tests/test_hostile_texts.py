@@ -19,9 +19,9 @@ from processes import PIPE, run
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
 
-from session.common.texts import comment, printable, shell_word, unicode_text
-from session.files.results import json_text
-from session.log.toml_text import line
+from session.io.results import json_text
+from session.io.texts import comment, printable, shell_word, unicode_text
+from session.io.toml import line
 from tinygc.deploy.exports import FORMATS, exporter
 
 PIECES = [
@@ -143,7 +143,7 @@ def test_a_terminal_obeys_the_page_and_nothing_that_it_quotes():
 
     from rich.text import Text
 
-    from session.common.console import PlainConsole
+    from session.bench.console import PlainConsole
 
     console = PlainConsole(file=StringIO(), width=80, force_terminal=True, color_system="standard")
     console.print(Text("a\x1b[2J\x9b2J\u202eb", "bold red"), "[red]c[/red]\nd", ":skull:")

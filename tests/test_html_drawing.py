@@ -5,10 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from tinygc.report.html import numbers
-from tinygc.report.html.chart import Axis, Chart, log_axis
-from tinygc.report.html.sphere import coverage
-from tinygc.report.html.style import COLOURS, PAGE
+from tinygc.reporting.html import markup
+from tinygc.reporting.html.chart import Axis, Chart, coverage, log_axis
+from tinygc.reporting.html.style import COLOURS, PAGE
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
@@ -42,8 +41,8 @@ def test_colours_stand_out_from_the_page(shade):
     ],
 )
 def test_numbers_have_the_digits_that_are_known(value, expanded, said):
-    decimals = numbers.decimals_for(expanded)
-    assert (numbers.fixed(value, decimals), numbers.fixed(expanded, decimals)) == said
+    decimals = markup.decimals_for(expanded)
+    assert (markup.fixed(value, decimals), markup.fixed(expanded, decimals)) == said
 
 
 @pytest.mark.parametrize(("lo", "hi", "said"), [(0, 300, "0 100 200 300"), (-150, 150, "−100 0 100"), (0, 0.35, "0.0 0.1 0.2 0.3")])

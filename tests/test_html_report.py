@@ -10,10 +10,10 @@ from conftest import SESSION_TOML, Table, write_session, wxyz
 from html_pages import QUICK, WHOLE, parsed, report_of
 
 import calibrate
-from session.common.units import DEG
-from session.log.config import BoardGiven
-from tinygc.report.html import numbers
-from tinygc.report.html.sections.provenance import board_said
+from session.io.config import BoardGiven
+from session.io.units import DEG
+from tinygc.reporting.html import markup
+from tinygc.reporting.html.sections.provenance import board_said
 
 
 @pytest.fixture(scope="module")
@@ -59,10 +59,10 @@ def test_its_figures_are_those_of_fit(simulated, tmp_path):
     assert report["closure"]["holdout_tilt_rms_deg"] == pytest.approx(fit["methods"]["least_squares"]["holdout"]["tilt_rms_deg"], rel=1e-12)
     assert report["closure"]["runs"][0]["rmse_deg"] == pytest.approx(fit["closure_runs"][0]["least_squares"]["rmse_deg"])
     page = out.read_text(encoding="utf-8")
-    assert numbers.degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
+    assert markup.degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
     for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
         largest = max(other["expanded_uncertainty"] or 0 for other in report["parameters"] if other["parameter"] == entry["parameter"])
-        value, expanded = (numbers.fixed(entry[which], numbers.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
+        value, expanded = (markup.fixed(entry[which], markup.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
         assert f"{value} <small>± {expanded}</small>" in page
     for digest in report["inputs"].values():
         assert digest in page
@@ -92,7 +92,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     from html import unescape
 
     import tinygc
-    from session.common.units import G
+    from session.io.units import G
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.write import write_session as write_simulation
 
@@ -150,10 +150,11 @@ def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
 def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
-    from session.log.folder import read_session
-    from tinygc.fitting.saved_fit import NAME, saved_methods
-    from tinygc.methods.options import FitOptions
-    from tinygc.problem.build import build_problem
+    from session.io.folder import read_session
+    from tinygc.closure.build import build_problem
+    from tinygc.estimation.options import FitOptions
+    from tinygc.estimation.results import SAVED_NAME as NAME
+    from tinygc.estimation.results import saved_methods
 
     (tmp_path / NAME).write_text(text)
     assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}

@@ -7,15 +7,15 @@ import pytest
 from conftest import DEG, GRAVITY, Table, session_of
 from scipy.spatial.transform import Rotation
 
-from session.checks.first_look import check_session
-from session.checks.impacts import WHAT
-from session.common.units import G
-from session.detect.impacts import find_impacts
-from session.log.samples import Samples
+from session.detect.check_samples import IMPACTS
+from session.detect.events import find_impacts
+from session.detect.first_look import check_session
+from session.io.samples import Samples
+from session.io.units import G
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.prepared import prepare
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.problem.build import build_problem
-from tinygc.problem.prepared import prepare
 
 ODR_HZ = 104.0
 TURNS = 24
@@ -110,10 +110,10 @@ def test_the_parameters_stay_within_their_sigmas():
 def test_it_is_said_in_check_and_by_the_problem():
     samples, _ = hit(3, 1.0)
     prepared = prepare(session_of(samples, raw=False, odr_hz=ODR_HZ))
-    (finding,) = (f for f in check_session(prepared.session) if f.what == WHAT)
+    (finding,) = (f for f in check_session(prepared.session) if f.what == IMPACTS)
     assert f"5 of {TURNS} turns hold one" in finding.says
     assert finding.level == "note"
-    assert WHAT in {each.what for each in prepared.warnings}
+    assert IMPACTS in {each.what for each in prepared.warnings}
     assert "impact of 3.0 g" in prepared.problem.widened[0].words
     assert "±" in prepared.problem.widened[0].words
 
@@ -136,4 +136,4 @@ def test_one_sensor_loses_degrees_of_it_and_another_nothing(shared):
     """Of five MPU-9150 on one body at 100 Hz, one reads a jump of 9.7 g in a turn, and closes as well as ever."""
     problem = prepare(shared / "mikov" / "imu4").problem
     assert problem.widened == ()
-    assert any(finding.what == WHAT for finding in prepare(shared / "mikov" / "imu4").warnings)
+    assert any(finding.what == IMPACTS for finding in prepare(shared / "mikov" / "imu4").warnings)

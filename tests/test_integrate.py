@@ -5,12 +5,11 @@ import pytest
 from conftest import Turns, turned, wxyz
 from scipy.integrate import solve_ivp
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.attitude import rotation
-from tinygc.attitude.integrate import CONING, cross, sample_weights, step_vectors, steps
-from tinygc.simulation.motion import move
+from tinygc.attitude.rotation import CONING, cross, sample_weights, step_vectors, steps
+from tinygc.simulation.movement import hand_plan, move
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.table_movement import hand_plan
 
 
 def angle_between(p, q):

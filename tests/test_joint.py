@@ -11,20 +11,19 @@ import pytest
 from scipy.stats import chi2
 
 from calibrate import main as calibrate
-from session.accelerometer.parameters import IDENTITY, PARAMETERS, corrected, units
-from session.common.errors import CalibrationError
-from session.common.units import DEG, MG
-from session.log.config import Accelerometer
-from session.log.folder import read_session
+from session.detect.accelerometer import IDENTITY, PARAMETERS, corrected, units
+from session.io.config import Accelerometer
+from session.io.errors import CalibrationError
+from session.io.folder import read_session
+from session.io.units import DEG, MG
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.explanation.verdict.proof import tilt_rms
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
-from tinygc.problem.joint import fit_joint, tilt_columns
-from tinygc.problem.prepared import prepare
-from tinygc.problem.recalibrated import recalibrated
-from tinygc.simulation.unit import SimulatedUnit
+from tinygc.closure.joint import fit_joint, recalibrated, tilt_columns
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.explanation.decision import tilt_rms
+from tinygc.simulation.options import SimulatedUnit
 
 ROOT = Path(__file__).resolve().parent.parent
 SESSION1 = ROOT / "data" / "session1"

@@ -9,15 +9,14 @@ import pytest
 from models_in_use import KNOWN, LINEAR, MODELS, SAMPLES
 
 import tinygc
-from session.common.errors import CalibrationError, FormatError
-from session.files.results import read_json, write_whole
-from session.files.shapes import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
+from session.io.errors import CalibrationError, FormatError
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_json, read_required, require, write_whole
 from tinygc import models
+from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.fitting.fit_file import read_fit
-from tinygc.models.accelerometer import accelerometer_table
+from tinygc.estimation.results import read_fit
+from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel
-from tinygc.models.thermal import ThermalModel
 
 SHAPE = Keys(
     {"name": Text(), "E": Array((3, 3)), "count": Number(1, 9, whole=True)},
@@ -95,7 +94,7 @@ WITH_MORE = {
 
 
 def tables():
-    from session.log.config import Accelerometer
+    from session.io.config import Accelerometer
 
     yield from ((name, models.to_dict(model)) for name, model in (MODELS | {"thermal": THERMAL}).items())
     more = WITH_MORE | {"accelerometer": accelerometer_table(Accelerometer(source="given"))}
@@ -207,11 +206,10 @@ def test_a_damaged_fit_is_said_in_one_line(text, says, tmp_path):
 def test_nobody_reads_json_but_by_the_reader_that_holds_it_against_a_shape():
     root = Path(tinygc.__file__).resolve().parent.parent
     own = {
-        "session/files/results.py",
-        "tinygc/challenge/seal.py",
-        "tinygc/challenge/examine.py",
-        "tinygc/effect_checks/numbers.py",
-        "tinygc/fleet/cells.py",
+        "session/io/results.py",
+        "tinygc/annexes/challenge/examination.py",
+        "tinygc/annexes/challenge/proofs.py",
+        "tinygc/annexes/lots/fleet/row.py",
     }
     readers = {
         str(path.relative_to(root))

@@ -6,8 +6,7 @@ import sys
 import pytest
 from processes import CALIBRATE, check_output, until
 
-from session.guide.keys import Keys
-from session.guide.typing_line import LONGEST_NOTE, TypingLine, Wish
+from session.bench.operator import LONGEST_NOTE, Keys, TypingLine, Wish
 
 termios = pytest.importorskip("termios", reason="a pseudo-terminal is needed, which only POSIX has")
 import pty  # noqa: E402

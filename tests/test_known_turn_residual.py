@@ -8,20 +8,18 @@ import torch
 from conftest import Turns
 from scipy.spatial.transform import Rotation
 
-from session.common.units import DEG, EARTH_RATE_RPS
 from session.detect.stills import Noise
+from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import no_earth, vertical_only
+from tinygc.closure import problem
 from tinygc.closure.floor import closure_floor
-from tinygc.closure.known_turns import KnownTurns
-from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.nearby import Nearby
-from tinygc.closure.residual import Batch
+from tinygc.closure.least_squares import Nearby, fit_least_squares
+from tinygc.closure.residual import Batch, KnownTurns
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.problem import sequences
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 TYPICAL = np.array([0.01, 0.005, -0.004, -0.006, -0.012, 0.003, 0.005, -0.002, 0.008, 1.0 * DEG, -0.7 * DEG, 0.4 * DEG])
@@ -93,7 +91,7 @@ def test_the_axis_need_not_be_known():
 
 
 def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
-    """Circles are counted by the gyro's readings (session/detect/known_turns.py), not by its attitude."""
+    """Circles are counted by the gyro's readings (session/detect/segments.py), not by its attitude."""
     batch, axis_b = turned_about(SLANTED, ANGLES)
     known = stating(batch, axis_b, np.add(ANGLES, 1.0)).turns
     turn = rotation.multiply(rotation.conjugate(batch.start), closure.end_attitude(batch, batch.rate))
@@ -151,11 +149,11 @@ def test_a_part_of_a_sequence_keeps_its_own_angle():
     model = LinearModel.from_vector(PERFECT.vector + TYPICAL)
     batch = with_net_angles(turns.batch(model), turns.q)
     before = np.array([-1, 0, 1, -1, 3, 4])
-    alone, joined = closure.segment_residuals(batch, batch.rate), sequences.residuals(batch, batch.rate, before)
+    alone, joined = closure.segment_residuals(batch, batch.rate), problem.residuals(batch, batch.rate, before)
     np.testing.assert_allclose(joined[:, 2], alone[:, 2], atol=1e-12)
     assert np.abs(joined[:, :2] - alone[:, :2]).max() > 1e-3
     design = np.random.default_rng(0).normal(size=(6, 3, 12))
-    np.testing.assert_array_equal(sequences.carried(design, before, turns_known=True)[:, 2], design[:, 2])
+    np.testing.assert_array_equal(problem.carried(design, before, turns_known=True)[:, 2], design[:, 2])
 
 
 def with_net_angles(batch, q, known=None, error_rad=0.0, sigma_rad=1e-6):

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from conftest import DEG, SESSION_TOML, Table, write_session
 
-from session.checks.first_look import check_folder
-from session.common.errors import FormatError, SegmentError
-from session.log.folder import read_session
-from session.log.hashes import input_hashes
-from tinygc.fitting.fit_json import to_json
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
-from tinygc.problem.prepared import prepare
-from tinygc.report.fit_text import fit_report
+from session.detect.first_look import check_folder
+from session.io.errors import FormatError, SegmentError
+from session.io.folder import input_hashes, read_session
+from tinygc.closure.prepared import prepare
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import to_json
+from tinygc.reporting.fit_text import fit_report
 
 #: the table of these tests stands in a room that does not turn
 NO_EARTH = SESSION_TOML.replace("latitude_deg = 31.03\n", "")

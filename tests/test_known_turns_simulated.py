@@ -5,23 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.checks.first_look import check_folder
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from session.log.folder import read_session
-from session.log.hashes import input_files, input_hashes
+from session.detect.first_look import check_folder
+from session.io.errors import CalibrationError
+from session.io.folder import input_files, input_hashes, read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
+from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.explanation.naming.candidates import selection_of
-from tinygc.explanation.twin.channels import unknown_rows
-from tinygc.explanation.twin.refit import refit
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
-from tinygc.library.explain import explain
-from tinygc.library.simulate import simulate
+from tinygc.explanation.evidence import selection_of
+from tinygc.library.explanations import explain
+from tinygc.library.sessions import simulate
 from tinygc.models.linear import LinearModel
-from tinygc.problem.build import build_problem
-from tinygc.problem.prepared import prepare
+from tinygc.noise.channels import unknown_rows
+from tinygc.noise.refit import refit
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

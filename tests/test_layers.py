@@ -19,12 +19,12 @@ PACKAGES = ("session", "tinygc")
 #: stands for the modules that lie right in a folder, beside its sub-folders
 OWN = "*"
 #: parts that a folder lists by name and that use its tools: one thing in two folders, for the length of the list
-OWN_PARTS = {"tinygc.cli.commands", "tinygc.explanation.pictures.panels", "tinygc.report.html.sections"}
+OWN_PARTS = {"tinygc.cli.commands", "tinygc.reporting.pictures.panels", "tinygc.reporting.html.sections"}
 FOLDERS = sorted((package, path.parent.name) for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py"))
 
 
 def module_of(path: Path, root: Path = ROOT) -> str:
-    """``tinygc/fitting/session.py`` → ``tinygc.fitting.session``; a package's own file has the package's name."""
+    """``tinygc/estimation/fit.py`` → ``tinygc.estimation.fit``; a package's own file has the package's name."""
     parts = path.relative_to(root).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -154,7 +154,7 @@ def test_no_two_modules_import_each_other():
 
 
 #: modules that are found by a name in a string, not by an import, and run up: the proof of effects is part of their layer's face
-BY_NAME_ABOVE = {"tinygc.effects.testing": {"tinygc.effect_checks.check"}}
+BY_NAME_ABOVE = {"tinygc.effects.testing": {"tinygc.annexes.challenge.proofs"}}
 
 
 def test_no_string_names_a_module_above():
@@ -205,9 +205,9 @@ def test_recording_never_loads_the_estimators():
 
 
 def test_an_import_is_seen_wherever_it_stands():
-    known = frozenset({"tinygc", "tinygc.fitting", "tinygc.fitting.session", "session.log"})
-    text = "import tinygc.fitting.session\ndef f():\n    from tinygc import fitting\n    from session.log import Session\nimport numpy\n"
-    assert imports_of(text, known) == {"tinygc.fitting.session", "tinygc.fitting", "session.log"}
+    known = frozenset({"tinygc", "tinygc.fitting", "tinygc.estimation.fit", "session.log"})
+    text = "import tinygc.estimation.fit\ndef f():\n    from tinygc import fitting\n    from session.log import Session\nimport numpy\n"
+    assert imports_of(text, known) == {"tinygc.estimation.fit", "tinygc.fitting", "session.log"}
 
 
 def test_a_circle_is_seen():
@@ -239,6 +239,6 @@ def test_every_folder_is_looked_at():
         folder for package, folder in FOLDERS if package == "session"
     }
     assert len(graph()) > 200
-    assert folder_of("session.log.folder", "tinygc") == "session"
+    assert folder_of("session.io.folder", "tinygc") == "session"
     assert folder_of("tinygc", "tinygc") == ""
-    assert folder_of("tinygc.fitting.session", "tinygc") == "fitting"
+    assert folder_of("tinygc.estimation.fit", "tinygc") == "fitting"

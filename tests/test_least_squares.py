@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.common.errors import FitError
-from session.common.units import DEG, DEG_PER_HOUR
 from session.detect.stills import Noise
+from session.io.errors import FitError
+from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import no_earth, with_heading
-from tinygc.closure.bias_wander import BiasWander
-from tinygc.closure.floor import closure_floor
-from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.still_rates import StillRates
+from tinygc.closure.floor import BiasWander, closure_floor
+from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.models.linear import NAMES, PRIOR_SIGMA, LinearModel, bias_only
 

@@ -5,9 +5,9 @@ import pytest
 from conftest import DEG, Table, session_of
 from spoilt_registers import rows_in_turns, with_glitches, with_losses
 
-from tinygc.explanation.mends.events import FALSE, proposed
-from tinygc.explanation.mends.left_open import left_open
-from tinygc.problem.build import build_problem
+from tinygc.closure.build import build_problem
+from tinygc.explanation.data_repair import left_open
+from tinygc.explanation.faulty_readings import FALSE, proposed
 
 
 @pytest.fixture(scope="module")

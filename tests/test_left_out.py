@@ -5,15 +5,22 @@ import pytest
 from explained_sessions import both, g_sensitive
 from simulated_twins import make_twin_of
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import catalogue
-from tinygc.explanation.naming.candidates import scanned
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.naming.search import promises
-from tinygc.explanation.twin.layout import claim_slice
-from tinygc.explanation.twin.refit import prior_sigmas, refit
-from tinygc.explanation.verdict.proof import fold_rows, folds_of, left_out
-from tinygc.explanation.verdict.veto import BORNE_OUT_P, _left_out_and_searched, borne_out, improvement_p, per_segment
+from tinygc.explanation.decision import (
+    BORNE_OUT_P,
+    _left_out_and_searched,
+    borne_out,
+    fold_rows,
+    folds_of,
+    improvement_p,
+    left_out,
+    per_segment,
+)
+from tinygc.explanation.evidence import Evidence, scanned
+from tinygc.explanation.search import promises
+from tinygc.noise.refit import prior_sigmas, refit
+from tinygc.noise.twin import claim_slice
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 TRUE = "gyro.g_sensitivity"

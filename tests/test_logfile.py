@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from four_readings import ACCEL_G, ACCELS, GYRO_DPS, GYROS, HEADER, SENSOR, TEMPS, TIMES, G, assert_the_four_readings, read, text_of
 
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io.config import Sensor
+from session.io.logfile import read_log
 
 
 @pytest.mark.parametrize("time", TIMES)

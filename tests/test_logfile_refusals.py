@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from four_readings import HEADER, SENSOR, TIMES, read, text_of
 
-from session.common.errors import CalibrationError, DataError, FormatError
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io.config import Sensor
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.logfile import read_log
 
 
 def test_registers_of_a_full_scale_that_the_sensor_has_not_are_refused(tmp_path):

@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 from long_logs import long_session
 
-from session.checks import undersampling
-from session.checks.first_look import check_session
-from session.detect import blocks, trends
-from session.detect.session_stills import SessionStills
-from session.log import readings
-from session.log.folder import Session, read_session
-from session.log.samples import Samples
+from session.detect import check_time, stills
+from session.detect.first_look import check_session
+from session.detect.stills import SessionStills
+from session.io import samples as readings
+from session.io.folder import Session, read_session
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
+from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
-from tinygc.explanation.mends import parts
-from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
-from tinygc.explanation.mends.lost_samples import find_jumps
-from tinygc.explanation.twin import thinned
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.within_stills import within_stills
-from tinygc.problem.build import build_problem
-from tinygc.problem.problem import Problem
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.faulty_readings import find_glitches, find_jumps, without_glitches
+from tinygc.noise import thinned
+from tinygc.noise.channels import within_stills
+from tinygc.noise.twin import Twin
 
 ROWS = 200_000
 #: bytes: 8 of the stamp, 2 of each register, and the record around them
@@ -69,8 +67,8 @@ def test_a_log_is_read_and_kept_in_as_many_bytes_as_it_has_registers(folder):
 def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch):
     """24 bytes a row would be one copy of one triad; all that is held is columns and parts."""
     monkeypatch.setattr(readings, "TOGETHER", 4096)
-    monkeypatch.setattr(blocks, "_CHUNK_BLOCKS", 200)
-    monkeypatch.setattr(undersampling, "AT_ONCE", 4096)
+    monkeypatch.setattr(stills, "_CHUNK_BLOCKS", 200)
+    monkeypatch.setattr(check_time, "AT_ONCE", 4096)
     peak, _, findings = peak_of(lambda: check_session(session))
     assert isinstance(findings, list)
     assert len(findings) > 15
@@ -80,16 +78,16 @@ def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch)
 def test_the_first_look_says_the_same_in_small_parts(session, monkeypatch):
     whole = [str(finding) for finding in check_session(session)]
     monkeypatch.setattr(readings, "TOGETHER", 1000)
-    monkeypatch.setattr(undersampling, "AT_ONCE", 4096)
+    monkeypatch.setattr(check_time, "AT_ONCE", 4096)
     assert [str(finding) for finding in check_session(session)] == whole
 
 
 def test_a_still_of_hours_is_measured_part_by_part_as_at_once(session, monkeypatch):
     samples = session.logs[0].samples
     spans = [(1000, 1900), (1910, 9000)]
-    whole = trends.trend_of(samples.gyro, samples.t_ns, spans), trends.mean_as_a_slope_weighs(samples.gyro, spans)
-    monkeypatch.setattr(trends, "AT_ONCE", 512)
-    parted = trends.trend_of(samples.gyro, samples.t_ns, spans), trends.mean_as_a_slope_weighs(samples.gyro, spans)
+    whole = stills.trend_of(samples.gyro, samples.t_ns, spans), stills.mean_as_a_slope_weighs(samples.gyro, spans)
+    monkeypatch.setattr(stills, "AT_ONCE", 512)
+    parted = stills.trend_of(samples.gyro, samples.t_ns, spans), stills.mean_as_a_slope_weighs(samples.gyro, spans)
     for name in ("mean", "std"):
         np.testing.assert_allclose(getattr(parted[0], name), getattr(whole[0], name), rtol=1e-12)
     np.testing.assert_allclose(parted[0].slope, whole[0].slope, atol=1e-12)
@@ -99,9 +97,9 @@ def test_a_still_of_hours_is_measured_part_by_part_as_at_once(session, monkeypat
 def test_turns_miss_the_same_of_fast_motion_looked_at_together_or_not(session, monkeypatch):
     found = SessionStills(session).of(session.logs[0])
     turns = list(pairwise(found.stills))
-    whole = undersampling.missed_of_turns(found.samples, turns, found.noise, 5.0)
-    monkeypatch.setattr(undersampling, "AT_ONCE", 1000)
-    parted = undersampling.missed_of_turns(found.samples, turns, found.noise, 5.0)
+    whole = check_time.missed_of_turns(found.samples, turns, found.noise, 5.0)
+    monkeypatch.setattr(check_time, "AT_ONCE", 1000)
+    parted = check_time.missed_of_turns(found.samples, turns, found.noise, 5.0)
     np.testing.assert_allclose(parted.error_rad, whole.error_rad, rtol=1e-6, atol=1e-9)
     assert parted.exponent == whole.exponent
 
@@ -153,8 +151,8 @@ def test_false_readings_and_losses_are_found_in_parts_as_in_the_whole(session, m
     gyro[rows] += 3.0
     spoilt = Samples(np.delete(samples.t_ns, 150_000), np.delete(gyro, 150_000, axis=0), np.delete(accel, 150_000, axis=0))
     whole, steps = find_glitches(spoilt), find_jumps(spoilt)
-    monkeypatch.setattr(parts, "LONG", 10_000)
-    monkeypatch.setattr(parts, "AT_ONCE", 8192)
+    monkeypatch.setattr(faulty_readings, "LONG", 10_000)
+    monkeypatch.setattr(faulty_readings, "AT_ONCE", 8192)
     parted = find_glitches(spoilt)
     assert whole is not None
     assert parted is not None

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from session.common.errors import FormatError
-from tinygc.lot.capability import GUARD_SIGMAS, capability, indices, outside_ppm, risks
-from tinygc.lot.limits import read_limits
+from session.io.errors import FormatError
+from tinygc.annexes.lots.capability import GUARD_SIGMAS, capability, indices, outside_ppm, read_limits, risks
 
 
 def test_indices_by_hand():

@@ -8,10 +8,10 @@ from guided_streams import guide_of, play, said, simulated
 from lots import MEAN, SIGMA, lot, session_of_unit
 from processes import calibrate
 
-from session.guide.messages import Advice, Kind, Progress
-from tinygc.lot.files import write_lot
-from tinygc.plan.coach import Coach
-from tinygc.plan.proposals import propose
+from session.bench.messages import Advice, Kind, Progress
+from tinygc.annexes.lots.files import write_lot
+from tinygc.planning.coach import Coach
+from tinygc.planning.proposals import propose
 
 #: of the simulator's units: 50 ppm, 50 µrad, 20 mdps; their accelerometer is exact
 UNIT = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tinygc.lot.control import FAMILY_P, RULES, chart
+from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart
 
 CHARTS = 21
 

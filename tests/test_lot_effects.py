@@ -10,17 +10,15 @@ from lots import lot
 from processes import calibrate
 
 import tinygc
-from session.common.errors import CalibrationError
-from session.common.units import DEG, G
+from session.io.errors import CalibrationError
+from session.io.units import DEG, G
+from tinygc.annexes.lots.effects import FAMILY_WISE, pooled
+from tinygc.annexes.lots.explanation import odds_of
+from tinygc.annexes.lots.files import read_lot, write_lot
+from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
 from tinygc.effects import catalogue
-from tinygc.explanation.naming.linear_estimate import component_names, linear_estimate
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.linear_estimates import effects_of
-from tinygc.explanation.verdict.of_the_lot import odds_of
-from tinygc.lot.files import read_lot, write_lot
-from tinygc.lot.lot import PooledEffect
-from tinygc.lot.pooling import FAMILY_WISE, pooled
-from tinygc.lot.unit_result import UnitResult, Weighed
+from tinygc.explanation.engine import effects_of, explain_session
+from tinygc.explanation.evidence import component_names, linear_estimate
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -64,7 +62,7 @@ def at(name: str, values) -> np.ndarray:
 @pytest.mark.slow
 def test_a_lot_with_nothing_in_it_names_nothing(monkeypatch):
     """Family-wise 5 %: of 120 lots of 30 units at most 5 % + 3 sigmas of that (binomial) name anything."""
-    monkeypatch.setattr("tinygc.lot.pooling.DRAWS", 400)
+    monkeypatch.setattr("tinygc.annexes.lots.effects.DRAWS", 400)
     rng = np.random.default_rng(11)
     root = design(rng)
     named = sum(bool(pooled(units(rng, 30, root=root), seed=k)) for k in range(120))

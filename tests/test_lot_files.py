@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from simulated_lots import simulated_lot
 
-from session.common.errors import FormatError
-from tinygc.lot.files import lot_of_table, lot_table, read_lot, write_lot
-from tinygc.lot.lot import PooledEffect
-from tinygc.lot.report import lot_of
+from session.io.errors import FormatError
+from tinygc.annexes.lots.files import lot_of_table, lot_table, read_lot, write_lot
+from tinygc.annexes.lots.lot import PooledEffect
+from tinygc.annexes.lots.report import lot_of
 
 EFFECT = PooledEffect(0.25, {"matrix_xx": 1e-4}, {"matrix_xx": float("nan")}, 1e-8, 12)
 

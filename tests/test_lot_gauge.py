@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from tinygc.lot.anova import anova, components, drawn
-from tinygc.lot.gauge import gauge
-from tinygc.lot.variances import cells_of, variances
+from tinygc.annexes.lots.gauge import anova, cells_of, components, drawn, gauge, variances
 
 #: AIAG, Measurement Systems Analysis, 4th edition: 10 parts, in each row three trials of appraisers A, B and C
 AIAG = np.array(

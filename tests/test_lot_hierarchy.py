@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 from simulated_lots import COUNT, SPREAD, simulated_lot, truth
 
-from session.common.errors import CalibrationError
-from tinygc.lot.hierarchy import hierarchy
-from tinygc.lot.sessions import lot_sessions
+from session.io.errors import CalibrationError
+from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots.sessions import lot_sessions
 
 MEAN, COVARIANCE = truth()
 

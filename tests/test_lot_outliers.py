@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from simulated_lots import SPREAD, simulated_lot, truth
 
-from tinygc.lot.hierarchy import hierarchy
-from tinygc.lot.outliers import SESSION, UNIT, UNKNOWN, outliers
-from tinygc.lot.sessions import lot_sessions
+from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots.outliers import SESSION, UNIT, UNKNOWN, outliers
+from tinygc.annexes.lots.sessions import lot_sessions
 
 B_Y = 10  # of NAMES
 

@@ -9,12 +9,12 @@ from lots import MEAN, SIGMA, lot, session_of_unit
 from processes import calibrate
 
 import tinygc
-from session.common.errors import CalibrationError
+from session.io.errors import CalibrationError
+from tinygc.annexes.lots.files import write_lot
+from tinygc.annexes.lots.prior import Prior, belonging, farthest, prior_of, require_usable
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.lot.files import write_lot
-from tinygc.lot.prior import Prior, belonging, farthest, prior_of, require_usable
+from tinygc.closure.prepared import prepare
 from tinygc.models.linear import PARAMETERS, LinearModel
-from tinygc.problem.prepared import prepare
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_a_unit_that_does_not_belong_is_left_alone_and_named(file, drawn, tmp_pa
 
 def test_where_it_is_open_the_sigmas_cover_both(eight, drawn, file, monkeypatch):
     """The mixture's mean and covariance: p of one, 1 - p of the other, and how far they are apart."""
-    from tinygc.fitting import lot_prior
+    from tinygc.annexes.lots import fit as lot_prior
 
     really = lot_prior.belonging
 

@@ -13,15 +13,12 @@ from rich.console import Console
 from simulated_lots import simulated_lot
 
 import calibrate
-from tinygc.lot.files import read_lot
-from tinygc.lot.lot import PooledEffect
-from tinygc.lot.lot_json import save, to_json
-from tinygc.lot.quantities import OWN, SEEN, jacobian, seen, seen_covariance
-from tinygc.lot.report import lot_of
-from tinygc.lot.unit_result import NAMES
-from tinygc.models.field_parameters import field_vector
-from tinygc.report.lot.page import page
-from tinygc.report.lot_text import lot_page
+from tinygc.annexes.lots.files import read_lot, save, to_json
+from tinygc.annexes.lots.lot import NAMES, OWN, SEEN, PooledEffect, jacobian, seen, seen_covariance
+from tinygc.annexes.lots.page import page
+from tinygc.annexes.lots.report import lot_of
+from tinygc.annexes.lots.text import lot_page
+from tinygc.models.linear import field_vector
 
 LIMITS = {"gyro_bias_y_mdps": (-1500.0, 1500.0), "accel_bias_z_mg": (-np.inf, 30.0)}
 PEOPLE = (("Mara", 0.4), ("Ben <b>", -0.4))
@@ -176,9 +173,9 @@ def test_the_same_input_gives_the_same_answer():
 
 def written_fleet(folder, first_model):
     """A fleet's table of simulated results, the first of which may be of another model."""
-    from tinygc.fleet.compute import Outcome
-    from tinygc.fleet.row import DONE, SIGMAS, empty, packed
-    from tinygc.fleet.table import open_table
+    from tinygc.annexes.lots.fleet.compute import Outcome
+    from tinygc.annexes.lots.fleet.row import DONE, SIGMAS, empty, packed
+    from tinygc.annexes.lots.fleet.table import open_table
 
     folder.mkdir()
     with open_table(folder) as table:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
 
-from session.sensor.registers import gyro_rps_per_lsb
-from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.noise.components import UNDERSAMPLED
-from tinygc.explanation.noise.session_noise import first_noise
-from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
-from tinygc.problem.build import build_problem
+from session.io.registers import gyro_rps_per_lsb
+from tinygc.closure.build import build_problem
+from tinygc.explanation.data_repair import mend
+from tinygc.noise.components import UNDERSAMPLED
+from tinygc.noise.session_noise import first_noise
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
 
 SPIKE_RPS = 8000 * gyro_rps_per_lsb(500)
 

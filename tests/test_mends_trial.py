@@ -8,14 +8,13 @@ from conftest import DEG, GRAVITY, Table, session_of
 from scipy.spatial.transform import Rotation
 from spoilt_registers import closed_up, rows_in_turns, with_losses
 
-from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
-from tinygc.explanation.mends.events import FALSE, LOST, Event, proposed
-from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.mends.trial import Trial, lowest
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.twin.twin import Twin
-from tinygc.problem.build import build_problem
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
+from tinygc.explanation.data_repair import Trial, lowest, mend
+from tinygc.explanation.evidence import Evidence
+from tinygc.explanation.faulty_readings import FALSE, LOST, Event, proposed
+from tinygc.noise.twin import Twin
 
 ODR_HZ, SAMPLES = 208.0, 3
 

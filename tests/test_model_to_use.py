@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tinygc.fitting.against_raw import AgainstRaw
-from tinygc.fitting.model_to_use import model_to_use
+from tinygc.estimation.choice import AgainstRaw, model_to_use
 
 SEGMENTS = 40
 

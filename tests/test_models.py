@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.common.errors import FormatError
+from session.io.errors import FormatError
 from tinygc import models
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import CalibrationNet
 
 RATE = np.random.default_rng(0).normal(size=(20, 3))
 LINEAR = LinearModel(np.eye(3) + 0.01 * RATE[:3], RATE[3])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from session.common.units import DEG
-from tinygc.explanation.verdict.explain import explain_session
+from session.io.units import DEG
+from tinygc.explanation.engine import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from tinygc.models.calibration_net import PARAMETERS, CalibrationNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.nets import PARAMETERS, CalibrationNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(4, 50, 3)) * 3

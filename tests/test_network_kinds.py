@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from session.common.errors import FitError, FormatError
-from session.log.samples import Samples
+from session.io.errors import FitError, FormatError
+from session.io.samples import Samples
 from tinygc import models
 from tinygc.effects import Conditions
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.nets import CalibrationNet, PublishedNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(4, 50, 3)) * 3

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pytest
 from conftest import SESSION_TOML
 
-from session.common.errors import FormatError
-from session.log.additions import add_exclude, add_notes
-from session.log.config import LeftOut, read_config
-from session.log.toml_text import value_text
-from session.recording.session_file import SessionFile, toml_text
-from session.stream.events import Info
-from tinygc.report.html.sections import provenance
+from session.bench.events import Info
+from session.bench.session_file import SessionFile, toml_text
+from session.io.config import LeftOut, read_config
+from session.io.errors import FormatError
+from session.io.folder import add_exclude, add_notes
+from session.io.toml import value_text
+from tinygc.reporting.html.sections import provenance
 
 NOTES = """
 [notes]  # of the bench

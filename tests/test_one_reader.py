@@ -5,14 +5,13 @@ import gzip
 import numpy as np
 import pytest
 
-from session.common.errors import FormatError
-from session.common.units import DEG, G
-from session.dialects.layout import Answers
-from session.dialects.lines import Lines
-from session.dialects.reader import Reader
-from session.dialects.units import ACCEL, GYRO, STAMP_NS, TIME, endings
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io.config import Sensor
+from session.io.dialects import Answers
+from session.io.errors import FormatError
+from session.io.lines import Lines
+from session.io.logfile import read_log
+from session.io.reader import Reader
+from session.io.units import ACCEL, DEG, GYRO, STAMP_NS, TIME, G, endings
 
 SENSOR = Sensor("ASM330LHH", "42", 208.0, 500.0, 4.0)
 REGISTERS = "t_us,gx,gy,gz,ax,ay,az,temp"
@@ -86,8 +85,8 @@ def test_seconds_of_a_running_clock_keep_every_nanosecond(start, tmp_path):
 
 def test_seconds_of_some_days_are_right_to_the_nanosecond():
     """Up to 2^50 ns the fast way, by a float64, gives what the decimal text says."""
-    from session.dialects.rows import CLOSE_NS, parse
-    from session.dialects.standard import parse_header
+    from session.io.reader import CLOSE_NS, parse
+    from session.io.recognise import parse_header
 
     t_ns = np.random.default_rng(1).integers(-CLOSE_NS + 1, CLOSE_NS, 20_000)
     texts = [f"{'-' if t < 0 else ''}{abs(t) // 10**9}.{abs(t) % 10**9:09d}" for t in t_ns.tolist()]

@@ -13,9 +13,8 @@ from commandline import refused
 from processes import PIPE
 from recorded_files import RECORDED, contents, make_recording
 
-from tinygc.cli.arguments import parser
+from tinygc.cli.arguments import Paths, file_written, folder_written, log_written, parser, path_read
 from tinygc.cli.commands import COMMANDS
-from tinygc.cli.paths import Paths, file_written, folder_written, log_written, path_read
 
 ROOT = Path(__file__).resolve().parent.parent
 recording = pytest.fixture(make_recording, name="recording")
@@ -67,7 +66,7 @@ def idle(monkeypatch):
         raise AssertionError("the work began")
 
     for name in COMMANDS:
-        monkeypatch.setattr(importlib.import_module(f"tinygc.cli.commands.{name}"), "run", worked)
+        monkeypatch.setattr(importlib.import_module(COMMANDS[name]), "run", worked)
 
 
 def ways_to(path: Path, there: Path, every: bool) -> dict[str, Path]:
@@ -98,7 +97,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
         if action.type is Path or (str(action.metavar).strip("…") in METAVARS and action.type not in KINDS)
         if not isinstance(action, argparse._SubParsersAction)
     ]
-    assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/paths.py)"
+    assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
     assert {name for name, option in outputs(file_written) if option == "--json"} == set(COMMANDS)
     assert set(outputs(file_written, log_written)) > {("report", "--out"), ("apply", "--out"), ("board", "--config"), ("board", "--link")}
     assert {name for name, _ in outputs(folder_written)} == {

@@ -11,9 +11,9 @@ import pytest
 from commandline import refused
 from recorded_files import RECORDED, contents, make_recording
 
-from session.common.errors import StorageError
-from session.files.recorded import is_recorded
-from session.files.results import write_text_whole
+from session.io.errors import StorageError
+from session.io.files import is_recorded
+from session.io.results import write_text_whole
 
 ROOT = Path(__file__).resolve().parent.parent
 recording = pytest.fixture(make_recording, name="recording")

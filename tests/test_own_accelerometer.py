@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.checks.accelerometer import with_own_accelerometer
-from session.checks.findings import worst
-from session.checks.first_look import check_folder
-from session.common.units import MG
-from session.detect.session_stills import SessionStills
-from session.log.folder import read_session
-from tinygc.explanation.verdict.proof import tilt_rms
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from session.detect.check_references import with_own_accelerometer
+from session.detect.findings import worst
+from session.detect.first_look import check_folder
+from session.detect.stills import SessionStills
+from session.io.folder import read_session
+from session.io.units import MG
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.explanation.decision import tilt_rms
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
 

@@ -7,18 +7,17 @@ import pytest
 from conftest import GRAVITY, Table, config
 from guided_streams import guide_of, play, said, simulated
 
-from session.accelerometer.lengths import fit_lengths
-from session.accelerometer.parameters import PARAMETERS, UPPER
-from session.common.units import MG, G
+from session.bench.guide import Guide
+from session.bench.live import stream_problem
+from session.bench.messages import Kind, Progress, Stage
+from session.bench.progress import OwnAccelerometer
+from session.detect.accelerometer import PARAMETERS, UPPER, fit_lengths
 from session.detect.stills import Noise, Still
-from session.guide.guide import Guide
-from session.guide.messages import Kind, Progress, Stage
-from session.guide.own_accelerometer import OwnAccelerometer
-from session.guide.stream_check import stream_problem
-from session.log.config import Accelerometer
+from session.io.config import Accelerometer
+from session.io.units import MG, G
 from tinygc.attitude import rotation
-from tinygc.plan import accelerometer as accel
-from tinygc.plan.coach import Coach
+from tinygc.planning import turns
+from tinygc.planning.coach import Coach
 
 RAW = Accelerometer(np.array([[1.011, 0.004, -0.003], [0, 0.992, 0.005], [0, 0, 1.006]]), np.array([0.2, -0.15, 0.1]))
 
@@ -118,7 +117,7 @@ def forces(count, seed):
 
 def test_its_columns_are_the_derivatives():
     """Of the length, and of the end attitude that a turn predicts less the one that gravity shows: by differences."""
-    own, step = accel.OwnAccelerometer(RAW, 0.0), 1e-6
+    own, step = turns.OwnAccelerometer(RAW, 0.0), 1e-6
     first, last = forces(2, 5)[:, None]
     q_first = rotation.from_gravity(first)
     q_last = rotation.from_gravity(last)
@@ -147,8 +146,8 @@ def test_the_sigmas_of_the_nine_are_those_of_the_fit():
     force = forces(20, 1)
     still = Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 7, 25.0)
     stills = tuple(replace(still, accel_mean=row) for row in read_by(RAW, force))
-    known = accel.OwnAccelerometer(RAW, 0.0)
-    covariance = np.linalg.inv(accel.length_information(known, stills, noise))
+    known = turns.OwnAccelerometer(RAW, 0.0)
+    covariance = np.linalg.inv(turns.length_information(known, stills, noise))
     errors = []
     for seed in range(200):
         measured = read_by(RAW, force) + sigma * np.random.default_rng(seed).normal(size=(20, 3))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from session.detect.pace import pace_of
-from session.guide.health import Health
-from session.log.samples import Samples
+from session.bench.live import Health
+from session.detect.segments import pace_of
+from session.io.samples import Samples
 
 ODR_HZ = 209.56
 

@@ -9,9 +9,9 @@ from browser import Browser, browser_path
 from coached_hand import CoachedHand
 from processes import until
 
-from session.guide.messages import Stage
-from session.guide.typing_line import Wish
-from session.page.server import PageServer
+from session.bench.messages import Stage
+from session.bench.operator import Wish
+from session.bench.page.server import PageServer
 
 pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser")
 SPILLED = """[...document.querySelectorAll('main *')].filter(e => {

@@ -12,9 +12,9 @@ import pytest
 from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started, until
 from recording_wires import virtual_boards
 
-from session.page import handler
-from session.page.server import PageServer
-from tinygc.cli.commands import _page_end
+from session.bench.page import server as handler
+from session.bench.page.server import PageServer
+from tinygc.cli import recording as _page_end
 
 
 def events(address: str) -> tuple[socket.socket, dict]:

@@ -11,12 +11,10 @@ from typing import NamedTuple
 import pytest
 from processes import PATIENCE_S, ROOT, until
 
-from session.common.errors import CalibrationError
-from session.guide.typing_line import Wish
-from session.page import server as page_server
-from session.page.newest import Newest
-from session.page.server import MOST_CONNECTIONS, PageServer
-from session.page.wishes import MOST
+from session.bench.operator import Wish
+from session.bench.page import server as page_server
+from session.bench.page.server import MOST, MOST_CONNECTIONS, Newest, PageServer
+from session.io.errors import CalibrationError
 
 
 @pytest.fixture
@@ -237,7 +235,7 @@ def test_an_installed_package_has_the_page():
     """setuptools takes what pyproject.toml names; every file of the page is asked for by another one, or is the page."""
     patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["session"]
     packed = {path for pattern in patterns for path in (ROOT / "session").glob(pattern)}
-    there = set((ROOT / "session/page/files").iterdir())
+    there = set((ROOT / "session/bench/page/files").iterdir())
     assert there <= packed
     texts = "".join(path.read_text() for path in there)
     assert {path.name for path in there if path.name not in texts} == {"page.html"}

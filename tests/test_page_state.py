@@ -6,10 +6,8 @@ from coached_hand import CoachedHand, Kept, Silent
 from conftest import DEG, Table
 from guided_streams import guide_of, play, simulated
 
-from session.guide.messages import Advice, Movement, Stage
-from session.page.attitude import Attitude, closure_deg
-from session.page.turning import exp, inverse, multiply, rotated
-from session.page.view import PageView
+from session.bench.messages import Advice, Movement, Stage
+from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
 
 
 def watched(guide, samples, advice=None, portion=20):
@@ -147,7 +145,7 @@ def test_portions_that_are_followed_together_lead_to_the_same_attitude_and_a_res
 
 def test_a_page_that_fails_ends_no_recording(monkeypatch):
     """It is said once, and the screen goes on being told."""
-    from session.page import view
+    from session.bench.page import state as view
 
     class Told(Silent):
         changes, shown = [], 0

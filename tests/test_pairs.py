@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from session.common.units import DEG
-from tinygc.attitude import pairs, rotation
-from tinygc.attitude.integrate import sample_weights, steps
+from session.io.units import DEG
+from tinygc.attitude import rotation
+from tinygc.attitude import rotation as pairs
+from tinygc.attitude.rotation import sample_weights, steps
 from tinygc.closure.residual import Batch, attitudes, end_and_sensitivity, end_attitude
 
 ONE, X, Y, Z = np.eye(4)[:, None]
@@ -17,7 +18,7 @@ def unit(*shape):
 
 
 def product(p, q):
-    return pairs.quaternions(pairs.multiply(pairs.of(p), pairs.of(q)))
+    return pairs.quaternions(pairs.multiply_pairs(pairs.of(p), pairs.of(q)))
 
 
 def test_hamiltons_rules():
@@ -39,8 +40,8 @@ def test_products_are_those_of_quaternions():
 def test_many_steps(count):
     q = unit(3, count)
     running = rotation.accumulate(q)
-    np.testing.assert_allclose(pairs.quaternions(pairs.compose(pairs.of(q))), running[:, -1], atol=1e-13)
-    np.testing.assert_allclose(pairs.quaternions(pairs.accumulate(pairs.of(q))), running, atol=1e-13)
+    np.testing.assert_allclose(pairs.quaternions(pairs.compose_pairs(pairs.of(q))), running[:, -1], atol=1e-13)
+    np.testing.assert_allclose(pairs.quaternions(pairs.accumulate_pairs(pairs.of(q))), running, atol=1e-13)
 
 
 def test_matrices_with_their_weights():

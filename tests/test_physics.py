@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.common.units import DEG, G
-from session.log.folder import read_session
-from tinygc.fitting.physics.fit_physics import fit_physics
+from session.io.folder import read_session
+from session.io.units import DEG, G
+from tinygc.closure.build import build_problem
+from tinygc.estimation.physics import fit_physics
 from tinygc.models.files import load
 from tinygc.models.linear import NAMES
-from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.log.folder import read_session
-from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import read_closure_runs
+from tinygc.estimation.physics import loss_words, lost_in
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -10,18 +10,17 @@ import pytest
 from known_effects import movement
 from matplotlib.figure import Figure
 
-from session.common.units import DEG
-from tinygc.effect_checks.sessions import explanation_of, fitted, inject
+from session.io.units import DEG
+from tinygc.annexes.challenge.proof_sessions import explanation_of, fitted, inject
 from tinygc.effects import Effect, Parameter, catalogue, diagonal, using
-from tinygc.effects.picture import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_LAW, STILLS, TURNS
-from tinygc.explanation.pictures import panels
-from tinygc.explanation.pictures.channel_values import variable_for
-from tinygc.explanation.pictures.law_curve import at_constant
-from tinygc.explanation.pictures.panels import data_rate, draw_claim, in_stills, in_turns
-from tinygc.explanation.pictures.panels.words import plain, told_value
-from tinygc.explanation.pictures.turn_values import per_parameter, per_turn, strongest
-from tinygc.explanation.twin.variable import Variable
-from tinygc.report.html.sections.explanation import section
+from tinygc.effects.effect import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_LAW, STILLS, TURNS
+from tinygc.noise.twin import Variable
+from tinygc.reporting.html.sections.explanation import section
+from tinygc.reporting.pictures import panels
+from tinygc.reporting.pictures.canvas import plain, told_value
+from tinygc.reporting.pictures.panels import draw_claim, in_stills, in_turns
+from tinygc.reporting.pictures.panels import in_turns as data_rate
+from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
 FS = 500.0  #: dps
 FIRST_C = 25.0

@@ -10,22 +10,13 @@ import pytest
 
 import calibrate
 import tinygc
-from session.accelerometer.parameters import NAMES
-from session.checks.accelerometer import with_own_accelerometer
-from session.common.errors import FormatError
-from session.log.folder import read_session
+from session.detect.accelerometer import NAMES
+from session.detect.check_references import with_own_accelerometer
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
 from tinygc.models import linear
-from tinygc.plan.proposals import (
-    Known,
-    _greedy,
-    _moves,
-    _rows,
-    known_of,
-    parameter_words,
-    propose,
-)
-from tinygc.plan.requested import requested_by_explain
-from tinygc.problem.build import build_problem
+from tinygc.planning.proposals import Known, _greedy, _moves, _rows, known_of, parameter_words, propose, requested_by_explain
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -95,7 +86,7 @@ def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
     """A wrong accelerometer's closure and lengths, computed by the turn itself, are what the rows predict."""
     from scipy.spatial.transform import Rotation
 
-    from session.accelerometer.parameters import IDENTITY, PARAMETERS, corrected, units
+    from session.detect.accelerometer import IDENTITY, PARAMETERS, corrected, units
 
     known = Known(np.eye(PARAMETERS + linear.PARAMETERS), 1.0, 1.0, with_gravity)
     rng = np.random.default_rng(0)

@@ -12,7 +12,7 @@ from pathlib import Path
 import processes
 import pytest
 
-from session.recording.rawfile import RawFile, read_marks
+from session.bench.rawfile import RawFile, read_marks
 from tinygc.cli.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -81,7 +81,7 @@ for path in sorted(pathlib.Path(".").glob("session/**/*.py")) + sorted(pathlib.P
 print(*failed)
 """
     done = hidden(code)
-    assert done.stdout.split() == ["tinygc.simulation.board.board", "tinygc.simulation.board.terminal"], done.stderr
+    assert done.stdout.split() == ["tinygc.simulation.virtual_board", "tinygc.simulation.virtual_board"], done.stderr
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -137,7 +137,7 @@ def test_a_real_port_is_listed():
 def test_a_raw_file_is_written_and_gone_on_with(tmp_path):
     code = f"""
 from pathlib import Path
-from session.recording.rawfile import RawFile
+from session.bench.rawfile import RawFile
 for part in (b"a\\n", b"b\\r\\n"):
     raw = RawFile(Path({str(tmp_path)!r}))
     raw.append(1, part)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
-from tinygc.closure.probability import chi_square_above, normal_above, signed_ranks_above
-from tinygc.closure.triangular import inverse_lower, solve_lower
-from tinygc.explanation.noise.sparse import Sparse
+from tinygc.closure.least_squares import inverse_lower, solve_lower
+from tinygc.closure.uncertainty import chi_square_above, normal_above, signed_ranks_above
+from tinygc.noise.whitening import Sparse
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 3, 10, 63, 64, 500, 2001])

@@ -8,17 +8,17 @@ import pytest
 from conftest import DEG, Table, session_of
 from scipy.spatial.transform import Rotation
 
-from session.common.errors import DataError, SegmentError
-from session.log.folder import read_session
-from session.log.samples import Samples
+from session.io.errors import DataError, SegmentError
+from session.io.folder import read_session
+from session.io.samples import Samples
 from tinygc import closure
 from tinygc.attitude import rotation
+from tinygc.closure.build import FEWEST_SEGMENTS, build_problem
+from tinygc.closure.problem import CLIPPED, LEFT_OUT
 from tinygc.models.linear import LinearModel
-from tinygc.problem.build import FEWEST_SEGMENTS, build_problem
-from tinygc.problem.rejections import CLIPPED, LEFT_OUT
-from tinygc.simulation.motion import move
+from tinygc.simulation.movement import move
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import simulate_session
+from tinygc.simulation.simulator import simulate_session
 
 
 def true_model(folder):

@@ -2,9 +2,8 @@
 
 import hashlib
 
-from session.log.folder import read_session
-from session.log.hashes import input_hashes, sha256_of
-from tinygc.fitting.versions import versions
+from session.io.folder import input_hashes, read_session, sha256_of
+from tinygc.estimation.results import versions
 
 
 def test_every_file_of_a_session_is_hashed(simulated):

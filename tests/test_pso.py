@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import with_heading
-from tinygc.closure.least_squares import Ends, fit_least_squares
-from tinygc.closure.nearby import Nearby
-from tinygc.methods.pso import START_BOX, fit_pso, minimise
+from tinygc.closure.build import build_problem
+from tinygc.closure.least_squares import Ends, Nearby, fit_least_squares
+from tinygc.estimation.particle_swarm import START_BOX, fit_pso, minimise
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
-from tinygc.problem.build import build_problem
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from public_files import mikov_text, tofupilot_text, write_euroc, write_xsens
 
-from session.common.units import DEG
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.log.rests import read_rest
-from session.public.__main__ import main
-from session.public.euroc import to_down
-from session.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
+from session.annexes.public.__main__ import main
+from session.annexes.public.euroc import to_down
+from session.annexes.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
+from session.io.config import read_config
+from session.io.folder import read_session
+from session.io.rests import read_rest
+from session.io.units import DEG
 
 
 def refused(capsys, arguments, *words):

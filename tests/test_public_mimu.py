@@ -8,10 +8,10 @@ import pytest
 from public_files import mimu_data, mimu_frames, write_mimu
 from test_public import made, refused
 
-from session.common.units import DEG, G
-from session.log.folder import read_session
-from session.public.__main__ import main
-from session.public.mimu_frames import read_frames
+from session.annexes.public.__main__ import main
+from session.annexes.public.mimu import read_frames
+from session.io.folder import read_session
+from session.io.units import DEG, G
 
 
 def test_mimu_frames_come_back_bit_for_bit(tmp_path, capsys):

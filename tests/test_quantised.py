@@ -8,10 +8,10 @@ from conftest import Table, session_of
 from looks import look, of
 
 import calibrate
-from session.checks.first_look import check_session
-from session.common.units import MG
-from session.log.folder import read_session
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.detect.first_look import check_session
+from session.io.folder import read_session
+from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.io.units import MG
 
 
 def recorded(gyro_fs_dps, odr_hz, mdps=5.0, bias_dps=(0.56, -0.28, 0.42)):

@@ -5,18 +5,18 @@ from collections import Counter
 
 import pytest
 
-from session.checks.first_look import check_session
-from session.detect import rests, stills
-from session.detect.session_stills import SessionStills
-from session.log import logfile
-from session.log.folder import read_session
-from tinygc.explanation.verdict.explain import explain_session
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
-from tinygc.plan.proposals import propose
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
-from tinygc.report.html.evidence import gather
+from session.detect import stills, truth_segments
+from session.detect.first_look import check_session
+from session.detect.stills import SessionStills
+from session.io import logfile
+from session.io.folder import read_session
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import read_closure_runs
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.explanation.engine import explain_session
+from tinygc.planning.proposals import propose
+from tinygc.reporting.html.evidence import gather
 
 OPTIONS = FitOptions(methods=("least_squares",), folds=2)
 
@@ -25,7 +25,7 @@ OPTIONS = FitOptions(methods=("least_squares",), folds=2)
 def calls(monkeypatch):
     """How often each of the costly functions was called, by whatever module and under whatever name."""
     count = Counter()
-    for function in (stills.find_stills, rests.find_rests, logfile.read_log):
+    for function in (stills.find_stills, truth_segments.find_rests, logfile.read_log):
 
         def counted(*args, function=function, **more):
             count[function.__name__] += 1

@@ -5,10 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-from session.common.errors import FormatError
-from session.log.config import Sensor
-from session.log.logfile import read_log
-from session.log.readings import Packer, Readings, inserted, mapped, pick, pieces, replaced, times
+from session.io.config import Sensor
+from session.io.errors import FormatError
+from session.io.logfile import read_log
+from session.io.samples import Packer, Readings, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 SENSOR = Sensor("ASM330LHH", "", 208.0, 500.0, 4.0)

@@ -11,14 +11,14 @@ import pytest
 from processes import CALIBRATE, PIPE, calibrate, check_output, heard, started
 from recording_wires import LEAD_S, virtual_boards
 
-from session.log.config import Config
-from session.log.folder import Session, read_session
-from session.log.logfile import Log
-from session.log.samples import Samples
+from session.io.config import Config
+from session.io.folder import Session, read_session
+from session.io.logfile import Log
+from session.io.samples import Samples
+from tinygc.closure.build import build_problem
 from tinygc.closure.residual import closure_angles
-from tinygc.methods.options import FitOptions
-from tinygc.methods.run import run_method
-from tinygc.problem.build import build_problem
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -162,5 +162,5 @@ def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, t
 
 
 def test_the_recorder_never_loads_torch():
-    code = "import sys; import tinygc.plan.coach, session.guide.guided_session, session.guide.screen; print('torch' in sys.modules)"
+    code = "import sys; import tinygc.planning.coach, session.bench.guided_session, session.bench.screen; print('torch' in sys.modules)"
     assert check_output([sys.executable, "-c", code], text=True).strip() == "False"

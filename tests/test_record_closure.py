@@ -10,12 +10,12 @@ import pytest
 from processes import CALIBRATE, PIPE, calibrate, heard, started, until
 from recording_wires import virtual_boards
 
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.recording.rawfile import read_marks
-from tinygc.simulation.board.mark import onto_the_mark
+from session.bench.rawfile import read_marks
+from session.io.config import read_config
+from session.io.folder import read_session
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of, simulate_session
+from tinygc.simulation.simulator import plan_of, simulate_session
+from tinygc.simulation.virtual_board import onto_the_mark
 from tinygc.simulation.write import config_text, write_files
 
 SENSOR = ("--rate", 104, "--closure", 24, "--raw-accelerometer")

@@ -10,13 +10,13 @@ from recording_wires import CONFIG, make_wire, record, replayed
 from streams import INFO, frame_list, line_list, samples, sent
 
 import calibrate
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.recording.decisions import Decision
-from session.recording.logwriter import LogWriter
-from session.recording.recorder import Recorder
-from session.stream import frames
-from session.stream.events import Chunk, Comment, Trouble
+from session.bench import frames
+from session.bench.events import Chunk, Comment, Trouble
+from session.bench.logwriter import LogWriter
+from session.bench.rawfile import Decision
+from session.bench.recorder import Recorder
+from session.io.config import read_config
+from session.io.folder import read_session
 
 wire = pytest.fixture(make_wire, name="wire")
 

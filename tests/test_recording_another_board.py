@@ -13,15 +13,14 @@ from processes import CALIBRATE, PIPE, started, until
 from recording_wires import caught_up, make_wire, replayed
 from streams import INFO, frame_list, samples, sent
 
-from session.log.folder import read_session
-from session.recording.decoding import stream
-from session.recording.logwriter import LogWriter
-from session.recording.rawfile import read_marks
-from session.recording.recorder import Recorder
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Info
-from tinygc.simulation.board.terminal import Terminal
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Info
+from session.bench.logwriter import LogWriter
+from session.bench.rawfile import read_marks
+from session.bench.recorder import Recorder, stream
+from session.io.folder import read_session
+from tinygc.simulation.virtual_board import Terminal
 
 OTHER = replace(INFO, serial="78")
 wire = pytest.fixture(make_wire, name="wire")
@@ -109,7 +108,7 @@ def test_where_it_begins_does_not_depend_on_how_the_bytes_were_cut(cuts, tmp_pat
     own, other = said_by(INFO, 2, start_us=90_000_000), said_by(OTHER, 2, 1)
     (tmp_path / "s" / "raw.bin").write_bytes(b"".join([*own, *other]))
     (tmp_path / "s" / "raw.times").write_text("host_ns,bytes,event\n1,0,open 2026 port\n9,0,foreign 3\n")
-    monkeypatch.setattr("session.recording.decoding.BLOCK", cuts)
+    monkeypatch.setattr("session.bench.recorder.BLOCK", cuts)
     decoder, logs = StreamDecoder(), LogWriter(tmp_path / "s")
     events = [event for _, part in stream(tmp_path / "s" / "raw.bin", decoder, logs) for event in part]
     logs.write(decoder.finish())

@@ -7,10 +7,10 @@ import pytest
 from recording_wires import make_wire, record
 from streams import INFO, frame_list, sent
 
-from session.recording.clock import MOST, ComparisonOfClocks
-from session.recording.recorder import Recorder
-from session.stream import frames
-from session.stream.events import Info
+from session.bench import frames
+from session.bench.events import Info
+from session.bench.logwriter import MOST, ComparisonOfClocks
+from session.bench.recorder import Recorder
 
 wire = pytest.fixture(make_wire, name="wire")
 

@@ -12,13 +12,12 @@ from processes import PATIENCE_S, until
 from recording_wires import make_wire, replayed
 from streams import frame_list, sent
 
-from session.common.errors import CalibrationError, DeviceError, StorageError
-from session.recording.port import Closed, Opened, Port, Received
-from session.recording.ports import is_left_behind, is_virtual, known_ports, lock_of, only_candidate
-from session.recording.rawfile import RawFile, read_marks
-from session.recording.recorder import Recorder
-from session.stream.events import Trouble
-from tinygc.simulation.board.terminal import Terminal
+from session.bench.events import Trouble
+from session.bench.port import Closed, Opened, Port, Received, is_left_behind, is_virtual, known_ports, lock_of, only_candidate
+from session.bench.rawfile import RawFile, read_marks
+from session.bench.recorder import Recorder
+from session.io.errors import CalibrationError, DeviceError, StorageError
+from tinygc.simulation.virtual_board import Terminal
 
 wire = pytest.fixture(make_wire, name="wire")
 
@@ -86,7 +85,7 @@ def _now_in_ticks(folder) -> int:
 
 def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch, tmp_path):
     """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
-    monkeypatch.setattr("session.recording.port.RETRY_S", 0.01)
+    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
     tries = []
     masters = [os.openpty() for _ in range(2)]
     name = os.ttyname(masters[0][1])
@@ -169,8 +168,8 @@ BUILT_IN = _Listed("/dev/ttyS0")
 
 def test_ports_say_what_they_know(monkeypatch):
     listed = [BUILT_IN, OTHER, ST_LINK]
-    monkeypatch.setattr("session.recording.ports.list_ports.comports", lambda: listed)
-    monkeypatch.setattr("session.recording.ports.virtual_boards", lambda: [])
+    monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+    monkeypatch.setattr("session.bench.port.virtual_boards", lambda: [])
     ports = known_ports()
     assert [port.name for port in ports] == ["/dev/ttyACM0", "/dev/ttyUSB0", "/dev/ttyS0"]
     assert ports[0].what == "ST board: ST-LINK/V2-1"
@@ -188,7 +187,7 @@ def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
     """By its serial number."""
     with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
         listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
-        monkeypatch.setattr("session.recording.ports.list_ports.comports", lambda: listed)
+        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
         port = Port(str(first.name))
         assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
         listed[:] = [_Listed(str(second.name), 0x0483, 0x374B, "066D")]
@@ -227,7 +226,7 @@ def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, m
     (tmp_path / "port").symlink_to(wire[1])  # what the system gave to somebody else meanwhile
     assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
     tried = []
-    monkeypatch.setattr("session.recording.port.is_left_behind", lambda name: tried.append(name) or is_left_behind(name))
+    monkeypatch.setattr("session.bench.port.is_left_behind", lambda name: tried.append(name) or is_left_behind(name))
     until(lambda: len(tried) > 2)
     assert port.items.empty()
     with Terminal(tmp_path / "port") as again:

@@ -13,12 +13,10 @@ from processes import until
 from recording_wires import caught_up, make_wire, record, replayed, send
 from streams import frame_list, samples, sent
 
-from session.common.errors import StorageError
-from session.recording import rescue
-from session.recording.lock import is_locked, lock
-from session.recording.rawfile import RawFile, read_marks
-from session.recording.recorder import Recorder
-from session.recording.rescue import RESCUED
+from session.bench import rawfile
+from session.bench.rawfile import RESCUED, RawFile, is_locked, lock, read_marks
+from session.bench.recorder import Recorder
+from session.io.errors import StorageError
 
 wire = pytest.fixture(make_wire, name="wire")
 other_wire = pytest.fixture(make_wire, name="other_wire")
@@ -90,7 +88,7 @@ def test_where_nothing_can_be_saved_nobody_says_that_it_is(wire, tmp_path, monke
     def full(files, paths):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("session.recording.rawfile.copied", full)
+    monkeypatch.setattr("session.bench.rawfile.copied", full)
     recorder = Recorder(tmp_path / "s", wire[1])
     record(recorder, wire[0], frames_of(100))
     shutil.rmtree(tmp_path / "s")
@@ -105,11 +103,11 @@ def test_a_place_that_is_taken_is_not_used(tmp_path, monkeypatch):
     """Neither what was saved before, nor a folder that cannot be written."""
     (tmp_path / f"s{RESCUED}").mkdir()
     (tmp_path / f"s{RESCUED}2").write_text("mine")
-    places = rescue.new_folder(tmp_path / "s")
+    places = rawfile.new_folder(tmp_path / "s")
     assert next(places) == tmp_path / f"s{RESCUED}3"
     (tmp_path / "file").write_text("")
     monkeypatch.chdir(tmp_path)
-    assert next(rescue.new_folder(tmp_path / "file" / "s")) == tmp_path / f"s{RESCUED}4"
+    assert next(rawfile.new_folder(tmp_path / "file" / "s")) == tmp_path / f"s{RESCUED}4"
 
 
 def test_a_file_system_that_numbers_files_anew_has_removed_nothing(tmp_path):
@@ -118,7 +116,7 @@ def test_a_file_system_that_numbers_files_anew_has_removed_nothing(tmp_path):
     (tmp_path / "b").write_bytes(b"abc")
     (tmp_path / "c").write_bytes(b"ab")
     file = os.open(tmp_path / "a", os.O_RDWR)
-    assert [rescue.is_gone(file, tmp_path / name) for name in "abcd"] == [False, False, True, True]
+    assert [rawfile.is_gone(file, tmp_path / name) for name in "abcd"] == [False, False, True, True]
     os.close(file)
 
 
@@ -180,7 +178,7 @@ def test_a_recording_that_gives_up_takes_away_no_other_s_file(tmp_path):
     later = os.open(tmp_path / "s" / "raw.bin", os.O_RDWR)  # and is about to lock it
     raw.discard()
     assert lock(later)
-    assert rescue.is_gone(later, tmp_path / "s" / "raw.bin")  # and sees that it has to open it anew
+    assert rawfile.is_gone(later, tmp_path / "s" / "raw.bin")  # and sees that it has to open it anew
     os.close(later)
 
 

@@ -16,12 +16,12 @@ from processes import PATIENCE_S, until
 from recording_wires import caught_up, make_wire, record, replayed
 from streams import decode, frame_list, samples, sent
 
-from session.common.errors import StorageError
-from session.recording import rawfile
-from session.recording.logwriter import LogWriter
-from session.recording.rawfile import RawFile, read_marks
-from session.recording.recorder import Recorder
-from session.stream.events import Chunk
+from session.bench import rawfile
+from session.bench.events import Chunk
+from session.bench.logwriter import LogWriter
+from session.bench.rawfile import RawFile, read_marks
+from session.bench.recorder import Recorder
+from session.io.errors import StorageError
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from full_disk import FullDisk

@@ -7,11 +7,10 @@ import pytest
 from conftest import DEG, Table
 from spoilt_registers import FS, GYRO_STD, RATES, clean, rows_in_turns, with_glitches
 
-from session.log.samples import Samples
-from tinygc.explanation.mends import false_readings
-from tinygc.explanation.mends.ceilings import find_ceiling
-from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
-from tinygc.explanation.mends.lost_samples import find_jumps, find_losses
+from session.io.samples import Samples
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.clipped_turns import find_ceiling
+from tinygc.explanation.faulty_readings import find_glitches, find_jumps, find_losses, without_glitches
 
 # Nothing is invented
 
@@ -142,6 +141,6 @@ def test_a_level_that_is_never_passed_is_found(odr_hz, level_dps):
 def test_bars_are_said_once():
     """A glitch of the longest kind that is bridged, and one sample more, which is not taken for one."""
     samples = Table().rest(8).turn(90, (1, 0, 0)).rest(8).samples(odr_hz=208)
-    for length, known in ((false_readings.LONGEST, True), (false_readings.LONGEST + 1, False)):
+    for length, known in ((faulty_readings.LONGEST, True), (faulty_readings.LONGEST + 1, False)):
         spoilt = with_glitches(samples, np.array([900]), np.array([length]), 0)
         assert (find_glitches(spoilt) is not None) == known

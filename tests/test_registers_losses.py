@@ -7,11 +7,10 @@ import pytest
 from conftest import DEG, Table
 from spoilt_registers import RATES, clean, closed_up, noise_std, rows_in_turns, with_glitches, with_losses
 
-from session.detect import interpolation
-from session.log.samples import Samples
-from tinygc.explanation.mends import lost_samples
-from tinygc.explanation.mends.false_readings import find_glitches
-from tinygc.explanation.mends.lost_samples import find_jumps, find_losses, with_lost
+from session.detect import bridging
+from session.io.samples import Samples
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.faulty_readings import find_glitches, find_jumps, find_losses, with_lost
 
 # Losses
 
@@ -31,7 +30,7 @@ def test_losses_are_found_at_their_rows(odr_hz, lost_s):
         values = np.concatenate([true, attitude.inv().apply([0, 0, -9.7946])], axis=1)
         step = np.abs(values[rows + count + 1] - values[rows])
         size = np.linalg.norm(2 * step / (np.sqrt(20) * noise_std(odr_hz)), axis=1)
-        clear = set(closed_up(rows, count)[size > 2 * lost_samples.JUMP])
+        clear = set(closed_up(rows, count)[size > 2 * faulty_readings.JUMP])
         assert clear <= found
         found_all += len(clear)
     assert found_all >= 3
@@ -106,6 +105,6 @@ def test_a_rough_hand_asks_for_a_high_order_and_a_noisy_sensor_for_a_low_one(sha
     gyro = 100 * DEG * np.sin(2 * np.pi * shaking_hz * t[:, None] + [0, 1, 2])
     gyro += noise_dps * DEG * np.random.default_rng(2).standard_normal(gyro.shape)
     samples = Samples((t * 1e9).astype(np.int64), gyro, np.zeros_like(gyro), None)
-    order, missed_rad = interpolation.best_order(samples, np.array([4000]), 9)
+    order, missed_rad = bridging.best_order(samples, np.array([4000]), 9)
     assert order == expected
     assert missed_rad > 0.9 * noise_dps * DEG * np.sqrt(9) / 208  # what was not read holds noise of its own

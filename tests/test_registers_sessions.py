@@ -7,10 +7,10 @@ import pytest
 from conftest import DEG, Table
 from spoilt_registers import closed_up, rows_in_turns, session_of_logs, with_glitches, with_losses
 
-from session.detect import interpolation
-from tinygc.explanation.mends import lost_samples
-from tinygc.explanation.mends.mending import mend
-from tinygc.problem.build import build_problem
+from session.detect import bridging
+from tinygc.closure.build import build_problem
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.data_repair import mend
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_a_gap_is_crossed_as_well_as_this_movement_allows_and_the_floor_says_how
     (first, table), _ = two
     rows, count = rows_in_turns(table, first, 1, 6), 9
     spoilt, at = with_losses(first, rows, count), closed_up(rows, count)
-    order, promised = interpolation.best_order(spoilt, at, count)
-    back = lost_samples.with_lost(spoilt, at, count, order)
+    order, promised = bridging.best_order(spoilt, at, count)
+    back = faulty_readings.with_lost(spoilt, at, count, order)
     missed = [(back.gyro - first.gyro)[row + 1 : row + 1 + count].sum(axis=0) * first.period_s for row in rows]
     assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(promised, rel=0.5)

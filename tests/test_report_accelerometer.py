@@ -9,16 +9,14 @@ import pytest
 from html_pages import parsed
 
 import calibrate
-from session.accelerometer.parameters import NAMES
-from session.common.units import MG
-from session.log.config import Accelerometer
-from tinygc.fitting.accelerometer import AccelerometerFit
-from tinygc.methods.options import FitOptions
-from tinygc.report.html.adopted import Adopted
-from tinygc.report.html.decision import decide
-from tinygc.report.html.evidence import gather
-from tinygc.report.html.page import page
-from tinygc.report.html.sections import accelerometer
+from session.detect.accelerometer import NAMES
+from session.io.config import Accelerometer
+from session.io.units import MG
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.options import FitOptions
+from tinygc.reporting.html.evidence import Adopted, decide, gather
+from tinygc.reporting.html.page import page
+from tinygc.reporting.html.sections import accelerometer
 
 LEFT = ("nonorthogonality xy", "nonorthogonality yz")
 

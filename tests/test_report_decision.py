@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import calibrate
-from tinygc.report.html.adopted import Adopted
-from tinygc.report.html.decision import decide
+from tinygc.reporting.html.evidence import Adopted, decide
 
 
 @pytest.mark.parametrize(

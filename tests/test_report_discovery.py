@@ -7,14 +7,14 @@ import pytest
 from discovery_answers import LAWS, NOTHING, found, law_of, runner_up
 from html_pages import parsed
 
-from session.common.errors import FormatError
-from session.files.results import json_text
-from session.log.hashes import sha256_of
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.as_json import to_json
-from tinygc.report.html.page import document
-from tinygc.report.html.searched import PNG, searched
-from tinygc.report.html.sections.discovery import section
+from session.io.errors import FormatError
+from session.io.folder import sha256_of
+from session.io.results import json_text
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.report_section import section
+from tinygc.annexes.discovery.result import to_json
+from tinygc.annexes.discovery.searched import PNG, searched
+from tinygc.reporting.html.page import document
 
 CLIPPED = runner_up(Form((Factor("rate", "within", 0.1),)))
 

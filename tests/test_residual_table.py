@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from explained_sessions import make_explained, make_session
 
-from tinygc.explanation.verdict.pages import explanation_page
-from tinygc.explanation.verdict.residuals import HEADING, channel_rms, residual_table
-from tinygc.library.text import as_text
-from tinygc.report.html.sections.explanation import _channels
+from tinygc.explanation.result import HEADING, channel_rms, residual_table
+from tinygc.library.sessions import as_text
+from tinygc.reporting.explanation_text import explanation_page
+from tinygc.reporting.html.sections.explanation import _channels
 
 
 @pytest.fixture(scope="module")

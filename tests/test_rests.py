@@ -8,12 +8,12 @@ import pytest
 from conftest import SESSION_TOML
 from rest_logs import CHIP, rest_log, rest_samples, without_temperature
 
-from session.checks.rests import check_rest
-from session.common.errors import DataError, FormatError
-from session.detect.knocks import knocked
-from session.log.config import Sensor
-from session.log.folder import read_session
-from session.log.rests import BlockMeans, read_rest, rest_from_samples
+from session.detect.check_stills import check_rest
+from session.detect.events import knocked
+from session.io.config import Sensor
+from session.io.errors import DataError, FormatError
+from session.io.folder import read_session
+from session.io.rests import BlockMeans, read_rest, rest_from_samples
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)
 HEADER = "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c"
@@ -109,8 +109,7 @@ def test_knocks_are_left_out_and_nothing_else_is():
     clean = [knocked(rest_log(seed, cycles=1.0)).sum() for seed in range(10)]
     assert sum(clean) == 0
     options = {"cycles": 1.0, "knocks": 4}
-    from tinygc.simulation.rest import simulate_rest
-    from tinygc.simulation.rest_options import RestOptions
+    from tinygc.annexes.temperature.rest_simulation import RestOptions, simulate_rest
 
     moments = simulate_rest(RestOptions(cycle_s=1800.0, **options), CHIP, 5).knock_s
     out = knocked(log := rest_log(5, **options))

@@ -11,12 +11,12 @@ from configurations import CONFIGS, GIVEN, TEXTS, difference, maybe, numbers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from session.accelerometer.section import with_section
-from session.common.errors import CalibrationError
-from session.log.config import read_config
-from session.recording.session_file import NAME, SessionFile, toml_text
-from session.stream.events import Info
-from session.stream.text import parse_info
+from session.bench.events import Info
+from session.bench.session_file import NAME, SessionFile, toml_text
+from session.bench.text_stream import parse_info
+from session.detect.accelerometer import with_section
+from session.io.config import read_config
+from session.io.errors import CalibrationError
 
 MANY = settings(max_examples=60)
 

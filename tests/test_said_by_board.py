@@ -12,14 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import decode, line_list, sent
 
-from session.common.errors import CalibrationError, StorageError
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.recording.logwriter import LogWriter
-from session.recording.session_file import SessionFile
-from session.recording.session_text import toml_text
-from session.stream import frames
-from session.stream.events import Info
+from session.bench import frames
+from session.bench.events import Info
+from session.bench.logwriter import LogWriter
+from session.bench.session_file import SessionFile, toml_text
+from session.io.config import read_config
+from session.io.errors import CalibrationError, StorageError
+from session.io.folder import read_session
 
 numbers = st.one_of(
     st.sampled_from([500.0, 4.0, 416.0, 1666.5, 1.0, 2000.0, 1e-9, 1e9, 0.1, 333.3333333, 65535.0]),

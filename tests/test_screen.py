@@ -7,9 +7,9 @@ from conftest import Table
 from guided_streams import guide_of, play
 from rich.console import Console
 
-from session.guide.messages import Advice, Change, Kind, Stage
-from session.guide.screen import LiveScreen, PlainLines, view
-from session.log.samples import Samples
+from session.bench.messages import Advice, Change, Kind, Stage
+from session.bench.screen import LiveScreen, PlainLines, view
+from session.io.samples import Samples
 
 LONG = Advice(
     "turn 180° about the board's y axis (level), -x up first, until -z is up, then at once 180° about its x axis (level), "

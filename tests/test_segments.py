@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config
 
-from session.detect.clipping import LEAST_RUN
+from session.detect.events import LEAST_RUN
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.log.samples import Samples
+from session.io.samples import Samples
 
 
 def cut(samples, still_s=1.0, segment_s=5.0, **settings):

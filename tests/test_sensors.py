@@ -9,18 +9,16 @@ import pytest
 from conftest import DEG, ROOT, SESSION_TOML, Table, session_of
 from looks import look, of, serious, with_sensor
 
-from session.checks.first_look import check_keys, check_session
-from session.common.errors import FormatError
-from session.detect.clipping import accel_reach_g, gyro_reach_dps
-from session.log.config import Sensor, read_config
-from session.log.folder import read_session
-from session.log.logfile import read_log
-from session.recording.session_file import nominal_hz
-from session.recording.session_text import toml_text
-from session.sensor.known import GENERIC, PROFILES, nearest_name, profile_of
-from session.sensor.registers import RegisterUnits
-from tinygc.deploy.embedded.register_input import Registers
-from tinygc.library.simulate import simulate
+from session.bench.session_file import nominal_hz, toml_text
+from session.detect.events import accel_reach_g, gyro_reach_dps
+from session.detect.first_look import check_keys, check_session
+from session.io.config import Sensor, read_config
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from session.io.logfile import read_log
+from session.io.registers import GENERIC, PROFILES, RegisterUnits, nearest_name, profile_of
+from tinygc.deploy.embedded.program import Registers
+from tinygc.library.sessions import simulate
 from tinygc.simulation.options import SimulationOptions
 
 G = 9.80665

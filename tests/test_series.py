@@ -8,9 +8,9 @@ import signal
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 
-from session.common.errors import FormatError
-from session.log.folder import read_session
-from session.recording.series import Entry, Listener, Series, folder_name
+from session.bench.series import Entry, Listener, Series, folder_name
+from session.io.errors import FormatError
+from session.io.folder import read_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

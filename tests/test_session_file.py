@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.checks.rate import ODR_WRONG
-from session.common.errors import CalibrationError, FormatError
-from session.log.config import read_config
-from session.recording.session_file import NEAREST_WITHIN, SessionFile, nominal_hz
-from session.recording.session_text import toml_text
-from session.stream.events import Info
+from session.bench.events import Info
+from session.bench.session_file import NEAREST_WITHIN, SessionFile, nominal_hz, toml_text
+from session.detect.check_time import ODR_WRONG
+from session.io.config import read_config
+from session.io.errors import CalibrationError, FormatError
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
 OWN = """# mine
@@ -107,7 +106,7 @@ def test_a_nominal_rate_that_is_written_is_one_that_check_takes():
     assert NEAREST_WITHIN <= ODR_WRONG
 
 
-@pytest.mark.parametrize("module", ["session.log.additions", "session.recording.session_file"])
+@pytest.mark.parametrize("module", ["session.io.folder", "session.bench.session_file"])
 def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(module, tmp_path, monkeypatch):
     """The folder goes in the very moment in which the file, or its note, gets its name."""
     folder, saved = tmp_path / "s", tmp_path / "saved"
@@ -126,4 +125,4 @@ def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(m
     saved.mkdir()
     file.save_copy(saved)
     assert [(saved / "session.toml").read_text()] == texts
-    assert ("Mara" in texts[0]) == (module == "session.log.additions")
+    assert ("Mara" in texts[0]) == (module == "session.io.folder")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
-from session.common.errors import FormatError
-from session.log.folder import read_session
+from session.io.errors import FormatError
+from session.io.folder import read_session
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from tinygc.explanation.noise import session_noise
-from tinygc.explanation.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER
-from tinygc.explanation.noise.restricted_likelihood import Prior
-from tinygc.explanation.noise.session_noise import first_noise
-from tinygc.explanation.noise.sparse import Sparse
-from tinygc.explanation.noise.undersampling import undersampling
-from tinygc.explanation.twin.refit import design, prior_sigmas
-from tinygc.explanation.twin.whitening import Whitener
+from tinygc.noise import session_noise
+from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER, Prior, undersampling
+from tinygc.noise.refit import design, prior_sigmas
+from tinygc.noise.session_noise import first_noise
+from tinygc.noise.whitening import Sparse, Whitener
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 SEEDS = range(40)

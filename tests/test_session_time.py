@@ -12,10 +12,10 @@ from models_in_use import KNOWN, LINEAR, NET, SAMPLES, physics
 
 import calibrate
 import tinygc
-from session.common.errors import CalibrationError
-from session.common.units import DEG
-from session.log.config import Sensor
-from session.log.logfile import read_log
+from session.io.config import Sensor
+from session.io.errors import CalibrationError
+from session.io.logfile import read_log
+from session.io.units import DEG
 from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import AppliedEffect, Effect, Parameter, catalogue, diagonal

@@ -13,7 +13,7 @@ from commandline import refused
 from conftest import Table, write_session
 from formats_page import strangers
 
-from tinygc.fitting.listing import list_sessions
+from tinygc.estimation.listing import list_sessions
 
 QUICK = ("--methods", "least_squares")
 

@@ -12,18 +12,15 @@ import pytest
 from conftest import product, turned
 from scipy.spatial.transform import Rotation
 
-from session.common.errors import CalibrationError, FormatError
-from session.common.units import DEG, EARTH_RATE_RPS
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.log.folder import read_session
-from session.sensor.registers import gyro_rps_per_lsb
-from tinygc.simulation.motion import earth_rate_table, move, table_to_body
-from tinygc.simulation.noise import bias_instability
+from session.io.errors import CalibrationError, FormatError
+from session.io.folder import read_session
+from session.io.registers import gyro_rps_per_lsb
+from session.io.units import DEG, EARTH_RATE_RPS
+from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, command_line
-from tinygc.simulation.sensor import low_pass, oversampling
-from tinygc.simulation.simulate import simulate_session, true_signals
-from tinygc.simulation.table_movement import hand_plan
+from tinygc.simulation.simulator import bias_instability, low_pass, oversampling, simulate_session, true_signals
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)

@@ -11,17 +11,15 @@ from conftest import ROOT, Table, write_session
 from f405_programs import tools_missing
 
 import calibrate
-from session.checks.standin import check_standin
-from session.guide.board_words import FOUND, NO_SENSOR, BoardWords
-from session.log.logfile import Log
-from session.recording.logwriter import LogWriter
-from session.stream import commands
-from session.stream.board import SENSOR, STANDIN, Board
-from session.stream.decoder import StreamDecoder
-from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.motion import Still
-from tinygc.simulation.asm330lhh.port import Port
-from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import SENSOR, STANDIN, Board
+from session.bench.logwriter import LogWriter
+from session.bench.screen import FOUND, NO_SENSOR, BoardWords
+from session.detect.check_samples import check_standin
+from session.io.logfile import Log
+from tinygc.annexes.emulated.readings import Fault, Still
+from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
 
 def log(name: str, source: str | None) -> Log:
@@ -47,7 +45,7 @@ def board(tmp_path_factory):
     sys.path.insert(0, str(ROOT / "firmware"))
     import measure
 
-    from tinygc.simulation.stm32f405.machine import Machine
+    from tinygc.annexes.emulated.machine import Machine
 
     folder = tmp_path_factory.mktemp("recorder")
     elf = measure.build("recorder.elf", folder, folder / "build", ODR_HZ="208")
@@ -90,7 +88,7 @@ def late(board):
 def test_a_sensor_that_comes_late_begins_a_log_of_its_own(late, tmp_path):
     """It is found by the next command that sets something, within one count of samples and of microseconds."""
     machine, made_up = late
-    machine.usart1.feed(commands.encode_command(commands.RANGES, 1, 500, 4))
+    machine.usart1.feed(frames.encode_command(frames.RANGES, 1, 500, 4))
     machine.run_until(3.0)
     assert machine.bus.objections == {}
     assert_apart(logs_of([made_up, machine.usart1.take()], tmp_path))

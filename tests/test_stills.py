@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from conftest import DEG, GRAVITY, Table
 
-from session.common.units import MDPS, MG
 from session.detect.stills import find_stills
-from session.log.samples import Samples
-from tinygc.simulation.sensor import low_pass, oversampling
+from session.io.samples import Samples
+from session.io.units import MDPS, MG
+from tinygc.simulation.simulator import low_pass, oversampling
 
 BENCHES = [(100.0, 10.0), (208.0, 5.0), (208.0, 3.0), (833.0, 5.0), (1600.0, 7.0)]
 

@@ -10,16 +10,15 @@ from processes import until
 from recording_wires import caught_up, make_wire, replayed
 from streams import INFO, frame_list, sent
 
-from session.guide.guide import Guide
-from session.guide.guided_session import GuidedRecording
-from session.log.config import Protocol
-from session.recording import recorder as recorder_module
-from session.recording.decoding import BLOCK
-from session.recording.port import Received
-from session.recording.recorder import Recorder
-from session.recording.session_file import SessionFile
-from session.stream import frames
-from session.stream.events import Chunk
+from session.bench import frames
+from session.bench import recorder as recorder_module
+from session.bench.events import Chunk
+from session.bench.guide import Guide
+from session.bench.guided_session import GuidedRecording
+from session.bench.port import Received
+from session.bench.recorder import BLOCK, Recorder
+from session.bench.session_file import SessionFile
+from session.io.config import Protocol
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from adversarial_streams import ADVERSARIAL

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from streams import BOTH, INFO, PERIOD_US, decode, frame_list, line_list, rng, same, samples, sent, troubles
 
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Comment, Info
-from session.stream.text import parse_comment, parse_info
-from tinygc.simulation.board.faults import Faults, spoil
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Comment, Info
+from session.bench.text_stream import parse_comment, parse_info
+from tinygc.simulation.virtual_board import Faults, spoil
 
 
 @BOTH

@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from streams import INFO, frame_list, sent
 
-from session.common.errors import OtherSensor
-from session.guide.board_words import MOST_SAID, NO_SENSOR, BoardWords
-from session.guide.same_sensor import SameSensor
-from session.recording.logwriter import LogWriter
-from session.stream import frames
-from session.stream.board import FAULTS, Board, Done, Faults, SelfTest
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Info, Trouble
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import FAULTS, Board, Chunk, Done, Faults, Info, SelfTest, Trouble
+from session.bench.guided_session import SameSensor
+from session.bench.logwriter import LogWriter
+from session.bench.screen import MOST_SAID, NO_SENSOR, BoardWords
+from session.io.errors import OtherSensor
 
 #: what decides that the stream is of frames
 HELLO = frames.encode_info(0, INFO)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from streams import BOTH, PERIOD_US, decode, frame_list, line_list, rng, same, samples, sent, strangers, troubles
 
-from session.stream import frames
-from session.stream.events import Chunk, Comment, Trouble
-from tinygc.simulation.board.faults import flipped
+from session.bench import frames
+from session.bench.events import Chunk, Comment, Trouble
+from tinygc.simulation.virtual_board import flipped
 
 
 def test_five_percent_lost_frames_are_counted_exactly():
@@ -183,7 +183,7 @@ def test_of_many_damaged_frames_none_enters():
 
 def test_motion_and_knocks_are_not_doubted_on_a_bad_wire(simulated):
     """Simulated hand turns at 104 Hz, where steps are largest, with a damaged frame in seven: every whole frame arrives."""
-    from tinygc.simulation.board.source import recorded
+    from tinygc.simulation.virtual_board import recorded
 
     source = recorded(simulated())
     t_us = np.rint(np.arange(len(source.rows)) * 1e6 / source.info.odr_hz).astype(np.int64)

@@ -7,8 +7,8 @@ import binascii
 import numpy as np
 from streams import INFO, decode, frame_list, rng, sent
 
-from session.stream import frames
-from session.stream.events import Comment
+from session.bench import frames
+from session.bench.events import Comment
 
 
 def test_crc_is_the_published_one():

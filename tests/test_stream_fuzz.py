@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import INFO, decode, frame_list, line_list, samples, sent, strangers, troubles
 
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Comment, Info
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Comment, Info
 
 COUNT = 60
 T_US, REGISTERS = sent(COUNT, start_us=2**32 - 20_000)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from streams import decode, line_list, same, samples, sent, strangers
 
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk
-from session.stream.text import parse_lines
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk
+from session.bench.text_stream import parse_lines
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,17 @@ import pytest
 from conftest import DEG, config
 from streams import INFO, frame_list, sent
 
-from session.common.errors import CalibrationError
-from session.guide.guided_session import samples_of
-from session.log.config import Sensor
-from session.log.logfile import read_log
-from session.recording.logwriter import LogWriter
-from session.recording.session_file import SessionFile
-from session.replay.from_raw import convert_raw
-from session.sensor.registers import RegisterUnits
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Info, Trouble
-from session.stream.form import parse_header
-from session.stream.text import parse_decimals
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Info, Trouble, parse_header
+from session.bench.guide import samples_of
+from session.bench.logwriter import LogWriter
+from session.bench.session_file import SessionFile
+from session.bench.text_stream import parse_decimals
+from session.io.config import Sensor
+from session.io.errors import CalibrationError
+from session.io.logfile import read_log
+from session.io.registers import RegisterUnits
+from session.replay.convert import convert_raw
 
 UNITS = RegisterUnits("ASM330LHH", 500, 4)
 HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"

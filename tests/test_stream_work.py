@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import INFO, decode, frame_list, line_list, rng, same, samples, sent, troubles
 
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Comment, Info
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Comment, Info
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from adversarial_streams import ADVERSARIAL, ORDINARY

@@ -5,16 +5,14 @@ import pytest
 from conftest import DEG
 from rest_logs import CHIP, rest_log, rest_samples, without_temperature
 
-from session.common.errors import DataError
-from session.common.units import DEG_PER_SQRT_HOUR
-from session.log.rests import rest_from_samples
+from session.io.errors import DataError
+from session.io.rests import rest_from_samples
+from session.io.units import DEG_PER_SQRT_HOUR
+from tinygc.annexes.temperature.axis_fit import fit_axis
+from tinygc.annexes.temperature.model import LEAD, ElementTemperature, element_temperature
+from tinygc.annexes.temperature.rest_blocks import make_knots, sweeps_of
+from tinygc.annexes.temperature.rest_fit import ShortTimes, fit_rests
 from tinygc.closure.allan import angle_random_walk
-from tinygc.models.element_temperature import LEAD, ElementTemperature, element_temperature
-from tinygc.temperature.axis_fit import fit_axis
-from tinygc.temperature.knots import make_knots
-from tinygc.temperature.noise import ShortTimes
-from tinygc.temperature.rest_fit import fit_rests
-from tinygc.temperature.sweeps import sweeps_of
 
 SIGN = np.array([1.0, -1.0, 1.0])
 
@@ -259,8 +257,8 @@ def test_logs_with_and_without_temperature_are_not_mixed():
 
 def test_the_public_sweep(shared):
     """70 minutes from 52 to -18, 74 and 36 degC: y goes 0.034 dps/degC and is predicted to 0.09 dps; x does not come back by 0.6 dps."""
-    from session.log.config import read_config
-    from session.log.rests import read_rest
+    from session.io.config import read_config
+    from session.io.rests import read_rest
 
     folder = shared / "tofupilot"
     if not (folder / "rest0001.csv.gz").exists():

@@ -6,9 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
+from tinygc.annexes.temperature.rest_simulation import RestOptions, write_rest
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.rest_options import RestOptions
-from tinygc.simulation.write_rest import write_rest
 
 
 @pytest.fixture(scope="module")

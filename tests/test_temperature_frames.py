@@ -10,12 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.log.config import Accelerometer
-from session.log.folder import read_session
-from session.log.logfile import read_log
+from session.io.config import Accelerometer
+from session.io.folder import read_session
+from session.io.logfile import read_log
+from tinygc.annexes.temperature.sessions_fit import SessionPoint, in_frame_of_first, join, point_of, zero_form
 from tinygc.models.linear import MATRIX, LinearModel
-from tinygc.temperature.sessions import SessionPoint, in_frame_of_first, point_of, zero_form
-from tinygc.temperature.sessions_fit import join
 
 #: 14 mrad
 TURN = Rotation.from_rotvec([0.010, -0.006, 0.008]).as_matrix()

@@ -8,14 +8,11 @@ import pytest
 from conftest import DEG, Table, session_of
 from rest_logs import rest_log
 
-from session.common.errors import FitError
+from session.io.errors import FitError
+from tinygc.annexes.temperature.model import ThermalModel
+from tinygc.annexes.temperature.rest_fit import fit_rests
+from tinygc.annexes.temperature.sessions_fit import SessionPoint, join, joined, of_rests_alone, parameter_names, point_of, zero_form
 from tinygc.models.linear import LinearModel
-from tinygc.models.thermal import ThermalModel
-from tinygc.temperature.rest_fit import fit_rests
-from tinygc.temperature.sessions import SessionPoint, point_of, zero_form
-from tinygc.temperature.sessions_fit import join
-from tinygc.temperature.thermal_fit import joined, of_rests_alone
-from tinygc.temperature.thermal_terms import parameter_names
 
 RNG = np.random.default_rng(4)
 E0, E1 = np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.diag([60e-6, -30e-6, 100e-6])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from looks import look, of
 
-from session.checks.first_look import check_session
-from session.checks.temperature import other_unit
-from session.log.folder import read_session
+from session.detect.check_stills import other_unit
+from session.detect.first_look import check_session
+from session.io.folder import read_session
 
 AMBIENT_C = (15.0, 25.0, 38.0)
 

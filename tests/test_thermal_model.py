@@ -9,16 +9,15 @@ from conftest import DEG
 from exports_read_back import LINEAR, context
 from test_export_c import SENSOR, Compiled, needs_compiler
 
-from session.common.errors import CalibrationError, FormatError
-from session.log.samples import Samples
+from session.io.errors import CalibrationError, FormatError
+from session.io.samples import Samples
 from tinygc import models
+from tinygc.annexes.temperature.model import ThermalModel, element_temperature
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.deploy.embedded.stage import Inputs
+from tinygc.deploy.embedded.stages import Inputs
 from tinygc.deploy.exports import ExportError, exporter
-from tinygc.models.element_temperature import element_temperature
-from tinygc.models.thermal import ThermalModel
 
 RNG = np.random.default_rng(5)
 RATE_HZ = 104.0

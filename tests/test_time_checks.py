@@ -7,12 +7,12 @@ import pytest
 from conftest import DEG, Table, session_of
 from looks import G, look, of, serious, with_sensor
 
-from session.checks.dead import check_dead
-from session.checks.rate import check_length, check_rate, check_warming, unit_factor
-from session.common.errors import FormatError
-from session.dialects.layout import Answers
-from session.log.folder import read_session
-from session.log.samples import Samples
+from session.detect.check_samples import check_dead
+from session.detect.check_time import check_length, check_rate, check_warming, unit_factor
+from session.io.dialects import Answers
+from session.io.errors import FormatError
+from session.io.folder import read_session
+from session.io.samples import Samples
 from session.replay.convert import convert
 
 

@@ -6,18 +6,15 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.common.errors import FitError
-from session.common.units import DEG
+from session.io.errors import FitError
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.least_squares import Ends, fit_least_squares
-from tinygc.closure.still_rates import StillRates
-from tinygc.methods.network.adamw_net import train_adamw
-from tinygc.methods.network.distance_loss import fit_distance, mean_distance, train_distance
-from tinygc.methods.network.training import train_second_order
-from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.closure.least_squares import Ends, StillRates, fit_least_squares
+from tinygc.estimation.adamw import train_adamw
+from tinygc.estimation.network_training import fit_distance, mean_distance, train_distance, train_second_order
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.nets import TIES, CalibrationNet, PublishedNet
 
 MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
 NOISE_DPS, ODR_HZ = 0.005, 52.0

@@ -8,16 +8,16 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table
 
 import calibrate
-from session.checks.first_look import check_session
-from session.common.errors import DataError, FormatError, SegmentError
-from session.log.folder import read_session
-from session.log.truth import read_truth
-from session.public.euroc import read_sequence, to_down, write_training_windows
+from session.annexes.public.euroc import read_sequence, to_down, write_training_windows
+from session.detect.first_look import check_session
+from session.io.errors import DataError, FormatError, SegmentError
+from session.io.folder import read_session
+from session.io.logfile import read_truth
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles, error_angles, segment_residuals
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models.linear import LinearModel
-from tinygc.problem.build import build_problem
 
 E = np.array([[1.010, 0.004, -0.003], [-0.002, 0.992, 0.005], [0.003, -0.004, 1.006]])
 B = np.array([0.6, -0.4, 0.3]) * DEG

@@ -10,15 +10,14 @@ from test_explain_truth import write as write_with_effects
 from truth_sessions import Wrong, made, write
 
 import calibrate
+from tinygc.closure.prepared import prepare
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.truth_effects import OFFSET, common_delays
-from tinygc.explanation.truth.truth_twin import TruthTwin
-from tinygc.explanation.twin.common_delay import in_gauge
-from tinygc.explanation.twin.refit import refit
-from tinygc.fitting.physics.fit_physics import fit_physics
-from tinygc.problem.prepared import prepare
+from tinygc.estimation.physics import fit_physics
+from tinygc.explanation.evidence import Evidence
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.explanation.truth_names import OFFSET, TruthTwin, common_delays
+from tinygc.noise.channels import in_gauge
+from tinygc.noise.refit import refit
 
 
 @pytest.fixture(scope="module")

@@ -11,18 +11,18 @@ import pytest
 from conftest import DEG, Table, config, session_of
 from looks import G, look, of
 
-from session.checks.first_look import check_folder
-from session.checks.undersampling import check_undersampling, missed_of_turns
+from session.annexes.public.__main__ import main
+from session.detect.check_time import check_undersampling, missed_of_turns
+from session.detect.first_look import check_folder
 from session.detect.stills import Noise, Still
-from session.log.folder import read_session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.public.__main__ import main
+from session.io.folder import read_session
+from session.io.logfile import Log
+from session.io.samples import Samples
 from tinygc import closure
+from tinygc.closure.build import build_problem
 from tinygc.closure.residual import Batch
-from tinygc.explanation.noise.undersampling import undersampling
-from tinygc.explanation.twin.twin import Twin
-from tinygc.problem.build import build_problem
+from tinygc.noise.components import undersampling
+from tinygc.noise.twin import Twin
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Hz of the fine grid, and fine samples of a turn and of the rest on either side of it

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 from conftest import Table, session_of
 
-from session.checks.first_look import check_session
-from session.detect.stills import find_stills
-from session.detect.unused_rests import unused_rests
+from session.detect.first_look import check_session
+from session.detect.stills import find_stills, unused_rests
 
 
 def unused(table, still_s=1.0, seed=0):

@@ -5,24 +5,24 @@ import json
 import numpy as np
 import pytest
 
-from session.common.units import DEG, DEG_PER_HOUR
-from session.log.folder import read_session
-from tinygc.closure import bias_wander
-from tinygc.closure.bias_wander import TIMES_S
+from session.io.folder import read_session
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc.closure import floor
+from tinygc.closure.build import build_problem
+from tinygc.closure.floor import TIMES_S
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.fitting.session import fit_session
-from tinygc.methods.options import FitOptions
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.problem.build import build_problem
-from tinygc.simulation.noise import bias_instability
+from tinygc.simulation.simulator import bias_instability
 
 BIAS_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)  # 0.664: IEEE 952, C.1
 
 
 def wander_covariance(t_s, span_s=0.0):
-    return bias_wander.wander_covariance(t_s, span_s, instability_rps=BIAS_INSTABILITY_RPS)
+    return floor.wander_covariance(t_s, span_s, instability_rps=BIAS_INSTABILITY_RPS)
 
 
 @pytest.mark.parametrize("t_s", [np.arange(50.0), np.sort(np.random.default_rng(0).uniform(0, 3600, 80)), np.array([7.0])])

@@ -12,12 +12,12 @@ from guided_streams import guide_of, play
 from rich.console import Console
 from test_page_state import Kept, Silent
 
-from session.common.units import MDPS
-from session.guide.instructions import wait_of
-from session.guide.screen import view
-from session.guide.warmth import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, Warmth, rps_per_c, settling
-from session.log.samples import Samples
-from session.page.view import PageView
+from session.bench.guide import wait_of
+from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, Warmth, rps_per_c, settling
+from session.bench.page.state import PageView
+from session.bench.screen import view
+from session.io.samples import Samples
+from session.io.units import MDPS
 
 RNG_NOISE_C = 0.003
 PER_C = 15 * MDPS  #: of a board whose bias moves much

@@ -12,14 +12,14 @@ import numpy as np
 from commandline import spoil
 from scipy.spatial.transform import Rotation
 
-from session.accelerometer.parameters import BIASES, SCALES, SHEARS, UPPER
-from session.checks.findings import Finding
-from session.common.console import PlainConsole
-from session.common.version import VERSION
-from tinygc.fitting.accelerometer import triad_errors
-from tinygc.models.field_parameters import scale_factor_errors
-from tinygc.report.first_look_text import findings_table, verdict_line
-from tinygc.report.fit_text import next_line
+from session import VERSION
+from session.bench.console import PlainConsole
+from session.detect.accelerometer import BIASES, SCALES, SHEARS, UPPER
+from session.detect.findings import Finding
+from tinygc.estimation.accelerometer import triad_errors
+from tinygc.models.linear import scale_factor_errors
+from tinygc.reporting.fit_text import next_line
+from tinygc.reporting.tables import findings_table, verdict_line
 
 
 def printed(renderable) -> list[str]:

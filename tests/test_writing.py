@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import calibrate
-from session.common.errors import StorageError
-from session.files.results import write_text_whole
-from session.files.writing import naming, result_folder
+from session.io.errors import StorageError
+from session.io.files import naming, result_folder
+from session.io.results import write_text_whole
 
 
 @pytest.fixture
@@ -73,10 +73,10 @@ def test_export_to_a_full_disk(form, simulated, full_disk, tmp_path, capsys):
 
 
 def test_report_to_a_full_disk(full_disk, monkeypatch, tmp_path):
-    from tinygc.report.html import page as module
+    from tinygc.reporting.html import page
 
-    monkeypatch.setattr(module, "page", lambda evidence: "<html></html>")
+    monkeypatch.setattr(page, "page", lambda evidence: "<html></html>")
     full_disk()
     with pytest.raises(StorageError, match=r"new/r\.html: No space"):
-        module.save(None, tmp_path / "new" / "r.html")
+        page.save(None, tmp_path / "new" / "r.html")
     assert list(tmp_path.iterdir()) == []

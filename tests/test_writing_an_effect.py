@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import Effect, catalogue, load_folder, using
-from tinygc.effects.picture import PAIRS
-from tinygc.effects.reach import INPUTS
+from tinygc.effects.effect import PAIRS
+from tinygc.effects.movement import INPUTS
 from tinygc.effects.testing import check
-from tinygc.explanation.twin.variable import READ
+from tinygc.noise.twin import READ
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -87,8 +87,8 @@ def test_the_page_names_every_field_input_and_command():
     fields = set(Effect.__dataclass_fields__) - {"shape", "occurs"}  # not for effects from outside
     assert not [name for name in fields if not re.search(rf"\b{name}\b", PAGE)]
     assert not [name for name in INPUTS if f'`"{name}"`' not in PAGE]
-    with_effects = [name for name in COMMANDS if getattr(import_module(f"tinygc.cli.commands.{name}"), "USES_EFFECTS", False)]
+    with_effects = [name for name in COMMANDS if getattr(import_module(COMMANDS[name]), "USES_EFFECTS", False)]
     listed = re.search(r"`--effects DIR`, several times if need be, for (.*?);", PAGE, re.S)[1]
     assert sorted(re.findall(r"`(\w+)`", listed)) == sorted(with_effects)
-    assert "tinygc.effects.picture.PAIRS" in PAGE
+    assert "tinygc.effects.effect.PAIRS" in PAGE
     assert PAIRS

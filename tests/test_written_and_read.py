@@ -12,15 +12,13 @@ from recording_wires import MEMORY
 
 import calibrate
 import tinygc
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.recording.session_file import SessionFile
-from session.stream.events import Info
+from session.bench.events import Info
+from session.bench.session_file import SessionFile
+from session.io.config import read_config
+from session.io.folder import read_session
 from tinygc.deploy.exports import FORMATS
-from tinygc.simulation.board.board import Board, Clock
-from tinygc.simulation.board.source import recorded, simulated
-from tinygc.simulation.board.terminal import Terminal
 from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.virtual_board import Board, Clock, Terminal, recorded, simulated
 
 pytestmark = pytest.mark.slow
 SIMULATE = ("--segments", 16, "--closure", 20, "--odr-hz", 62.5, "--seed", 5)

@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from session.common.units import DEG
-from session.log.folder import read_session
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
+from tinygc.closure.runs import read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -9,12 +9,10 @@ import numpy as np
 from conftest import DEG, Table
 from scipy.spatial.transform import Rotation
 
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.log.folder import Session
-from session.log.logfile import Log
-from session.log.samples import Samples
-from session.log.truth import Truth
-from session.log.truth_reading import TruthGiven, TruthReading
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading
+from session.io.folder import Session
+from session.io.logfile import Log, Truth
+from session.io.samples import Samples
 
 BIAS_DPS = (0.5, -0.3, 0.6)
 TOML = """schema = "tinygc-session/1"

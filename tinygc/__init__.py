@@ -17,33 +17,31 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from session.common.version import VERSION as __version__
+from session import VERSION as __version__
 
 if TYPE_CHECKING:
-    from session.common.errors import CalibrationError
-    from session.log.folder import Session, read_session
+    from session.io.errors import CalibrationError
+    from session.io.folder import Session, read_session
+    from tinygc.annexes.temperature.library import fit_temperature
     from tinygc.deploy.calibration import load
-    from tinygc.library.check import check
-    from tinygc.library.explain import explain
-    from tinygc.library.fit import fit
-    from tinygc.library.simulate import simulate
-    from tinygc.library.temperature import fit_temperature
-    from tinygc.methods.options import FitOptions
+    from tinygc.estimation.options import FitOptions
+    from tinygc.library.explanations import explain
+    from tinygc.library.sessions import check, fit, simulate
     from tinygc.simulation.options import SimulationOptions
 
 #: name -> where it stands, and what it is called there
 _HOMES = {
-    "CalibrationError": ("session.common.errors", "CalibrationError"),
-    "FitOptions": ("tinygc.methods.options", "FitOptions"),
-    "Session": ("session.log.folder", "Session"),
+    "CalibrationError": ("session.io.errors", "CalibrationError"),
+    "FitOptions": ("tinygc.estimation.options", "FitOptions"),
+    "Session": ("session.io.folder", "Session"),
     "SimulationOptions": ("tinygc.simulation.options", "SimulationOptions"),
-    "check": ("tinygc.library.check", "check"),
-    "explain": ("tinygc.library.explain", "explain"),
-    "fit": ("tinygc.library.fit", "fit"),
-    "fit_temperature": ("tinygc.library.temperature", "fit_temperature"),
+    "check": ("tinygc.library.sessions", "check"),
+    "explain": ("tinygc.library.explanations", "explain"),
+    "fit": ("tinygc.library.sessions", "fit"),
+    "fit_temperature": ("tinygc.annexes.temperature.library", "fit_temperature"),
     "load": ("tinygc.deploy.calibration", "load"),
-    "read_session": ("session.log.folder", "read_session"),
-    "simulate": ("tinygc.library.simulate", "simulate"),
+    "read_session": ("session.io.folder", "read_session"),
+    "simulate": ("tinygc.library.sessions", "simulate"),
 }
 
 __all__ = [

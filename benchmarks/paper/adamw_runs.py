@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from paper.euroc import Euroc
-from session.files.results import write_whole
-from tinygc.methods.checkpoint import Checkpoint
-from tinygc.methods.network.adamw_net import train_adamw
-from tinygc.models.calibration_net import CalibrationNet
-from tinygc.models.published_net import PublishedNet
+from session.io.results import write_whole
+from tinygc.estimation.adamw import train_adamw
+from tinygc.estimation.options import Checkpoint
+from tinygc.models.nets import CalibrationNet, PublishedNet
 
 RUNS = Path(__file__).resolve().parents[2] / "build" / "paper"
 NETS = {"27": CalibrationNet, "26": PublishedNet}

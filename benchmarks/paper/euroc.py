@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG
-from session.log.folder import read_session
-from session.public.euroc import write_sequences, write_test_windows, write_training_windows
-from tinygc.fitting.days import Levelled, level_days
-from tinygc.problem.build import build_problem
-from tinygc.problem.problem import Problem
-from tinygc.problem.truth_orientation import absolute_orientation_error
+from session.annexes.public.euroc import write_sequences, write_test_windows, write_training_windows
+from session.io.folder import read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
+from tinygc.closure.problem import Problem
+from tinygc.closure.truth import absolute_orientation_error
+from tinygc.estimation.bias import Levelled, level_days
 
 EUROC = Path(__file__).resolve().parents[3] / "shared" / "euroc"
 TEST = ("MH_02", "MH_04", "V1_01", "V1_03", "V2_02")

@@ -9,14 +9,14 @@ import numpy as np
 from common import markdown
 
 from paper.euroc import EUROC
-from session.common.units import DEG, MG
-from session.log.folder import read_session
-from session.public.euroc import write_sequences, write_training_windows
-from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.result import independent
-from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
-from tinygc.fitting.days import level_days
-from tinygc.problem.build import build_problem
+from session.annexes.public.euroc import write_sequences, write_training_windows
+from session.io.folder import read_session
+from session.io.units import DEG, MG
+from tinygc.closure.build import build_problem
+from tinygc.estimation.bias import level_days
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
+from tinygc.reporting.truth_text import independent
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
 PAIRS = (

@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 
 from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
-from session.common.units import DEG
-from session.public.euroc import true_bias_rps
-from tinygc.fitting.bias.rebias import from_gravity, with_change
-from tinygc.methods.network.distance_loss import fit_distance
-from tinygc.methods.network.training import train_second_order
-from tinygc.problem.truth_orientation import orientation_error
+from session.annexes.public.euroc import true_bias_rps
+from session.io.units import DEG
+from tinygc.closure.truth import orientation_error
+from tinygc.estimation.bias_of_day import from_gravity, with_change
+from tinygc.estimation.network_training import fit_distance, train_second_order
 
 EPOCHS = 2000
 EVERY = 20

@@ -15,17 +15,15 @@ from scipy.optimize import minimize
 
 from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, TEST, Euroc
-from session.common.units import DEG
-from session.public.euroc import true_bias_rps
+from session.annexes.public.euroc import true_bias_rps
+from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fitting.bias.rebias import from_gravity, from_start, with_change
-from tinygc.methods.denoise_options import DenoiseOptions
-from tinygc.methods.denoising.material import of_problem
-from tinygc.methods.denoising.training import train_denoiser
-from tinygc.methods.network.distance_loss import fit_distance
-from tinygc.methods.network.training import train_second_order
+from tinygc.estimation.bias_of_day import from_gravity, from_start, with_change
+from tinygc.estimation.denoiser_training import of_problem, train_denoiser
+from tinygc.estimation.network_training import fit_distance, train_second_order
+from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.nets import PublishedNet
 
 HEADER = ("", "par.", "test inputs", *TEST, "mean")
 PUBLISHED = (

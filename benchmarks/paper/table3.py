@@ -13,11 +13,11 @@ import numpy as np
 from closure_table import CLOSURE_S, RECORDINGS, TITLES, fit_model, rms
 from common import in_parallel, markdown, simulated, with_heading
 
-from session.common.units import DEG
-from session.log.folder import Session, read_session
-from tinygc.fitting.figures import run_figures
-from tinygc.problem.build import build_problem
-from tinygc.problem.closure_run import read_closure_runs
+from session.io.folder import Session, read_session
+from session.io.units import DEG
+from tinygc.closure.build import build_problem
+from tinygc.closure.runs import read_closure_runs
+from tinygc.estimation.choice import run_figures
 from tinygc.simulation.options import SimulationOptions
 
 METHODS = ("raw", "pso", "least_squares", "tinygc", "tinygc_denoised")

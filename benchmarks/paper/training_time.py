@@ -18,11 +18,10 @@ from paper.adamw_runs import adamw_run
 from paper.euroc import Euroc
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.attitude.integrate import steps
+from tinygc.attitude.rotation import steps
 from tinygc.closure.residual import Batch
-from tinygc.methods.network.distance_loss import distance_pass, mean_distance
-from tinygc.methods.network.training import train_second_order
-from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.estimation.network_training import distance_pass, mean_distance, train_second_order
+from tinygc.models.nets import TIES, CalibrationNet
 
 TIMED_EPOCHS = 3
 PASSES, SHOWN = 15, 5

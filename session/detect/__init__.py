@@ -1,4 +1,1 @@
-"""What is found in samples: stills, segments, clipping, the pace of the stamps, rests.
-
-May import: common, sensor, log.
-"""
+"""What is found in samples: stills, segments, clipping, the accelerometer's numbers, and the first look."""

@@ -1,23 +1,27 @@
-"""Segments: from the middle of one still to the middle of the next.
-
-Cut there, every sample is used exactly once, neighbours share no gyro noise, and a still that serves two turns gives half of itself
-to each: with the protocol's still 1 s, turn 3 s, still 1 s, forty times, that is the 5 s window.  A still that is no reference is
-passed over: the two turns around it become one longer segment.
-"""
+"""Segments (from the middle of one still to the middle of the next), the pace of the stamps, and known turns among them."""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG, NS
-from session.detect.clipping import clips, gyro_reach_dps
+from session.detect.events import clips, gyro_reach_dps
 from session.detect.stills import Still
-from session.log.config import Protocol, Sensor
-from session.log.samples import Samples
+from session.io.config import LeftOut, Protocol, Sensor
+from session.io.logfile import KnownTurn
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+
+# Segments: from the middle of one still to the middle of the next.
+#
+# Cut there, every sample is used exactly once, neighbours share no gyro noise, and a still that serves two turns gives half of itself
+# to each: with the protocol's still 1 s, turn 3 s, still 1 s, forty times, that is the 5 s window.  A still that is no reference is
+# passed over: the two turns around it become one longer segment.
 
 GAP_PERIODS = 2.5  #: a longer step between two stamps is a gap
 LEAST_MARGIN_S = 0.1  #: of stillness at each end of a turn that fills the window: what one block of the detector may be late
@@ -30,7 +34,7 @@ class Segment:
 
     number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
     not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.  first and last are None between moments of
-    a truth file (``session/log/truth.py``).
+    a truth file (``session/io/logfile.py``).
     """
 
     number: int
@@ -158,3 +162,246 @@ def _too_long(duration_s: float, protocol: Protocol) -> str | None:
     if duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
         return f"{duration_s:.0f} s from still to still: too long for a segment; make it a closure run"
     return None
+
+
+# The true time between two samples, where single samples are missing, and where stamps are coarse or jitter.
+
+ROUNDS = 20  #: of counting, for a period that the counts confirm; two are usual
+#: long steps come evenly where a clock is coarse, and by chance where samples are lost: variance of a window's span, in periods,
+#: to the number of long steps in it
+EVEN = 0.4
+WINDOW_LONG_STEPS = 4  #: in one window, on average
+LEAST_WINDOWS = 4
+OFF = 0.45  #: of a period: a step that is off by more is counted; below the half, which steps of a coarse clock may hit
+LOST_SIGMA = 5  #: by which long steps must outnumber the short ones that late stamps make as often
+
+
+@dataclass(frozen=True)
+class Pace:
+    """period_s: the true time between two samples; coarse: stamps too coarse, or off by too much, to show that one sample is missing."""
+
+    period_s: float
+    coarse: bool = False
+
+    @property
+    def rate_hz(self) -> float:
+        """The true data rate, Hz."""
+        return 1 / self.period_s
+
+    def periods(self, steps_s: np.ndarray) -> np.ndarray:
+        """How many periods each of consecutive steps (N,) s holds, whole numbers: one, or more where samples are missing."""
+        counts = np.rint(steps_s / self.period_s)
+        return np.where(steps_s <= GAP_PERIODS * self.period_s, 1.0, counts) if self.coarse else counts
+
+    def missing(self, steps_s: np.ndarray) -> int:
+        """Samples that are missing in consecutive steps (N,) s."""
+        return max(0, int((self.periods(steps_s) - 1).sum()))
+
+
+def pace_of(t_ns: np.ndarray) -> Pace:
+    """The pace of stamps (N,) ns that do not go backward; those that repeat are passed over.  At least one step is needed.
+
+    Each step is counted in periods, and the period is their sum by their number: a missing sample does no harm, whether it is
+    a gap or not.  A clock of 1 ms under 833 samples a second shows steps of 1 and 2 ms without a loss: there what is no gap is one period.
+    """
+    ticks = np.diff(t_ns)
+    ticks = ticks[ticks > 0]
+    steps_s = ticks * NS
+    fine = _confirmed(steps_s)
+    in_ticks = np.gcd.reduce(ticks) * NS >= fine / 2
+    if not (_jittery(steps_s, fine) or (in_ticks and _even(steps_s, fine))):
+        return Pace(fine)
+    within = steps_s <= GAP_PERIODS * fine
+    return Pace(float(steps_s[within].mean()), coarse=True)
+
+
+def _confirmed(steps_s: np.ndarray) -> float:
+    """The period, s, that steps of whole periods have; begun at the steps near the median, which lies on a tick of a coarse clock."""
+    median = float(np.median(steps_s))
+    near = steps_s[np.abs(steps_s - median) <= median / 2]
+    # Of two steps or so, none may lie near the middle between them: then the shorter of the two beside it.
+    period = float(near.mean()) if len(near) else float(np.quantile(steps_s, 0.5, method="lower"))
+    for _ in range(ROUNDS):
+        before, period = period, float(steps_s.sum() / np.rint(steps_s / period).sum())
+        if abs(period / before - 1) < 1e-12:
+            break
+    return period
+
+
+def _jittery(steps_s: np.ndarray, period_s: float) -> bool:
+    """Whether stamps are off by so much that steps of two periods are as likely late stamps as lost samples."""
+    short = np.count_nonzero(steps_s < (1 - OFF) * period_s)
+    long = np.count_nonzero((steps_s > (1 + OFF) * period_s) & (steps_s <= GAP_PERIODS * period_s))
+    return long - short < LOST_SIGMA * np.sqrt(2 * short)
+
+
+def _even(steps_s: np.ndarray, period_s: float) -> bool:
+    """Whether steps that count as more than one period come too evenly for samples lost by chance."""
+    gap = steps_s > GAP_PERIODS * period_s
+    long = (np.rint(steps_s / period_s) > 1) & ~gap
+    windows = int(long.sum()) // WINDOW_LONG_STEPS
+    if windows < LEAST_WINDOWS:
+        return False
+    size = len(steps_s) // windows
+    # Of spans, not of long steps: one that only a late stamp has made has a short one near it.
+    spans = np.where(gap, period_s, steps_s)[: size * windows].reshape(windows, size).sum(axis=1) / period_s
+    return float(spans.var()) < EVEN * min(WINDOW_LONG_STEPS, size - WINDOW_LONG_STEPS)
+
+
+# The two ends of a closure run: a still, a long turn, a still in the same attitude.  Judged here while it is recorded, and by ``fit``.
+
+#: a table is set back by hand to a dial: closer than this is "the same attitude"
+RETURN_RAD = 0.5 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnds:
+    """Stills at the beginning and the end; away_rad: between gravity in one and the other; broken: why it cannot be integrated."""
+
+    first: Still
+    last: Still
+    away_rad: float
+    broken: str | None
+
+    @property
+    def returned(self) -> bool:
+        """Whether it ends in the attitude that it began in, as far as gravity sees it."""
+        return self.away_rad <= RETURN_RAD
+
+
+def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.ndarray | None = None) -> RunEnds | None:
+    """Of a log's samples and stills; None where there are not two stills.  Stills between the two are passed over.
+
+    put_in (N,) bool: samples that are no readings.
+    """
+    good = [still for still in stills if still.problem is None]
+    if len(good) < 2:
+        return None
+    first, last = good[0], good[-1]
+    away = np.arctan2(np.linalg.norm(np.cross(first.accel_mean, last.accel_mean)), first.accel_mean @ last.accel_mean)
+    return RunEnds(first, last, float(away), why_broken(samples, slice(first.stop, last.start + 1), sensor, put_in))
+
+
+# Turns that ``session.toml`` leaves out: each is found again by a moment in which it moved, whatever its number is.
+
+EXCLUDED = "left out in session.toml"
+
+
+def without_excluded(segments: list[Segment], samples: Samples, log: Path, rows: Sequence[LeftOut]) -> list[Segment]:
+    """The segments of one log; those that hold one of its moments have a problem."""
+    moments = moments_of(log, rows)
+    return [replace(s, problem=EXCLUDED) if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
+
+
+def moments_of(log: Path, rows: Sequence[LeftOut]) -> list[float]:
+    """Of one log, packed or not, s of its clock."""
+    return [row.at_s for row in rows if row.log.removesuffix(".gz") == log.name.removesuffix(".gz")]
+
+
+def moved_at(segment: Segment, samples: Samples, at_s: float) -> bool:
+    """Whether a moment of the samples' clock lies between its two stills; in all of it where it lies between moments of a truth file."""
+    start, stop = segment.start, segment.stop - 1
+    if segment.first is not None and segment.last is not None:
+        start, stop = segment.first.stop - 1, segment.last.start
+    return bool(samples.t_ns[start] * NS <= at_s <= samples.t_ns[stop] * NS)
+
+
+# Turns of ``turns.csv`` among a session's segments, and what the gyro reads of each.
+#
+# The gyro's own angle is the integral of its rate less the bias of the stills on either side, in body axes: about a fixed axis it is that
+# axis times the whole angle, circles counted.
+
+#: of the angle, and rad, that a gyroscope which nobody has calibrated may be off by: its sensitivity by 1 to 3 %, its clock by 5.25 %
+#: (docs/sensor.md); never so much that a circle more or less could be meant
+APART_SHARE, APART_RAD, MOST_APART_RAD = 0.10, 5 * DEG, 150 * DEG
+#: between the axis that was written and the one that the gyro turned about: "mounted by hand" ends here
+AXIS_APART_RAD = 30 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class FoundTurn:
+    """A known turn and its segment, or why it is not used.
+
+    segment: None where there is no such turn; reads (3,) rad: the gyro's angle about each body axis; problem: None where it is used.
+    """
+
+    known: KnownTurn
+    segment: Segment | None
+    reads: np.ndarray | None
+    problem: str | None
+
+    @property
+    def axis(self) -> np.ndarray:
+        """(3,) unit, body axes: about which the gyro turned, in the sense in which the stated angle is positive."""
+        assert self.reads is not None
+        return np.sign(self.known.angle_rad) * self.reads / np.linalg.norm(self.reads)
+
+    @property
+    def along_rad(self) -> float:
+        """What the gyro reads about the stated axis."""
+        assert self.reads is not None
+        return float(self.reads @ self.known.axis)
+
+
+def find_known_turns(
+    known: Sequence[KnownTurn], segments: Sequence[Segment], samples: Sequence[Samples], names: Sequence[str]
+) -> list[FoundTurn]:
+    """Each known turn with its segment; samples and names of the logs that ``Segment.log`` counts."""
+    first = {log: next(s.number for s in segments if s.log == log) for log in {s.log for s in segments}}
+    found: list[FoundTurn] = []
+    for turn in known:
+        number: int | None = turn.turn
+        if turn.log is not None:
+            log = names.index(turn.log) if turn.log in names else -1
+            own = [s for s in segments if s.log == log]
+            number = first[log] + turn.turn if turn.turn < len(own) else None
+        segment = next((s for s in segments if s.number == number), None)
+        if segment is None:
+            count = len(segments) if turn.log is None else len(own)
+            found.append(FoundTurn(turn, None, None, f"there is no such turn: {_counted(count)}"))
+            continue
+        reads = angle_read(samples[segment.log], segment)
+        problem = None if segment.accepted else f"the turn is not used: {segment.problem}"
+        if problem is None and any(other.segment is segment for other in found):
+            problem = "an earlier line names the same turn"
+        found.append(FoundTurn(turn, segment, reads, problem or contradiction(turn, reads)))
+    return found
+
+
+def _counted(count: int) -> str:
+    return f"{count} turns, counted from 0" if count else "no turn between two stills"
+
+
+def angle_read(samples: Samples, segment: Segment) -> np.ndarray:
+    """(3,) rad: the gyro's angle about each body axis from still to still, the bias of the stills taken off."""
+    first, last = segment.stills
+    part = slice(segment.start, segment.stop)
+    t_s = (samples.t_ns[part] - samples.t_ns[segment.start]) * NS
+    share = np.clip(t_s / t_s[-1], 0, 1)[:, None]
+    rate = samples.gyro[part] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
+    return np.trapezoid(rate, t_s, axis=0)
+
+
+def contradiction(turn: KnownTurn, reads: np.ndarray) -> str | None:
+    """Why a stated angle cannot be what the gyro saw, or None."""
+    size = float(np.linalg.norm(reads))
+    along = float(reads @ turn.axis)
+    cosine = abs(along) / size if size > 0 else 0.0
+    said = f"the gyro reads {along / DEG:.1f} deg about {turn.words}"
+    if cosine < np.cos(AXIS_APART_RAD):
+        about = ";".join(f"{x:.2f}" for x in reads / max(size, 1e-12))
+        return f"the gyro turned {size / DEG:.1f} deg about {about}, not about {turn.words}"
+    own = float(np.sign(along)) * size  # about its own axis: a mounting that is some degrees off loses nothing
+    if _near(own, turn.angle_rad):
+        return None
+    if _near(own, -turn.angle_rad):
+        return f"{said}: the other way round"
+    circles = round((own - turn.angle_rad) / (2 * np.pi))
+    if circles and _near(own, turn.angle_rad + circles * 2 * np.pi):
+        count = f"{abs(circles)} full circle{'s' * (abs(circles) != 1)}"
+        return f"{said}: {count} {'more' if circles > 0 else 'fewer'} than stated"
+    return said
+
+
+def _near(read_rad: float, angle_rad: float) -> bool:
+    return abs(read_rad - angle_rad) <= min(APART_RAD + APART_SHARE * abs(angle_rad), MOST_APART_RAD)

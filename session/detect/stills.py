@@ -1,22 +1,137 @@
-"""Find the still phases of a log, and say how good each is.
-
-No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
-quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
-Runs of quiet blocks are stills.  A constant slow turn is quiet too, so each still is also asked whether gravity moves in it.
-"""
+"""Find the still phases of a log, and say how good each one is."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from session.common.robust import sigma_of, weighted_median
-from session.common.runs import runs_of
-from session.common.units import DEG, NS
-from session.detect.blocks import Blocks, block_moments
-from session.detect.trends import mean_as_a_slope_weighs, rows_of, trend_of
-from session.log.samples import Samples
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.numeric import runs_of, sigma_of, weighted_median
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+
+# Short blocks of samples and their moments: what stillness and noise are judged by.
+
+BLOCK_S = 0.1  #: long beside a gyro's filter, short beside a hand's pause
+MIN_BLOCK_SAMPLES = 8  #: below this a variance says little
+_CHUNK_BLOCKS = 20_000  #: keeps the working memory small on logs of any length
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Moments of consecutive blocks of ``size`` samples: gyro_mean, gyro_var, accel_mean, accel_var, all (B, 3), SI."""
+
+    size: int
+    duration_s: float
+    gyro_mean: np.ndarray
+    gyro_var: np.ndarray
+    accel_mean: np.ndarray
+    accel_var: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.gyro_mean)
+
+
+def block_size(period_s: float) -> int:
+    """Samples in a block of about ``BLOCK_S``."""
+    return max(MIN_BLOCK_SAMPLES, round(BLOCK_S / period_s))
+
+
+def block_moments(samples: Samples, size: int | None = None) -> Blocks:
+    """Cut samples into blocks of ``size`` samples, or of about ``BLOCK_S``; what is left at the end and fills no block is not looked at."""
+    size = size or block_size(samples.period_s)
+    gyro_mean, gyro_var = _moments(samples.gyro, size)
+    accel_mean, accel_var = _moments(samples.accel, size)
+    return Blocks(size, size * samples.period_s, gyro_mean, gyro_var, accel_mean, accel_var)
+
+
+def _moments(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    count = len(values) // size
+    mean, var = np.empty((count, 3)), np.empty((count, 3))
+    for first in range(0, count, _CHUNK_BLOCKS):
+        last = min(first + _CHUNK_BLOCKS, count)
+        part = values[first * size : last * size].reshape(last - first, size, 3)
+        mean[first:last] = part.sum(axis=1) / size
+        centred = part - mean[first:last, None]
+        var[first:last] = np.einsum("bsi,bsi->bi", centred, centred) / (size - 1)
+    return mean, var
+
+
+# Mean, scatter and slope of the readings of a still: all at once, or part by part where it lasted for hours.
+
+#: rows that are looked at at once: more than an hour at 104 Hz
+AT_ONCE = 1 << 19
+#: samples ``start <= i < stop`` of a still, in order, one pair where nothing interrupts it
+Spans = list[tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """mean, std (of single samples) and slope a second, each (3,)."""
+
+    mean: np.ndarray
+    std: np.ndarray
+    slope: np.ndarray
+
+
+def trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
+    """Of readings (N, 3) of a log at stamps (N,) ns."""
+    first = t_ns[spans[0][0]]
+    if _count(spans) <= AT_ONCE:
+        rows = rows_of(spans)
+        t, own = (t_ns[rows] - first) * NS, values[rows]
+        centred = t - t.mean()
+        return Trend(own.mean(axis=0), own.std(axis=0, ddof=1), centred @ own / np.sum(centred**2))
+    count, t_sum, total = _count(spans), 0.0, np.zeros(3)
+    for part in _parts(spans):
+        t_sum, total = t_sum + float(np.sum((t_ns[part] - first) * NS)), total + np.sum(values[part], axis=0)
+    middle, mean = t_sum / count, total / count
+    square, leverage, along = np.zeros(3), 0.0, np.zeros(3)
+    for part in _parts(spans):
+        centred, off = (t_ns[part] - first) * NS - middle, values[part] - mean
+        square, leverage, along = square + np.sum(off**2, axis=0), leverage + float(centred @ centred), along + centred @ off
+    return Trend(mean, np.sqrt(square / (count - 1)), along / leverage)
+
+
+def mean_as_a_slope_weighs(values: np.ndarray, spans: Spans) -> np.ndarray:
+    """(3,) of readings (N, 3), each weighted as a fitted slope weighs a rate at its time: by ``(T/2)^2 - (t - T/2)^2``."""
+    first, last = spans[0][0], spans[-1][1] - 1
+
+    def weights(rows: np.ndarray) -> np.ndarray:
+        part = (rows - first + 0.5) / (last - first + 1)
+        return part * (1 - part)
+
+    if _count(spans) <= AT_ONCE:
+        return np.average(values[rows_of(spans)], axis=0, weights=weights(np.concatenate([np.arange(*span) for span in spans])))
+    size, total = 0.0, np.zeros(3)
+    for part in _parts(spans):
+        weight = weights(np.arange(part.start, part.stop))
+        size, total = size + float(weight.sum()), total + weight @ values[part]
+    return total / size
+
+
+def rows_of(spans: Spans) -> slice | np.ndarray:
+    """A slice where nothing interrupts a still: no index has to be held."""
+    return slice(*spans[0]) if len(spans) == 1 else np.concatenate([np.arange(*span) for span in spans])
+
+
+def _count(spans: Spans) -> int:
+    return sum(stop - start for start, stop in spans)
+
+
+def _parts(spans: Spans) -> Iterator[slice]:
+    return (slice(at, min(at + AT_ONCE, stop)) for start, stop in spans for at in range(start, stop, AT_ONCE))
+
+
+# Find the still phases of a log, and say how good each is.
+#
+# No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
+# quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
+# Runs of quiet blocks are stills.  A constant slow turn is quiet too, so each still is also asked whether gravity moves in it.
 
 QUIET_VARIANCE_RATIO = 3.0  #: of a block's variance to the noise's; pure noise of 3 x 7 degrees of freedom exceeds it once in 10^6
 QUIET_ACCEL_RATIO = 6.0  #: looser: a table that trembles by some 0.1 mg still does not turn
@@ -290,3 +405,142 @@ def _without_steady_turns(stills: list[Still]) -> list[Still]:
 def usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
     """(3,) rad/s: what most of the time at rest reads, of mean rates (Q, 3) over durations (Q,) s."""
     return np.array([weighted_median(rates[:, i], durations_s) for i in range(3)])
+
+
+# Rests of a log that are no reference, each with its reason: an operator who sees where the table was not left alone can do better.
+#
+# A rest is what is quiet, at the rate that the stills have.  A pause of less than ``LEAST_S`` is part of a turn.
+
+LEAST_S = 0.25  #: a hand that changes its direction rests for less
+KNOCK_S = 1.0  #: rests of one attitude that are parted by less were one, and something knocked at it
+SAME_ATTITUDE_RAD = 0.5 * DEG  #: a table that somebody knocks at comes back to within this; a turn goes farther
+
+
+@dataclass(frozen=True)
+class UnusedRest:
+    """start_s of the log; duration_s; cause, ``creeps``, ``turns``, ``knocked`` or ``too short``; why it is no reference, in words."""
+
+    start_s: float
+    duration_s: float
+    cause: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"at {self.start_s:.1f} s ({self.duration_s:.1f} s): {self.why}"
+
+
+def unused_rests(samples: Samples, stills: list[Still], still_s: float) -> list[UnusedRest]:
+    """All of a log that ``find_stills`` did not take for a reference, in order; stills are what it found."""
+    found = [UnusedRest(still.start_s, still.duration_s, "creeps", still.problem) for still in stills if still.problem]
+    blocks = block_moments(samples)
+    if len(blocks) < 3:
+        return found
+    runs, _ = quiet_runs(blocks)
+    runs = [run for run in runs if (run[1] - run[0]) * blocks.duration_s >= LEAST_S]
+    rates = np.array([blocks.gyro_mean[start:stop].mean(axis=0) for start, stop in runs]).reshape(-1, 3)
+    lengths = np.array([stop - start for start, stop in runs], dtype=float)
+    usual = np.median([still.gyro_mean for still in stills], axis=0) if stills else usual_rate(rates, lengths) if runs else np.zeros(3)
+    taken = np.array([(still.start // blocks.size, -(-still.stop // blocks.size)) for still in stills], dtype=int).reshape(-1, 2)
+    shortest_s = MIN_STILL_FRACTION * still_s
+    for number, (run, rate) in enumerate(zip(runs, rates, strict=True)):
+        if np.any((run[0] < taken[:, 1]) & (run[1] > taken[:, 0])):
+            continue
+        duration_s, off = (run[1] - run[0]) * blocks.duration_s, np.abs(rate - usual).max()
+        cause, why = "too short", f"too short, expected {shortest_s:.2g} s"
+        if off > TURNING_RPS:
+            if duration_s < shortest_s:
+                continue  # the middle of a slow turn
+            cause, why = "turns", f"turns at a steady {off / DEG:.1f} dps"
+        elif (knock_s := _knock_s(number, runs, blocks)) is not None:
+            cause, why = "knocked", f"{why}: {knock_s:.1f} s of movement part it from a rest in the same attitude"
+        found.append(UnusedRest(float(samples.t_s[run[0] * blocks.size]), duration_s, cause, why))
+    return sorted(found, key=lambda rest: rest.start_s)
+
+
+def _knock_s(number: int, runs: list[tuple[int, int]], blocks: Blocks) -> float | None:
+    """s of movement between a run and a neighbour in the same attitude; None where there is no such neighbour."""
+    for other in (number - 1, number + 1):
+        if not 0 <= other < len(runs):
+            continue
+        (first, last) = sorted((runs[number], runs[other]))
+        apart_s = (last[0] - first[1]) * blocks.duration_s
+        down = [blocks.accel_mean[start:stop].mean(axis=0) for start, stop in (first, last)]
+        angle = np.arctan2(np.linalg.norm(np.cross(*down)), down[0] @ down[1])
+        if apart_s <= KNOCK_S and angle < SAME_ATTITUDE_RAD:
+            return apart_s
+    return None
+
+
+# The stills of a session's logs and closure runs, each looked for once, whoever asks for them.
+
+#: calibrations whose matrices differ by less find the same stills: a scatter moves by 1 %, and ends a still at 2.4 times the noise's
+NEARLY = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class LogStills:
+    """One log: samples with the accelerometer's pre-calibration applied, stills in them, their noise (None where nothing is still);
+    still_s: how long a still should be, s."""
+
+    samples: Samples
+    stills: list[Still]
+    noise: Noise | None
+    still_s: float = 1.0
+
+    @cached_property
+    def unused(self) -> list[UnusedRest]:
+        """Rests that are no reference, with their reasons; looked for when they are first asked for."""
+        return unused_rests(self.samples, self.stills, self.still_s)
+
+
+class SessionStills:
+    """Made once where a session is read, and handed on: to the first look, the problem, the closure runs."""
+
+    def __init__(self, session: Session, known: SessionStills | None = None):
+        """known: of the same session before some of its logs were mended; the others are not looked at again."""
+        self._session = session
+        self._found: list[tuple[Log, LogStills]] = [] if known is None else list(known._found)
+
+    def under(self, session: Session) -> SessionStills:
+        """Of the same logs under another calibration of the accelerometer: the same stills where it is nearly the one before, else to be
+        looked for anew, since the scatter of each axis decides what is still."""
+        return self.recalibrated(session) if abs(self._change(session) - np.eye(3)).max() < NEARLY else SessionStills(session)
+
+    def recalibrated(self, session: Session) -> SessionStills:
+        """The same stills of the same logs under another calibration: their means and the scatter of independent axes follow it."""
+        other = SessionStills(session)
+        before, after = self._session.config.accelerometer, session.config.accelerometer
+        squares = self._change(session) ** 2
+
+        def scatter(sigma: np.ndarray) -> np.ndarray:
+            return np.asarray(np.sqrt(squares @ sigma**2))
+
+        for log, found in self._found:
+            stills = [
+                replace(still, accel_mean=after.correct(before.measured(still.accel_mean)), accel_std=scatter(still.accel_std))
+                for still in found.stills
+            ]
+            noise = found.noise and replace(found.noise, accel=scatter(found.noise.accel))
+            again = LogStills(session.calibrated(log), stills, noise, found.still_s)
+            if "unused" in found.__dict__:
+                again.__dict__["unused"] = found.unused
+            other._found.append((log, again))
+        return other
+
+    def _change(self, session: Session) -> np.ndarray:
+        """(3, 3): what the other calibration makes of a specific force under this one, but for an offset."""
+        return np.asarray(session.config.accelerometer.matrix @ np.linalg.inv(self._session.config.accelerometer.matrix))
+
+    def samples(self) -> list[Samples]:
+        """Of each log that was looked at."""
+        return [found.samples for _, found in self._found]
+
+    def of(self, log: Log) -> LogStills:
+        """What is found in a log or closure run of the session: looked for when it is first asked for."""
+        for looked_at, found in self._found:
+            if looked_at is log:
+                return found
+        samples, still_s = self._session.calibrated(log), self._session.config.protocol.still_s
+        found = LogStills(samples, *find_stills(samples, still_s), still_s)
+        self._found.append((log, found))
+        return found

@@ -1,4 +1,1 @@
-"""Session folders of what a logger wrote to its card (``convert``), or of a recording's raw bytes (``from_raw``).
-
-May import: common, files, sensor, stream, dialects, log, detect, checks, recording.
-"""
+"""Session folders of what a logger wrote to its card (``convert``), or of a recording's raw bytes (``from_raw``)."""

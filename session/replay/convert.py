@@ -1,4 +1,4 @@
-"""From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing."""
+"""Make a session folder of another program's logs, or of a recording's raw bytes."""
 
 from __future__ import annotations
 
@@ -10,24 +10,182 @@ from pathlib import Path
 
 import numpy as np
 
-from session.checks.findings import Finding
-from session.checks.first_look import check_folder
-from session.common.errors import CalibrationError, FormatError
-from session.common.texts import comment, shell_word
-from session.detect.pace import pace_of
-from session.dialects.layout import AXES, Answers
-from session.dialects.reader import Reader
-from session.dialects.standard import OWN
-from session.dialects.units import TIME, endings
-from session.files.writing import naming
-from session.log.config import Sensor, read_config
-from session.log.folder import log_paths
-from session.log.logfile import CALIBRATED, read_log
-from session.log.toml_text import line, setting
-from session.recording.session_file import UNKNOWN
-from session.replay.join import Joined, join
-from session.replay.whose import with_sensor
-from session.sensor.known import profile_of
+from session.bench.decoder import StreamDecoder
+from session.bench.frames import cannot_be_told
+from session.bench.logwriter import FOREIGN, LogWriter, said_not_logged
+from session.bench.recorder import BLOCK, stream
+from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, UNKNOWN, SessionFile
+from session.detect.findings import Finding
+from session.detect.first_look import check_folder
+from session.detect.segments import pace_of
+from session.io.config import Sensor, read_config
+from session.io.dialects import AXES, Answers, Layout
+from session.io.errors import CalibrationError, DataError, FormatError, StorageError
+from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
+from session.io.folder import log_paths
+from session.io.logfile import CALIBRATED, read_log
+from session.io.reader import Piece, Reader, counted, evenly, fresh
+from session.io.recognise import OWN
+from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
+from session.io.texts import comment, shell_word
+from session.io.toml import line, setting
+from session.io.units import NS_PER_S, TIME, endings
+
+# Which sensor's a log is, and what to say where nobody tells, or where it is none that is known.
+
+
+def with_sensor(readers: list[Reader], answers: Answers) -> tuple[Answers, list[str]]:
+    """The answers with the sensor, and notes: registers must be some sensor's, numbers in physical units may be anyone's.
+
+    FormatError: registers of a sensor that is not known, or of a foreign log that does not name it.
+    """
+    registers = any(unit.si is None for reader in readers for _, _, unit in reader.layout.kinds)
+    if answers.sensor:
+        if registers:
+            require_profile(answers.sensor)
+        return answers, [] if profile_of(answers.sensor) is not None else [_not_known(answers.sensor)]
+    if not registers:
+        return answers, []
+    if any(reader.layout.dialect != OWN for reader in readers):
+        named = " and ".join(reader.path.name for reader in readers)
+        raise FormatError(f"{named} holds registers and does not name the sensor; give --sensor NAME (`calibrate.py sensors` lists them)")
+    return replace(answers, sensor=DEFAULT), [ASSUMED]
+
+
+def _not_known(name: str) -> str:
+    near = nearest_name(name)
+    meant = f" (is {near} meant?)" if near else ""
+    return f"{name} is no sensor that is known{meant}: it has no yardstick (`calibrate.py sensors` lists those that have one)"
+
+
+# One log from one file, or from one for the gyroscope and one for the accelerometer, joined on time.
+
+#: beyond this many of its own periods a second file's neighbours are too far apart to read between them
+WIDEST = 3.5
+#: all of which are held at once: two days at 208 Hz
+MOST_ROWS = 40_000_000
+#: of notes on stamps that are none
+COUNTED = "samples were counted at"
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
+    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given."""
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp: np.ndarray | None
+    gyro_layout: Layout
+    accel_layout: Layout
+    temp_layout: Layout | None
+    notes: tuple[str, ...]
+    counted: bool = False
+
+
+def join(readers: list[Reader], odr_hz: float | None) -> Joined:
+    """Raises FormatError where the files do not hold one gyroscope and one accelerometer, DataError where their times do not meet."""
+    notes: list[str] = []
+    whole = [(reader, _whole(reader, odr_hz, notes)) for reader in readers]
+    gyro_reader, gyro = _only(whole, "gyro", "gyroscope")
+    accel_reader, accel = _only(whole, "accel", "accelerometer")
+    gyro_ns, accel_ns, rate, force = gyro.t_ns, accel.t_ns, gyro.gyro, accel.accel
+    assert gyro_ns is not None and accel_ns is not None  # noqa: PT018  # ``_whole`` gives stamps to what has none
+    assert rate is not None and force is not None  # noqa: PT018  # ``_only`` has looked
+    keep = np.ones(len(gyro_ns), dtype=bool)
+    if accel_reader is not gyro_reader:
+        force, keep = _at(gyro_ns, accel_ns, force)
+        notes.append(_joined_note(gyro_ns, accel_ns, keep))
+        if not keep.any():
+            raise DataError(f"{gyro_reader.path.name} and {accel_reader.path.name} share no time; are they of one recording, on one clock?")
+    temps = [(reader, piece) for reader, piece in whole if piece.temp is not None]
+    # The gyro's own temperature before any other's.
+    temp_reader, temp = next((entry for entry in temps if entry[0] is gyro_reader), temps[0] if temps else (None, None))
+    values = None if temp is None else temp.temp
+    if temp is not None and values is not None and temp.t_ns is not None and temp_reader is not gyro_reader:
+        values = np.interp(gyro_ns, temp.t_ns, values)
+    return Joined(
+        gyro_ns[keep],
+        rate[keep],
+        force[keep],
+        None if values is None else values[keep],
+        gyro_reader.layout,
+        accel_reader.layout,
+        None if temp_reader is None else temp_reader.layout,
+        tuple(notes),
+        any(COUNTED in note for note in notes),
+    )
+
+
+def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
+    pieces, rows = [], 0
+    name = reader.path.name
+    for piece in reader.pieces():
+        pieces.append(piece)
+        rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
+        if rows > MOST_ROWS:
+            raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
+    notes += [f"{name}: {note}" for note in reader.notes]
+    if reader.wraps:
+        notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")
+    if not pieces:
+        raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
+    columns = [
+        None if getattr(pieces[0], part) is None else np.concatenate([getattr(piece, part) for piece in pieces])
+        for part in ("t_ns", "gyro", "accel", "temp")
+    ]
+    whole = Piece(*columns)
+    if whole.t_ns is None:
+        if odr_hz is None:  # of a file with neither sensor: ``recognise`` asks for the others
+            raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
+        rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
+        notes.append(f"{name}: no stamps: {COUNTED} {odr_hz:g} Hz")
+        return Piece(counted(rows, odr_hz), *columns[1:])
+    stamps, note = evenly(whole.t_ns, odr_hz, name)
+    if note:
+        notes.append(f"{name}: {note}")
+    return Piece(stamps, *columns[1:])
+
+
+def _only(whole: list[tuple[Reader, Piece]], part: str, called: str) -> tuple[Reader, Piece]:
+    there = [(reader, piece) for reader, piece in whole if getattr(piece, part) is not None]
+    if len(there) == 1:
+        return there[0]
+    if there:
+        raise FormatError(f"{' and '.join(reader.path.name for reader, _ in there)} both hold a {called}; give the files of one sensor")
+    named = ", ".join(reader.path.name for reader, _ in whole)
+    raise FormatError(f"{named}: no {called}; give its file as well (this log needs the gyroscope's and the accelerometer's)")
+
+
+def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """values (M, 3) at the moments t_ns, straight between neighbours, and where that can be trusted."""
+    later = fresh(there_ns)
+    there_ns, values = there_ns[later], values[later]
+    if len(there_ns) < 2:
+        return np.zeros((len(t_ns), 3)), np.zeros(len(t_ns), dtype=bool)
+    after = np.clip(np.searchsorted(there_ns, t_ns), 1, len(there_ns) - 1)
+    gap = there_ns[after] - there_ns[after - 1]
+    part = ((t_ns - there_ns[after - 1]) / gap)[:, None]
+    # On the stamp itself the value must be the value, not nearly.
+    between = np.where(
+        part >= 1, values[after], np.where(part <= 0, values[after - 1], values[after - 1] * (1 - part) + values[after] * part)
+    )
+    inside = (t_ns >= there_ns[0]) & (t_ns <= there_ns[-1])
+    near = (gap <= WIDEST * np.median(np.diff(there_ns))) | (part[:, 0] == 0) | (part[:, 0] == 1)
+    return between, inside & near
+
+
+def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) -> str:
+    rates = [NS_PER_S / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
+    text = f"joined on time: gyroscope at {rates[0]:.4g} Hz, accelerometer at {rates[1]:.4g} Hz"
+    if not np.isin(gyro_ns[keep], accel_ns).all():
+        text += ", read between its samples"
+    lost = np.count_nonzero(~keep)
+    return text + (f"; {lost} samples of the gyroscope without an accelerometer beside them are left out" if lost else "")
+
+
+# From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing.
 
 #: what a stamp in us leaves behind
 US_NS = 1000
@@ -277,3 +435,100 @@ def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
     if any(finding.level == "error" for finding in findings):
         return (look,)
     return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", f"calibrate.py fit {shell_word(out)}"
+
+
+# A session folder from a raw file: the logs that a recording made, or would have made, from the same bytes.
+
+SUFFIX = ".bin"
+#: bytes without a sample: three hours of a port that listens at a wrong speed
+MOST_SILENT = 128 * MB
+
+
+def is_raw(path: Path) -> bool:
+    """Whether a file is what a port gave, rather than a log: by its name."""
+    return path.suffix.lower() == SUFFIX
+
+
+def convert_raw(
+    raw_path: Path,
+    out: Path,
+    odr_hz: float | None = None,
+    gyro_fs_dps: float | None = None,
+    accel_fs_g: float | None = None,
+    sensor: str | None = None,
+    header: str | None = None,
+) -> Converted:
+    """Make a session folder of a raw file; session.toml is the one beside it, or what the board and the arguments say.
+
+    Nothing is left behind where it fails.  Raises FormatError and StorageError.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: exists; give --out a new folder")
+    open_file(raw_path).close()  # before anything is made
+    missing = [path for path in (out, *out.parents) if not path.exists()]
+    decoder, logs = StreamDecoder(header), LogWriter(out)
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"{out}: {error.strerror or error}; give --out another folder") from None
+        silent, samples = 0, 0
+        for _ in stream(raw_path, decoder, logs):
+            silent, samples = silent + 1 if decoder.samples == samples else 0, decoder.samples
+            if silent * BLOCK > MOST_SILENT:
+                raise FormatError(f"{raw_path}: no sample among {MOST_SILENT} bytes, behind {samples} samples; cut the file there")
+        logs.write(decoder.finish())
+        logs.close()
+        own = [path for path in logs.paths if not path.name.startswith(FOREIGN)]
+        if not own:
+            raise FormatError(
+                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
+                "text in physical units that does not say its header needs --header t_us,gx_dps,…"
+            )
+        with naming(out):
+            assumed = _configure(raw_path, out, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
+    except (CalibrationError, OSError):
+        for path in [*logs.paths, out / NAME]:
+            path.unlink(missing_ok=True)
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+        raise
+    notes = [f"{path.name} written" for path in logs.paths[1:]]
+    counts = {
+        "samples lost": decoder.lost,
+        "frames with a bad CRC": decoder.crc_errors,
+        "bytes of garbage": decoder.garbage,
+        "samples left out as implausible": decoder.implausible,
+        "resets": decoder.resets,
+    }
+    notes += [f"{count} {what}" for what, count in counts.items() if count]
+    if decoder.crc_errors:
+        notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
+    if logs.not_logged:
+        notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
+    notes += [ASSUMED] * assumed
+    next_steps = (f"calibrate.py check {shell_word(out)}", f"calibrate.py fit {shell_word(out)}")
+    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
+
+
+def _configure(
+    raw_path: Path,
+    out: Path,
+    decoder: StreamDecoder,
+    logs: LogWriter,
+    odr_hz: float | None,
+    gyro_fs_dps: float | None,
+    accel_fs_g: float | None,
+    sensor: str | None,
+) -> bool:
+    """Write session.toml; whether its sensor is only assumed."""
+    beside = raw_path.with_name(NAME)
+    if beside.exists():
+        (out / NAME).write_bytes(read_bytes(beside, MOST_TOML))
+        return False
+    rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
+    file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
+    if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
+        raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")
+    return file.assumed

@@ -9,8 +9,8 @@ import numpy as np
 
 from fuzz_targets.material import COUNT, T_US, UNIT_HEADER, UNIT_LINES, lines
 from fuzz_targets.rules import choose, finite
-from session.log.folder import read_session
-from tinygc.plan.requested import requested_by_explain
+from session.io.folder import read_session
+from tinygc.planning.proposals import requested_by_explain
 
 SENSOR = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 104\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
 GIVEN = 'offset_s = 0.5\nframe = "enu"\nsense = "world_to_body"\norder = "xyzw"\n'

@@ -10,9 +10,9 @@ import numpy as np
 
 from fuzz_targets.material import FRAMES, INFO, INFO_FRAME, REGISTER_HEADER, REGISTER_LINES, REGISTERS, UNIT_HEADER, UNIT_LINES
 from fuzz_targets.rules import choose, finite
-from session.stream import frames
-from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Comment, Event, Info, Trouble
+from session.bench import frames
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Chunk, Comment, Event, Info, Trouble
 
 MODES = (None, UNIT_HEADER, "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c", "composed")
 TIME_WRAP = 2**32

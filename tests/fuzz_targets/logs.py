@@ -20,12 +20,12 @@ from fuzz_targets.material import (
     lines,
 )
 from fuzz_targets.rules import choose, finite
-from session.common.errors import CalibrationError
-from session.dialects.layout import Answers
-from session.dialects.reader import Piece, Reader
-from session.log.config import Sensor
-from session.log.logfile import read_log
-from session.log.rests import read_rest
+from session.io.config import Sensor
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError
+from session.io.logfile import read_log
+from session.io.reader import Piece, Reader
+from session.io.rests import read_rest
 
 SENSOR = Sensor("ASM330LHH", "1", 104.0, 500.0, 4.0)
 UNKNOWN = Sensor("no such sensor", "", 104.0, 500.0, 4.0)

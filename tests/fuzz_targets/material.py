@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.stream import frames
-from session.stream.events import Info
+from session.bench import frames
+from session.bench.events import Info
 
 COUNT = 12
 PERIOD_US = 9600

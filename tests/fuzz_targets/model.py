@@ -11,21 +11,20 @@ import numpy as np
 from fuzz_targets.json_edits import edited
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
 from fuzz_targets.rules import choose, finite, must_hold
-from session.common.units import DEG, G
-from session.dialects.layout import Answers
-from session.log.config import Accelerometer, Sensor
-from session.log.samples import Samples
+from session.io.config import Accelerometer, Sensor
+from session.io.dialects import Answers
+from session.io.samples import Samples
+from session.io.units import DEG, G
 from tinygc import models
+from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.deploy.apply import apply_model
 from tinygc.effects import AppliedEffect, Conditions, effect_of
-from tinygc.models.accelerometer import accelerometer_of, accelerometer_table, sensor_of, sensor_table
-from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_of, accelerometer_table, sensor_of, sensor_table
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
-from tinygc.models.thermal import ThermalModel
 
 LOG = f"t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c\n{lines(T_US, RATES_DPS, FORCES_G, np.full(COUNT, 25.5))}"
 SAMPLES = Samples(T_US * 1000, RATES_DPS * DEG, FORCES_G * G, np.full(COUNT, 25.5))

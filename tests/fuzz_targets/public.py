@@ -10,12 +10,13 @@ import numpy as np
 
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
 from fuzz_targets.rules import choose, finite, must_hold
-from session.common.errors import DataError
-from session.common.units import DEG, G
-from session.log.config import read_config
-from session.log.folder import read_session
-from session.log.rests import read_rest
-from session.public import euroc_folders, imucal, mikov, mimu, tofupilot, xsens
+from session.annexes.public import euroc as euroc_folders
+from session.annexes.public import imucal, mikov, mimu, tofupilot, xsens
+from session.io.config import read_config
+from session.io.errors import DataError
+from session.io.folder import read_session
+from session.io.rests import read_rest
+from session.io.units import DEG, G
 
 RATES, FORCES = RATES_DPS * DEG, FORCES_G * G
 IMU = "V1_01_easy/mav0/imu0/data.csv"

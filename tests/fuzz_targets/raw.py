@@ -10,12 +10,11 @@ import numpy as np
 
 from fuzz_targets.material import FRAMES, INFO, INFO_FRAME, REGISTER_HEADER, REGISTER_LINES, UNIT_HEADER, UNIT_LINES
 from fuzz_targets.rules import choose, finite, must_hold
-from session.common.errors import DataError
-from session.log.config import read_config
-from session.log.logfile import read_log
-from session.recording.decisions import decision_of
-from session.recording.rawfile import RAW, TIMES, TIMES_HEADER, read_marks
-from session.replay.from_raw import convert_raw
+from session.bench.rawfile import RAW, TIMES, TIMES_HEADER, decision_of, read_marks
+from session.io.config import read_config
+from session.io.errors import DataError
+from session.io.logfile import read_log
+from session.replay.convert import convert_raw
 
 SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
 MODES = (

@@ -11,10 +11,10 @@ import numpy as np
 from fuzz_targets import logs
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, UNIT_HEADER, UNIT_LINES, lines
 from fuzz_targets.rules import choose, finite, must_hold
-from session.common.errors import DataError
-from session.dialects.layout import Answers
-from session.log.config import read_config
-from session.log.folder import read_session
+from session.io.config import read_config
+from session.io.dialects import Answers
+from session.io.errors import DataError
+from session.io.folder import read_session
 from session.replay.convert import convert
 
 FULL = Answers(odr_hz=104.0, gyro_fs_dps=500.0, accel_fs_g=4.0, sensor="ASM330LHH")

@@ -11,17 +11,15 @@ from pathlib import Path
 
 from fuzz_targets.json_edits import edited
 from fuzz_targets.rules import choose
-from session.log.folder import read_session
+from session.io.folder import read_session
 from tinygc.deploy.exports import FORMATS, exporter
 from tinygc.deploy.exports._context import read_context
-from tinygc.fitting import bias
-from tinygc.fitting.bias.origin import origin_of
-from tinygc.fitting.compare import compare, read_calibrated, to_json
-from tinygc.library.fit import fit
-from tinygc.library.simulate import simulate
-from tinygc.library.text import as_text
-from tinygc.plan.requested import requested_by_explain
-from tinygc.report.comparison_text import comparison_page
+from tinygc.estimation import bias_of_day
+from tinygc.estimation.bias_of_day import origin_of
+from tinygc.estimation.compare import compare, read_calibrated, to_json
+from tinygc.library.sessions import as_text, fit, simulate
+from tinygc.planning.proposals import requested_by_explain
+from tinygc.reporting.tables import comparison_page
 
 MODEL = "fit/model_least_squares.json"
 FILES = (MODEL, "fit/fit.json", "fit/fitted.json", "fit/rebiased.json")
@@ -67,8 +65,8 @@ def run(data: bytes, folder: Path) -> None:
         requested_by_explain(session)
     else:
         if name == "fit/rebiased.json":
-            shutil.copy(session / MODEL, session / "fit" / bias.MODEL)
-            model, context = read_context(session, str(session / "fit" / bias.MODEL))
+            shutil.copy(session / MODEL, session / "fit" / bias_of_day.MODEL)
+            model, context = read_context(session, str(session / "fit" / bias_of_day.MODEL))
         else:
             model, context = read_context(session)
         files = exporter(mode.removeprefix("export ")).export(model, context)

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from fuzz_targets.rules import choose, finite, must_hold
-from session.accelerometer.section import with_section
-from session.common.errors import CalibrationError, FormatError
-from session.log.additions import add_exclude, add_notes
-from session.log.config import Accelerometer, Config, LeftOut, read_config
-from session.recording.session_file import SessionFile
-from session.recording.session_text import toml_text
+from session.bench.session_file import SessionFile, toml_text
+from session.detect.accelerometer import with_section
+from session.io.config import Accelerometer, Config, LeftOut, read_config
+from session.io.errors import CalibrationError, FormatError
+from session.io.folder import add_exclude, add_notes
 
 WHOLE = """schema = "tinygc-session/1"
 

@@ -1,4 +1,1 @@
-"""Rotations, their integration over time, and the Earth that turns below.
-
-May import: session.
-"""
+"""Rotations, their integration over time, and the Earth that turns below."""

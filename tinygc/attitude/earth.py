@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.common.units import DEG, EARTH_RATE_RPS
+from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 
 _HEADINGS = np.arange(0, 360, 0.5) * DEG

@@ -10,7 +10,7 @@ import argparse
 import shlex
 from collections.abc import Iterator
 
-from tinygc.cli.paths import file_written, folder_written, log_written, path_read
+from tinygc.cli.arguments import file_written, folder_written, log_written, path_read
 
 SHELLS = ("bash", "zsh", "fish")
 #: what a person may have called

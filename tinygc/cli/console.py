@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from session.common.console import PlainConsole
+from session.bench.console import PlainConsole
 
 #: columns of a table that is piped: wide enough that no cell wraps
 PIPED_WIDTH = 160

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.common.errors import FormatError
-from session.common.texts import printable
+from session.io.errors import FormatError
+from session.io.texts import printable
 
 if TYPE_CHECKING:
-    from session.log.toml_reader import TomlReader
+    from session.io.toml import TomlReader
 
 SCHEMA = "tinygc-defaults/1"
 NAME = "tinygc.toml"
@@ -94,8 +94,7 @@ def whose_limit(args: argparse.Namespace) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     """Key -> value, of the keys that are there."""
-    from session.files.toml import read_toml
-    from session.log.toml_reader import TomlReader, said
+    from session.io.toml import TomlReader, read_toml, said
 
     table = read_toml(path)
     if table.get("schema") != SCHEMA:

@@ -1,15 +1,26 @@
-"""Overlapping Allan deviation of whatever stillness there is (IEEE 952, annex C).
-
-A session's stillness comes in pieces, a still each, in different attitudes.  The Allan variance is built of second differences of the
-angle, which know nothing of a piece's mean; so the pieces are pooled, and no difference reaches over a turn.  Sums of pieces may be kept
-(``AllanSums``) where there are too many to hold, and curves at short and at long times put together.
-"""
+"""Allan deviation (IEEE 952, annex C), and the bias instability that the uncertainties use."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+
+from session.io.config import Sensor
+from session.io.units import DEG_PER_HOUR
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate
+from tinygc.closure.floor import UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.least_squares import solve_lower
+from tinygc.closure.stills import StillSet
+
+# Overlapping Allan deviation of whatever stillness there is (IEEE 952, annex C).
+#
+# A session's stillness comes in pieces, a still each, in different attitudes.  The Allan variance is built of second differences of the
+# angle, which know nothing of a piece's mean; so the pieces are pooled, and no difference reaches over a turn.  Sums of pieces may be kept
+# (``AllanSums``) where there are too many to hold, and curves at short and at long times put together.
 
 #: the floor of the Allan deviation is this share of the bias instability: sqrt(2 ln 2 / pi) (IEEE 952, C.1)
 FLICKER_FLOOR = 0.6643
@@ -143,3 +154,156 @@ def _read_at(curve: AllanCurve) -> int:
     sample_s = curve.tau_s[0]
     wanted = max(READ_S, READ_SAMPLES * sample_s)
     return int(np.argmin(np.abs(np.log(curve.tau_s / wanted))))
+
+
+# The bias instability that uncertainties reckon with: of session.toml, else typical of the model, else estimated from the stills.
+#
+# The estimate: the mean rates of the stills, long ones in pieces (so Allan's averaging times within them count as well), scatter beyond
+# white noise by the covariance of flicker noise, times B^2.  What gravity, the Earth, a steady drift and temperature may do to them is
+# projected out; B's likelihood (restricted: Patterson & Thompson 1971) over all axes, with a flat prior, gives its mean and sigma.
+# A few stills that something else moved (a knock) must not pass for wander: innovations are normal, or, one in fifty, of a far wider law;
+# nor must a step of the bias, which is looked for and taken out.
+
+GIVEN, ESTIMATED = "given", "estimated from this recording"
+#: a still of twice this is cut into pieces: white noise of a second or more is as white as within a still; and how many pieces at most
+PIECE_S, MOST_PIECES = 4.0, 300
+#: B that are tried, rad/s; no MEMS gyroscope that holds an attitude for a turn is as unsteady as the last
+GRID_RPS = np.concatenate([[0.0], np.geomspace(0.1, 300.0, 70)]) * DEG_PER_HOUR
+#: innovations that are not the sensor's: how many, and how wide.  One in fifty costs an estimate without them 2 % of its sigma
+OUTLIERS, OUTLIER_SIGMAS = 0.02, 20.0
+#: chi-square, 3 degrees of freedom, that a step of the bias must take up beside the wander, which some 100 moments reach by chance once
+#: in 700 recordings; and how many are looked for
+STEP_CHI_SQUARE, MOST_STEPS = 25.0, 3
+#: s at both ends of a still that are left out: a turn begins more softly than a block's noise tells
+END_S = 0.2
+#: numbers in the covariances that are looked at together: some megabytes
+SAMPLES_AT_ONCE = 500_000
+#: freedoms of all axes together, below which the flat prior, and not the recording, would decide
+LEAST_STILL_FREEDOM = 9
+#: degC: a smaller change is the thermometer's noise
+LEAST_CHANGE_C = 0.5
+
+
+def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
+    """Of a session's sensor, with the stills of its logs and the Earth's rate by yaw group."""
+    if sensor.gyro_bias_instability_dph is not None:
+        return BiasInstability(sensor.gyro_bias_instability_dph * DEG_PER_HOUR, GIVEN)
+    if typical := sensor.typical("gyro_bias_instability_dph"):
+        return BiasInstability(typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
+    return estimated(logs, earths)
+
+
+def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
+    """From the stills alone."""
+    pieces = [piece for number, log in enumerate(logs) for piece in _pieces(number, logs)]
+    if not pieces:
+        return BiasInstability(0.0, UNKNOWN)
+    rate, log, t_s, span_s, walk, down, q_tb, group, temp_c = (np.array(column) for column in zip(*pieces, strict=True))
+    for g in np.unique(group):
+        rate[group == g] -= earths[int(g)].in_body(q_tb[group == g])
+    heading_known = all(earths[int(g)].source in ("given", "estimated") for g in np.unique(group))
+    sideways = [np.zeros((len(t_s), 0)) if heading_known else _sideways(q_tb, group, axis) for axis in range(3)]
+    white, flicker = walk**2 / span_s[:, None], wander_covariance(t_s, span_s, instability_rps=1.0)
+    steps = np.zeros((len(t_s), 0))
+    for _ in range(MOST_STEPS + 1):
+        columns = [_columns(log, t_s, down, side, temp_c, steps) for side in sideways]
+        if sum(len(t_s) - each.shape[1] for each in columns) < LEAST_STILL_FREEDOM:
+            return BiasInstability(0.0, UNKNOWN)
+        likelihood = [_log_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)]
+        found = _posterior(np.sum(likelihood, axis=0))
+        step = _step(rate, columns, white, found.rps**2 * flicker)
+        if step is None:
+            break
+        steps = np.concatenate([steps, step[:, None]], axis=1)
+    return found
+
+
+def _posterior(likelihood: np.ndarray) -> BiasInstability:
+    """Mean, sigma and limit under a flat prior over the grid."""
+    weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID_RPS)
+    weight /= weight.sum()
+    mean = float(weight @ GRID_RPS)
+    sigma = float(np.sqrt(weight @ (GRID_RPS - mean) ** 2))
+    return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), GRID_RPS)), of_unit=True)
+
+
+def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
+    """Of each reference still of a log, whole or in parts: mean rate, log, moment and span s, angle random walk, gravity's direction,
+    attitude, yaw group, degC or NaN."""
+    log, began = logs[number], sum(before.samples.duration_s for before in logs[:number])
+    rested = sum(still.duration_s for each in logs for still in each.stills if still.problem is None)
+    samples, walk, piece_s = log.samples, log.noise.angle_random_walk, max(PIECE_S, rested / MOST_PIECES)
+    for q, group, still in zip(log.q_tb, log.group, log.stills, strict=True):
+        if still.problem is not None:
+            continue
+        down = still.accel_mean / max(still.gravity_mps2, 1e-12)
+        if still.bumps:
+            middle_s = began + still.start_s + still.duration_s / 2
+            yield still.gyro_mean, number, middle_s, still.duration_s, walk, down, q, group, still.temp_c
+            continue
+        end = min(round(END_S / samples.period_s), (still.stop - still.start) // 4)
+        parts = max(1, int(still.duration_s / piece_s))
+        for a, b in pairwise(np.linspace(still.start + end, still.stop - end, parts + 1).astype(int)):
+            temp_c = np.nan if samples.temp_c is None else samples.temp_c[a:b].mean()
+            middle_s = began + (samples.t_s[a] + samples.t_s[b - 1]) / 2
+            yield samples.gyro[a:b].mean(axis=0), number, middle_s, (b - a) * samples.period_s, walk, down, q, group, temp_c
+
+
+def _sideways(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
+    """(N, 2 groups): what a horizontal rate fixed in the table adds to an axis; the vertical one goes with gravity's direction."""
+    turn = rotation.matrix(q_tb)
+    return np.stack([np.where(group == g, turn[:, i, axis], 0.0) for g in np.unique(group) for i in (0, 1)], axis=1)
+
+
+def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """(N, r), orthonormal: what may move the zero otherwise, the likeliest first, and no more than half as many as there are pieces."""
+    x, y, z = down.T
+    own = [(log == number)[:, None].astype(float) for number in np.unique(log)]
+    blocks = [np.concatenate([*own, steps], axis=1), down, sideways, (t_s - t_s.mean())[:, None]]
+    if np.isfinite(temp_c).all() and np.ptp(temp_c) > LEAST_CHANGE_C:
+        blocks.append((temp_c - temp_c.mean())[:, None])
+    blocks.append(np.stack([x * x, y * y, x * y, x * z, y * z], axis=1))
+    taken = blocks[0]
+    for block in blocks[1:]:
+        if taken.shape[1] + block.shape[1] <= len(t_s) / 2:
+            taken = np.concatenate([taken, block], axis=1)
+    u, s, _ = np.linalg.svd(taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300), full_matrices=False)
+    return u[:, s > 1e-6]
+
+
+def _log_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
+    """(B,) of each of ``GRID_RPS``, restricted, of one axis, with the outliers' law; the columns' coefficients at their best."""
+    every = max(1, SAMPLES_AT_ONCE // len(flicker) ** 2)
+    return np.concatenate([_of_some(rate, columns, white, flicker, GRID_RPS[k : k + every]) for k in range(0, len(GRID_RPS), every)])
+
+
+def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray, tried_rps: np.ndarray) -> np.ndarray:
+    """The same of some instabilities (B,): arrays are (B, N, …) here."""
+    factor = np.linalg.cholesky(np.diag(white) + tried_rps[:, None, None] ** 2 * flicker)
+    both = np.broadcast_to(np.column_stack([rate, columns]), (len(tried_rps), len(rate), 1 + columns.shape[1]))
+    whitened = solve_lower(factor, both)
+    y, A = whitened[..., :1], whitened[..., 1:]
+    At, weight = A.swapaxes(1, 2), np.ones(y.shape)
+    for _ in range(12):
+        left = y - A @ np.linalg.solve(At @ (A * weight), At @ (weight * y))
+        usual = (1 - OUTLIERS) * np.exp(-(left**2) / 2)
+        wild = OUTLIERS / OUTLIER_SIGMAS * np.exp(-(left**2) / 2 / OUTLIER_SIGMAS**2) + 1e-300
+        weight = (usual + wild / OUTLIER_SIGMAS**2) / (usual + wild)
+    information = np.linalg.slogdet(At @ (A * weight))[1]
+    diagonal = np.diagonal(factor, axis1=1, axis2=2)
+    return np.sum(np.log(usual + wild), axis=(1, 2)) - np.sum(np.log(diagonal), axis=1) - information / 2
+
+
+def _step(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
+    """(N,) of the step of the bias, on all axes at one moment, that takes up most chi-square beside a wander; None if that is little."""
+    after = np.tril(np.ones((len(rate), len(rate))))[:, 1:]  # from each piece on
+    gain = np.zeros(after.shape[1])
+    for axis in range(3):
+        factor = np.linalg.cholesky(np.diag(white[:, axis]) + wander)
+        y, A, S = (solve_lower(factor, each) for each in (rate[:, axis], columns[axis], after))
+        q, _ = np.linalg.qr(A)
+        y, S = y - q @ (q.T @ y), S - q @ (q.T @ S)
+        size = np.sum(S**2, axis=0)
+        gain += np.where(size > 1e-6, (S.T @ y) ** 2 / np.maximum(size, 1e-6), 0.0)
+    best = int(np.argmax(gain)) if len(gain) else 0
+    return after[:, best] if len(gain) and gain[best] > STEP_CHI_SQUARE else None

@@ -14,24 +14,20 @@ from typing import Protocol
 
 import numpy as np
 
-from session.common.errors import CalibrationError, DataError, FormatError
-from session.common.units import DEG
-from session.detect.pace import pace_of
-from session.dialects.layout import Answers
-from session.dialects.lines import STANDARD
-from session.dialects.reader import Reader
-from session.dialects.stamps import counted
-from session.files.fixed_point import rows
-from session.files.results import whole
-from session.log.config import Accelerometer
-from session.log.logfile import already_calibrated
-from session.recording.session_file import ASSUMED
-from session.sensor.known import DEFAULT
-from session.sensor.registers import RegisterUnits
+from session.bench.session_file import ASSUMED
+from session.detect.segments import pace_of
+from session.io.config import Accelerometer
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.files import rows
+from session.io.lines import STANDARD
+from session.io.logfile import already_calibrated
+from session.io.reader import Reader, counted
+from session.io.registers import DEFAULT, RegisterUnits
+from session.io.results import whole
+from session.io.units import DEG
 from tinygc import models
-from tinygc.deploy.calibration import Calibration, Stream
-from tinygc.deploy.session_time import began_in_session
-from tinygc.deploy.surroundings import Surroundings, surroundings
+from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
 from tinygc.models.model import Model
 
 #: what is written: below the noise of any MEMS sensor by three orders

@@ -1,30 +1,334 @@
-"""A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another as they come.
-
-    model = tinygc.load("fit/model_least_squares.json")
-    omega = model(raw, acc, temp)                    # arrays: a log by itself, nothing is remembered
-    live = model.live(); omega = live(raw, acc, temp)    # one sample after another
-
-raw is the measured rate in rad/s (register x sensitivity), acc the calibrated specific force in m/s^2, temp in degC, omega the true
-rate in rad/s.  acc and temp may be left out where the model does not use them.  ``model.force(measured)`` gives acc, by the calibration
-of the accelerometer that the fit rests on.
-"""
+"""A fitted model in use: whole logs, a log piece by piece, or one sample after another."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.common.errors import CalibrationError
-from session.files.results import write_whole
-from session.log.config import Accelerometer
+from session.io.config import Accelerometer, Config, read_config
+from session.io.errors import CalibrationError
+from session.io.folder import sha256_of
+from session.io.results import write_whole
+from session.io.samples import Samples
+from session.io.units import MG, NS, SI, G, beyond_any_sensor
 from tinygc import models
-from tinygc.deploy.live import Live
-from tinygc.deploy.needs import Needs
-from tinygc.deploy.stream import Stream, as_numbers, refuse_gaps
-from tinygc.models.accelerometer import accelerometer_of, accelerometer_table
-from tinygc.models.model import Model
+from tinygc.annexes.temperature.model import ThermalModel, ThermalStream
+from tinygc.effects import AppliedEffect
+from tinygc.effects.movement import NOWHERE, Reach
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
+
+# What deploying refuses: both the exporters and the C that they write say it.
+
+
+class ExportError(CalibrationError):
+    """A format that cannot carry the model, or a fit that lacks what the format needs."""
+
+
+# What a model must be told beside the rate, and how far around a sample it looks; from what its effects declare.
+
+#: half the temperature's mean over a second, with which a log by itself is calibrated, and some more
+TEMPERATURE_REACH = Reach.around(samples=2, seconds=0.55)
+#: what an effect's input is called in a call of the model
+TOLD = {"force": "acc", "vibration": "acc", "temperature": "temp"}
+
+
+class Needs:
+    """Of one model: ``told``, some of acc, temp and rate_hz; ``effects``, ids of those that it undoes."""
+
+    def __init__(self, model: Model):
+        self._claims: tuple[AppliedEffect, ...] = model.undone
+        self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in self._claims)
+        inputs = {*model.conditions, *(name for claim in self._claims for name in claim.effect.inputs)}
+        told = {TOLD[name] for name in inputs if name in TOLD}
+        if any(claim.effect.needs_rate_hz for claim in self._claims):
+            told.add("rate_hz")
+        self.told = tuple(what for what in ("acc", "temp", "rate_hz") if what in told)
+
+    @property
+    def looks_ahead(self) -> tuple[str, ...]:
+        """Ids of the effects that are undone from what comes after a sample, and so not while only the past is known."""
+        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.looks(claim.theta).is_ahead))
+
+    @property
+    def of_one_session(self) -> tuple[str, ...]:
+        """Ids of the effects that follow the time of the model's own session."""
+        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.of_one_session))
+
+    def around(self, rate_hz: float | None, live: bool) -> tuple[int, int]:
+        """How many samples before and after one its rate depends on."""
+        reach = sum((claim.effect.looks(claim.theta) for claim in self._claims), NOWHERE)
+        if "temp" in self.told and not live:
+            reach += TEMPERATURE_REACH
+        return reach.rows(rate_hz or 1.0)
+
+
+# What a log alone does not say and a model needs: full scales, and which calibration of the accelerometer holds for it.
+#
+# A model is fitted to references that rest on one calibration of the accelerometer, often a better one than its session.toml had: the fit
+# sharpens what is given, and finds what is not.  E maps into that one's body frame.  So the model's own comes first.  A session that a
+# person names, and that is not the model's own, speaks of another day: its calibration is taken, turned into the model's body frame.
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """sensor: full scales and what registers mean, None where nothing says them; accelerometer, None where nobody has calibrated it;
+    source: ``model``, ``session`` or ``none``; says: the same for people."""
+
+    sensor: KnownSensor
+    accelerometer: Accelerometer | None
+    source: str
+    says: str
+
+
+def surroundings(table: dict, model_path: Path, log: Path, session: Path | None) -> Surroundings:
+    """Of a log that a model (its file as a table) is applied to; session: the folder that a person names, else that of the log.
+
+    Raises FormatError for a session.toml or a model file that cannot be read.
+    """
+    own, sensor = accelerometer_of(table, str(model_path)), sensor_of(table, str(model_path))
+    path = (session or log.parent) / "session.toml"
+    config = read_config(path) if session is not None or (log.is_file() and path.exists()) else None
+    if config is not None:
+        there = config.sensor
+        sensor = KnownSensor(there.gyro_fs_dps, there.accel_fs_g, there.model, there.own_units)
+    given = None if config is None or config.accelerometer.source == "none" else config.accelerometer
+    if given is not None and (own is None or (session is not None and not _is_own(table, path))):
+        accelerometer, says = given, f"calibrated as {path} says"
+        if own is not None:
+            accelerometer, turned_rad = in_frame_of(own, given)
+            says += f", in the model's body frame ({1e3 * turned_rad:.2g} mrad from its own)"
+        return Surroundings(sensor, accelerometer, "session", says)
+    if own is None:
+        return Surroundings(sensor, None, "none", "as measured: neither the model nor a session.toml calibrates it")
+    says = f"calibrated as the model's fit has it ({WORDS[own.source]})"
+    if given is not None and config is not None and not _is_own(table, path):
+        turned, turned_rad = in_frame_of(own, given)
+        says += f"; that of {path} differs by {apart_mg(own, turned, config):.2g} mg at one g"
+        says += f" and by {1e3 * turned_rad:.2g} mrad of the body frame: --session takes it"
+    return Surroundings(sensor, own, "model", says)
+
+
+#: source of a calibration -> what a person is told
+WORDS = {"given": "as it was given", "prior": "the given one, sharpened by stills and turns", "stills": "from its own stills and turns"}
+
+
+def in_frame_of(own: Accelerometer, other: Accelerometer) -> tuple[Accelerometer, float]:
+    """Another calibration of the same triad, giving force in the body frame of ``own``; and the angle, rad, that it is turned by."""
+    turn = own.frame @ other.frame.T
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    return replace(other, matrix=turn @ other.matrix), angle
+
+
+def apart_mg(one: Accelerometer, other: Accelerometer, config: Config) -> float:
+    """mg: the greatest difference of the two forces over the directions of gravity, along the axes and back."""
+    gravity = np.concatenate([np.eye(3), -np.eye(3)]) * (config.site.gravity_mps2 or G)
+    measured = one.measured(gravity)
+    return float(np.abs(one.correct(measured) - other.correct(measured)).max()) / MG
+
+
+def _is_own(table: dict, path: Path) -> bool:
+    """Whether this session.toml is the one that the model's E was fitted with."""
+    stored = table.get("stored")
+    hashes = (stored if isinstance(stored, dict) else table).get("sha256")
+    return isinstance(hashes, dict) and hashes.get("session.toml") == sha256_of(path)
+
+
+# When a log began in the session of a model that follows that session's time; for any other log there is no such moment.
+
+
+def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> float:
+    """Seconds of the model's session at which this log of it began, by the hashes and the moments in the model's file.
+
+    CalibrationError for a log that is none of them: the time of another session says nothing of its drift.
+    """
+    hashes, began = table.get("sha256"), table.get("began_s")
+    if log.is_file() and isinstance(hashes, dict) and isinstance(began, dict):
+        digest = sha256_of(log)
+        for name, moment in began.items():
+            if hashes.get(name) == digest and isinstance(moment, int | float):
+                return float(moment)
+    bygone = ", ".join(Needs(model).of_one_session)
+    raise CalibrationError(
+        f"{log}: no log of the session whose time {model_path.name} follows ({bygone}); apply {model_path.stem}_at_end.json beside it, "
+        "or fit without physics"
+    )
+
+
+# One log through a model, piece by piece, in constant memory.
+
+
+class Stream:
+    """One log, piece by piece, in constant memory: ``push`` gives what is certain by now, ``flush`` the rest."""
+
+    def __init__(self, model: Model, needs: Needs, rate_hz: float | None, began_s: float | None = None, live: bool = False):
+        """began_s: s of the model's session when the log began, which only a model that follows its time asks for.
+
+        Raises CalibrationError where the model needs a rate and has none, or that moment, or looks ahead and is to go live.
+        """
+        self._model, self._needs, self._rate_hz = model, needs, rate_hz
+        self._whole = not model.rates_only  # physics: it looks at time, force, temperature
+        self._live = live
+        if live and (ahead := needs.looks_ahead):
+            raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
+        self._behind, self._ahead = needs.around(rate_hz, live)
+        self._thermal: ThermalStream | None = None  # it remembers by itself, and looks at nothing ahead
+        if isinstance(model, ThermalModel):
+            if model.lag_s.any() and rate_hz is None:
+                raise CalibrationError("the model follows temperature with a lag: time matters to it; load it with rate_hz=")
+            self._thermal, self._behind, self._ahead = model.follower(1 / (rate_hz or 1.0)), 0, 0
+        if "rate_hz" in needs.told and rate_hz is None:
+            raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
+        if (bygone := needs.of_one_session) and began_s is None:
+            raise CalibrationError(
+                f"{', '.join(bygone)} follows the time of the model's own session, {model.session_s:.1f} s: give began_s= for rows of it; "
+                "for any other log take at_end() of the model"
+            )
+        self._began_s = began_s or 0.0
+        self._denoiser = model.denoiser if isinstance(model, DenoisedNet) else None
+        self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
+        self._held = _Rows.none()
+        self._before = 0  # of the held rows: how many are given out already
+        self._first = 0  # number of the first held row in the log
+
+    def push(self, raw: np.ndarray, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
+        """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
+        if self._denoiser is not None:
+            return self._denoised(raw, self._denoiser)
+        if not self._whole:
+            return self._model(raw)
+        if self._thermal is not None:
+            rows = _Rows.of(raw, acc, temp, self._needs.told)
+            return self._thermal(rows.raw, rows.temp)
+        self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
+        ready = len(self._held.raw) - self._ahead
+        # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.
+        long_enough = 0 if self._live else max(self._ahead, self._behind)
+        return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
+
+    def _denoised(self, raw: np.ndarray, denoiser: Denoiser) -> np.ndarray:
+        """Causal: each rate from its window, the log's first rate standing before it."""
+        if not len(raw):
+            return np.zeros((0, 3))
+        rate, reach = self._model.without_denoiser()(raw), denoiser.reach
+        before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
+        held = np.concatenate([before, rate])
+        self._tail = held[len(held) - reach :]
+        return denoiser.windowed(held)
+
+    def flush(self) -> np.ndarray:
+        """What was still waiting for its neighbours, at the end of the log."""
+        return self._give(len(self._held.raw)) if self._whole else np.zeros((0, 3))
+
+    def _give(self, stop: int) -> np.ndarray:
+        if stop <= self._before:
+            return np.zeros((0, 3))
+        rate_hz = self._rate_hz or 1.0
+        omega = self._held.calibrated(self._model, rate_hz, self._began_s + self._first / rate_hz, self._live)[self._before : stop]
+        drop = max(stop - self._behind, 0)
+        self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
+        return omega
+
+
+#: array of a call -> what it measures
+KINDS = {"raw": "gyro", "acc": "accel", "measured": "accel", "temp": "temp"}
+
+
+def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
+    """An array of float64; CalibrationError for what is not made of numbers."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise CalibrationError(f"{name} is not made of numbers") from None
+
+
+def refuse_gaps(name: str, array: np.ndarray) -> None:
+    """CalibrationError, with the row, where a value is not finite, or beyond any sensor: it would pass for a rate."""
+    if not np.isfinite(array).all():
+        row = int(np.argmin(np.isfinite(array).reshape(len(array), -1).all(axis=1)))
+        raise CalibrationError(f"{name}[{row}] is not finite; give numbers, or leave such rows out")
+    if (far := beyond_any_sensor(array, 1.0, KINDS[name])).any():
+        row = int(np.argmax(far.reshape(len(array), -1).any(axis=1)))
+        raise CalibrationError(f"{name}[{row}] is {np.abs(array[row]).max():g} {SI[KINDS[name]]}, beyond any sensor; is its unit right?")
+
+
+class _Rows:
+    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where they are neither given nor needed."""
+
+    def __init__(self, raw: np.ndarray, acc: np.ndarray, temp: np.ndarray):
+        self.raw, self.acc, self.temp = raw, acc, temp
+
+    @classmethod
+    def none(cls) -> _Rows:
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+    @classmethod
+    def of(cls, raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> _Rows:
+        parts = {"acc": (acc, (len(raw), 3), "m/s^2, calibrated"), "temp": (temp, (len(raw),), "degC")}
+        arrays = []
+        for name, (value, shape, unit) in parts.items():
+            if value is None and name in needs:
+                raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
+            array = np.full(shape, np.nan) if value is None else as_numbers(name, value)
+            if array.shape != shape:
+                raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
+            if name in needs:
+                refuse_gaps(name, array)
+            arrays.append(array)
+        return cls(raw, *arrays)
+
+    def plus(self, more: _Rows) -> _Rows:
+        return _Rows(*(np.concatenate(pair) for pair in zip(self._parts, more._parts, strict=True)))
+
+    def since(self, start: int) -> _Rows:
+        return _Rows(*(part[start:] for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[np.ndarray, ...]:
+        return self.raw, self.acc, self.temp
+
+    def calibrated(self, model: Model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
+        step_ns = 1 / rate_hz / NS
+        stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
+        samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)
+        samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
+        return model.calibrate(samples, began_s, live)
+
+
+# A model fed one sample after another, as a driver does: it remembers what it was given.
+
+
+class Live:
+    """One live stream: ``omega = live(raw, acc, temp)`` for each sample as it comes; a stream after a pause is a new object."""
+
+    def __init__(self, model: Model, needs: Needs, rate_hz: float | None):
+        """Raises CalibrationError where the model looks at what comes after a sample, follows its session's time, or lacks a rate."""
+        if bygone := needs.of_one_session:
+            raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
+        self._stream = Stream(model, needs, rate_hz, live=True)
+
+    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
+        """Calibrated rate (3,) rad/s of the next sample: raw (3,) rad/s, acc (3,) m/s^2, temp degC; CalibrationError for other shapes."""
+        sample = as_numbers("raw", raw)
+        if sample.shape != (3,):
+            raise CalibrationError(f"raw has shape {sample.shape}, expected (3,), rad/s: a live stream takes one sample at a time")
+        refuse_gaps("raw", sample[None])
+        acc, temp = (None if value is None else as_numbers(name, value)[None] for name, value in (("acc", acc), ("temp", temp)))
+        return self._stream.push(sample[None], acc, temp)[0]
+
+
+# A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another as they come.
+#
+#     model = tinygc.load("fit/model_least_squares.json")
+#     omega = model(raw, acc, temp)                    # arrays: a log by itself, nothing is remembered
+#     live = model.live(); omega = live(raw, acc, temp)    # one sample after another
+#
+# raw is the measured rate in rad/s (register x sensitivity), acc the calibrated specific force in m/s^2, temp in degC, omega the true
+# rate in rad/s.  acc and temp may be left out where the model does not use them.  ``model.force(measured)`` gives acc, by the calibration
+# of the accelerometer that the fit rests on.
 
 
 class Calibration:

@@ -9,20 +9,40 @@ May import: session, attitude.
 """
 
 from tinygc.effects import signals
-from tinygc.effects.applied_effect import AppliedEffect
-from tinygc.effects.columns import axis_of, before, behind, cross, diagonal, full, largest, nothing, per_axis, rows
-from tinygc.effects.conditions import Conditions, movement_of, without_vibration
+from tinygc.effects.catalogue import catalogue, effect_of, load_folder, using
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
-from tinygc.effects.discovery import catalogue, effect_of, load_folder, using
-from tinygc.effects.effect import Effect
-from tinygc.effects.errors import EffectError
-from tinygc.effects.found_at import FoundAt
-from tinygc.effects.gauge import CommonDelay, Convention
-from tinygc.effects.movement import Movement
-from tinygc.effects.occurrence import Occurrence
-from tinygc.effects.parameter import Derived, Parameter, Parts, Scan
-from tinygc.effects.picture import PictureData
-from tinygc.effects.reach import NEIGHBOURS, Reach
+from tinygc.effects.effect import (
+    AppliedEffect,
+    CommonDelay,
+    Convention,
+    Derived,
+    Effect,
+    FoundAt,
+    Occurrence,
+    Parameter,
+    Parts,
+    PictureData,
+    Scan,
+)
+from tinygc.effects.movement import (
+    NEIGHBOURS,
+    Conditions,
+    EffectError,
+    Movement,
+    Reach,
+    axis_of,
+    before,
+    behind,
+    cross,
+    diagonal,
+    full,
+    largest,
+    movement_of,
+    nothing,
+    per_axis,
+    rows,
+    without_vibration,
+)
 
 __all__ = [
     "AHEAD",

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tinygc.effects.conditions import Conditions
+from tinygc.effects.movement import Conditions
 
 #: passes of rate <- measured - add(rate): each leaves the effect's own size, some per cent, of what was wrong before
 PASSES = 3

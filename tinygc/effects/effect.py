@@ -1,28 +1,212 @@
-"""What an effect declares of itself; everything that any other part of the tool knows of one effect is in this record.
-
-An effect describes what it adds to the true rate that the element feels, before the linear errors: the calibrated rate E m + B is
-``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` knows the unit and the name in which a person reads them.
-"""
+"""What an effect declares of itself: parameters, columns, correction, occurrence, picture.  All other parts read this record."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tinygc.effects.declared import shown
+from session.io.units import DEG
 from tinygc.effects.device import NONE, PASSES, DeviceCode
-from tinygc.effects.errors import EffectError
-from tinygc.effects.found_at import ANYWHERE, FoundAt
-from tinygc.effects.gauge import Gauge
-from tinygc.effects.movement import Movement
-from tinygc.effects.occurrence import Occurrence
-from tinygc.effects.parameter import Derived, Parameter, Parts, Scan
-from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
-from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
-from tinygc.effects.undo import MOST_PASSES, substituted
+from tinygc.effects.inversion import MOST_PASSES, substituted
+from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown
+
+# When it happened: of an effect that is found in the registers or in the stills, which of its JSON parameters tells the moments.
+
+#: rows of all logs together, seconds of the session, numbers of stills, or the readings that stand at a level
+ROWS, SECONDS, IN_STILLS, LEVEL = "rows", "seconds", "stills", "level"
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """key of the parameter, and what it counts."""
+
+    key: str
+    counts: str
+
+
+# What the closure cannot fix of an effect's parameters, and what fixes it instead: declared here, done where there is a recording.
+
+
+@dataclass(frozen=True, eq=False)
+class Convention:
+    """Parameters that differ by what no recording shows; a rule chooses among them.
+
+    settle(theta) -> theta (P,) by the rule; slope(theta) -> (P, P), its derivative there, which the covariance follows;
+    delays: entries of theta (for x, y, z) that to first order delay an axis, where there are such.
+    """
+
+    settle: Callable[[np.ndarray], np.ndarray]
+    slope: Callable[[np.ndarray], np.ndarray]
+    delays: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class CommonDelay:
+    """Entries of theta that to first order delay x, y and z: what they share the closure hardly sees; gravity in the turns does.
+
+    late: +1 where a positive entry is late, -1 where it is early; never_negative: of a lag, whose common part the closure sees by its
+    square alone: it is moved only where it would be negative or gravity contradicts it, and as far as the closure allows.
+    """
+
+    delays: tuple[int, int, int]
+    late: float = 1.0
+    never_negative: bool = False
+
+
+Gauge = Convention | CommonDelay
+
+
+# Where a law's numbers were found, for what proves an effect: elsewhere it may do nothing at all.
+
+
+@dataclass(frozen=True)
+class FoundAt:
+    """Of the session: full scale fs_rps, to which its turns go; first_temp_c, from which it warms up."""
+
+    fs_rps: float = 500 * DEG
+    first_temp_c: float = 25.0
+
+
+ANYWHERE = FoundAt()
+
+
+# An effect's numbers: its parameter, what a person reads instead of it, and one shape number that is searched for.
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """name in the JSON; shape; unit for a person and its size in SI; plausible: a generous sigma, SI, that keeps a fit from wandering."""
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    si: float = 1.0
+    plausible: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """What the JSON says instead of the parameter: name with its unit, and ``of``, from theta (P,) SI to that number.
+
+    Its std follows from theta's covariance to first order.
+    """
+
+    name: str
+    unit: str
+    of: Callable[[np.ndarray], float]
+
+    def values(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[dict, dict]:
+        """JSON parameters and their std, of theta (P,) with covariance (P, P)."""
+        small = 1e-3 * np.linalg.norm(theta)
+        steps = np.eye(len(theta))
+        slope = np.array([(self.of(theta + small * e) - self.of(theta - small * e)) / (2 * small) for e in steps])
+        return {self.name: self.of(theta)}, {self.name: float(np.sqrt(slope @ covariance @ slope))}
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What the JSON says of a parameter whose numbers are of several kinds: names with their units, the size of each unit in SI, and where
+    its numbers stand in theta.  told: the projection (P, P) on what any recording tells of theta."""
+
+    parts: tuple[tuple[str, float, tuple[int, ...]], ...]
+    told: np.ndarray
+
+    def values(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[dict, dict]:
+        """JSON parameters and their std, of theta (P,) with covariance (P, P)."""
+        theta, covariance = self.told @ theta, self.told @ covariance @ self.told.T
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+        shown, spread = ({name: (x[list(at)] / si).tolist() for name, si, at in self.parts} for x in (theta, sigma))
+        return shown, spread
+
+    def theta(self, parameters: dict) -> np.ndarray:
+        """(P,) SI of JSON parameters."""
+        found = np.zeros(sum(len(at) for _, _, at in self.parts))
+        for name, si, at in self.parts:
+            found[list(at)] = np.multiply(parameters[name], si)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
+
+    name in the JSON; unit for a person and its size in SI; make(value) -> the ``Effect`` with that value, SI;
+    grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session;
+    smooth: what the effect adds changes smoothly with the value, as with a time constant: the value's own uncertainty then widens the
+    parameters' stated std.
+    """
+
+    name: str
+    unit: str
+    make: Callable[[float], Any]
+    si: float = 1.0
+    grid: Callable[[Sequence[Movement]], np.ndarray] | None = None
+    smooth: bool = False
+
+
+# How an effect is drawn: the name of a pair of panels that there is, or a function that draws its own from plain data.
+
+#: pairs of panels: where the mismatch lives, and a second look at it
+STILLS, TURNS = "stills", "turns"
+CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES = "clipped turn", "false readings", "lost samples"
+CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH = "creeping stills", "clocks", "gravity's length"
+WORLD, EARTH = "a rate fixed in the world", "the Earth's rate"
+#: laws that turns show, of an effect with one parameter for each axis: a scale error along the regime, a lag (of a matrix, too), a zero
+#: along the regime; and what a log loses that is sampled too slowly
+SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE = "scale law", "lag law", "energy law", "data rate"
+PAIRS = (
+    *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH),
+    *(SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE),
+)
+#: regimes that only turns have
+OF_TURNS = ("rate", "angular acceleration", "vibration")
+
+
+@dataclass(frozen=True, eq=False)
+class PictureData:
+    """What an effect's own picture is handed, of Q stills and S segments of one explained recording; SI, in the sensor's axes.
+
+    theta (P,); parameters and std as in the JSON; variable, unit: what the effect's regime names, in people's units, its mean in each
+    still of_stills (Q,) and its greatest in each segment of_segments (S,); stills_s (Q,) s, the middle of each still;
+    before, after (Q, 3) rad/s: rate in each still beyond the prediction, without the effect and with it; says (Q, 3) rad/s: what the
+    effect adds in each still; numbers (S,) of the segments; closure_says, closure_recorded (S, d) rad: what it adds to the closure of
+    each segment, and what the recording has of it; floor_rad: rms closure that noise alone leaves.
+    """
+
+    theta: np.ndarray
+    parameters: dict
+    std: dict
+    variable: str
+    unit: str
+    of_stills: np.ndarray
+    of_segments: np.ndarray
+    stills_s: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    says: np.ndarray
+    numbers: np.ndarray
+    closure_says: np.ndarray
+    closure_recorded: np.ndarray
+    floor_rad: float
+
+
+#: (data, left axes, right axes) -> None, axes of matplotlib
+OwnPicture = Callable[[PictureData, Any, Any], None]
+
+
+# What an effect declares of itself; everything that any other part of the tool knows of one effect is in this record.
+#
+# An effect describes what it adds to the true rate that the element feels, before the linear errors: the calibrated rate E m + B is
+# ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` knows the unit and the name in which a person reads them.
 
 #: what the JSON says of an effect that happens to the readings
 READINGS = "readings"
@@ -209,3 +393,18 @@ class Effect:
 
 def _some_of(names: object, known: Container[str]) -> bool:
     return isinstance(names, tuple) and all(isinstance(name, str) and name in known for name in names)
+
+
+# An effect with its parameters, as a model undoes it and a state of the physics holds it.
+
+
+@dataclass(frozen=True, eq=False)
+class AppliedEffect:
+    """An effect with its parameters theta (P,), SI."""
+
+    effect: Effect
+    theta: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.theta.shape != (self.effect.parameter.size,):
+            raise ValueError(f"{self.effect.id}: theta has shape {self.theta.shape}, expected ({self.effect.parameter.size},)")

@@ -12,10 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.attitude import rotation
-from tinygc.effects.movement import Movement
-from tinygc.effects.reach import Reach
+from tinygc.effects.movement import Movement, Reach
 
 #: rad/s: a hand that turns is faster, a table at rest, with a bias of a few dps, is slower
 TURNING_RPS = 10 * DEG

@@ -16,7 +16,7 @@ from typing import Any
 
 from tinygc.effects.effect import Effect
 
-_PROOF = "tinygc.effect_checks.check"
+_PROOF = "tinygc.annexes.challenge.proofs"
 
 
 def check(effect: Effect, **how: Any) -> Any:

@@ -1,28 +1,32 @@
-"""TinyGC-Net with conditions: temperature, and specific force, as inputs that move its biases and its gains (the paper's future work).
-
-    omega = net(m) + (bias c) + m * (gain c)          c the K conditions: temperature less T0, in degC; specific force, in g
-
-``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
-identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
-
-What `explain` names has an equation and a place in front of the net (``tinygc/fitting/physics``).  This is for what has no name yet: the
-net finds by itself how its conditions matter, linearly, and no more.
-"""
+"""TinyGC-Net with conditions: temperature and specific force as inputs; and its file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from session.common.errors import FitError
-from session.common.units import DEG
-from session.log.samples import Samples
+from session.io.errors import FitError, FormatError
+from session.io.results import Array, Keys, ListOf, Text, require
+from session.io.samples import Samples
+from session.io.units import DEG
 from tinygc.attitude import rotation
 from tinygc.effects import Conditions, movement_of
-from tinygc.models.calibration_net import TIES, CalibrationNet
-from tinygc.models.model import BaseModel
+from tinygc.models.model import FACTOR, BaseModel
+from tinygc.models.nets import TIES, CalibrationNet
+from tinygc.models.physics import CONDITIONS_TABLE, known_of
+
+# TinyGC-Net with conditions: temperature, and specific force, as inputs that move its biases and its gains (the paper's future work).
+#
+#     omega = net(m) + (bias c) + m * (gain c)          c the K conditions: temperature less T0, in degC; specific force, in g
+#
+# ``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
+# identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
+#
+# What `explain` names has an equation and a place in front of the net (``tinygc/fitting/physics``).  This is for what has no name yet: the
+# net finds by itself how its conditions matter, linearly, and no more.
 
 #: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}
@@ -111,3 +115,35 @@ def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions, live:
     if not np.isfinite(inputs).all():
         raise FitError("the log has no temperature, which the net is to be told; leave it out of --conditions")
     return inputs
+
+
+# TinyGC-Net that is told temperature or force, as JSON: the net's own table, and how the conditions move it.
+
+EQUATION = "omega = net(m) + bias @ c + m * (gain @ c), c: temperature less conditions.first_temp_c in degC, force in g"
+
+
+def to_table(model: ConditionsModel, write: Callable[..., dict]) -> dict:
+    """equation, inputs by name, what they refer to, bias and gain (3, K), and the net."""
+    return {
+        "equation": EQUATION,
+        "inputs": list(model.net.names),
+        "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(model.known).items()},
+        "weights": {name: np.asarray(getattr(model.net, name)).tolist() for name in ("bias", "gain")},
+        "net": write(model.net.net),
+    }
+
+
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> ConditionsModel:
+    """The model; FormatError says what is wrong with the table."""
+    require(table, Keys({"inputs": ListOf(Text(tuple(CONDITIONS))), "conditions": CONDITIONS_TABLE}), where)
+    names = tuple(table["inputs"])
+    if not names or len(set(names)) < len(names):
+        raise FormatError(f"{where}: inputs name {len(names)} conditions, expected each of {', '.join(CONDITIONS)} once at most; fit again")
+    count = sum(CONDITIONS[name][0] for name in names)
+    require(table, Keys({"weights": Keys({name: Array((3, count), FACTOR) for name in ("bias", "gain")})}), where)
+    bias, gain = (np.asarray(table["weights"][name], dtype=float) for name in ("bias", "gain"))
+    known = known_of(table, {"temperature"} & set(names), where)
+    net = read(table.get("net"), f"{where}: net")
+    if not isinstance(net, CalibrationNet):
+        raise FormatError(f"{where}: net is of another kind, expected tinygc")
+    return ConditionsModel(ConditionsNet(net, bias, gain, names), known)

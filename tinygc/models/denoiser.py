@@ -1,33 +1,36 @@
-"""TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.
-
-    y1 = L(conv1 * x),  y2 = L(conv2 * y1),  g(x) = L(conv3 * y2),      L(h) = h where h >= 0, slope h below
-    f(x) = (g(x) - g(-x)) / 2
-
-Dilations 1, 2, 5 reach 1 + 6 (1 + 2 + 5) = 49 samples back, the most that kernel 7 can within the paper's window of N = 50; the oldest
-of the 50 has no weight.
-
-**Either sign alike.**  A leaky ReLU treats negative rates otherwise than positive ones.  f is exactly odd, whatever the weights: the
-half-difference of the net run on x and on -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
-axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it: each passes unchanged, exactly.
-
-**The mean of any signal.**  That holds for constants.  Of a moving rate the integral, which is what an attitude is made of, is kept for
-every signal if and only if f is linear: the default slope is 1, where L passes both signs as they are, f(x) = g(x), one pass is
-enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope may be had (the paper's); it does not keep
-that promise, and being homogeneous it cannot tell rest from motion by size.
-
-Before the first sample the input is taken to have stood at its value: a log that begins at rest begins without a transient.
-"""
+"""TinyGC-Net's denoising subnet: per axis, causal, three convolutions, 168 parameters; and its file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
+from session.io.errors import FormatError
+from session.io.results import Array, Keys, Number, require
 from tinygc.attitude import rotation
-from tinygc.models.model import BaseModel, Model
+from tinygc.models.model import FACTOR, BaseModel, Model
+
+# TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.
+#
+#     y1 = L(conv1 * x),  y2 = L(conv2 * y1),  g(x) = L(conv3 * y2),      L(h) = h where h >= 0, slope h below
+#     f(x) = (g(x) - g(-x)) / 2
+#
+# Dilations 1, 2, 5 reach 1 + 6 (1 + 2 + 5) = 49 samples back, the most that kernel 7 can within the paper's window of N = 50; the oldest
+# of the 50 has no weight.
+#
+# **Either sign alike.**  A leaky ReLU treats negative rates otherwise than positive ones.  f is exactly odd, whatever the weights: the
+# half-difference of the net run on x and on -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
+# axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it: each passes unchanged, exactly.
+#
+# **The mean of any signal.**  That holds for constants.  Of a moving rate the integral, which is what an attitude is made of, is kept for
+# every signal if and only if f is linear: the default slope is 1, where L passes both signs as they are, f(x) = g(x), one pass is
+# enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope may be had (the paper's); it does not keep
+# that promise, and being homogeneous it cannot tell rest from motion by size.
+#
+# Before the first sample the input is taken to have stood at its value: a log that begins at rest begins without a transient.
 
 WINDOW = 50
 KERNEL = 7
@@ -227,3 +230,52 @@ class DenoisedNet(BaseModel):
         xp = rotation.namespace(rate)
         late, lag = self(rate), max(self.delay_samples, 0)
         return xp.concatenate([late[..., lag:, :]] + [late[..., -1:, :]] * min(lag, late.shape[-2]), -2)
+
+
+# TinyGC-Net with its denoiser as JSON: the calibration's own table, and the three convolutions.
+
+EQUATION = (
+    "omega = calibration(m); per axis y1 = L(conv1 * omega), y2 = L(conv2 * y1), g = L(conv3 * y2), L(h) = h if h >= 0 else slope * h; "
+    "denoised = (g(omega) - g(-omega)) / 2, which is g(omega) where slope is 1"
+)
+#: a constant rate must pass unchanged; what rounding to seven digits may do
+GAIN_WITHIN = 1e-6
+_NET = Keys(
+    {
+        "slope": Number(0, 1),
+        "dilations": Array((3,), Number(1, WINDOW, whole=True)),
+        **{name: Array(shape, FACTOR) for name, shape in SHAPES.items()},
+    }
+)
+_DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "calibration": Keys()})
+
+
+def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
+    """Weights (axis, channel out, channel in, tap), the last tap on the newest sample, each tap ``dilation`` samples older."""
+    net = model.denoiser
+    table: dict[str, Any] = {"window": WINDOW, "dilations": list(net.dilations), "slope": net.slope}
+    table |= {name: np.asarray(getattr(net, name)).tolist() for name in SHAPES}
+    return {
+        "equation": EQUATION,
+        "rate_hz": model.rate_hz,
+        "delay_s": model.delay_s,
+        "calibration": write(model.calibration),
+        "denoiser": table,
+    }
+
+
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet:
+    """The model; FormatError says what is wrong with the table."""
+    require(table, _DENOISED, where)
+    entries = table["denoiser"]
+    weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
+    first, second, third = map(int, entries["dilations"])
+    if 1 + (KERNEL - 1) * (first + second + third) > WINDOW:
+        raise FormatError(f"{where}: denoiser.dilations reach farther than the {WINDOW} samples of the window; fit again")
+    denoiser = Denoiser(**weights, slope=float(entries["slope"]), dilations=(first, second, third))
+    if not np.abs(denoiser.gain - 1).max() <= GAIN_WITHIN:
+        raise FormatError(f"{where}: the denoiser's gain at a constant rate is {denoiser.gain}, expected 1: it would miscalibrate")
+    calibration = read(table.get("calibration"), f"{where}: calibration")
+    if not calibration.pointwise:
+        raise FormatError(f"{where}: the denoiser's calibration is of a kind that it does not follow")
+    return DenoisedNet(calibration, denoiser, float(table["rate_hz"]))

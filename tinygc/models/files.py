@@ -1,6 +1,6 @@
 """Calibrations as files: JSON that says what it means, and whose loading executes nothing.
 
-A kind is a line in ``KINDS`` and a module of ``tinygc/models/kinds`` with two functions: ``to_table(model, write)`` gives the kind's own
+A kind is a line in ``KINDS`` and a module with two functions: ``to_table(model, write)`` gives the kind's own
 keys, ``from_table(table, where, read)`` the model; ``write`` and ``read`` are for a model within the model.
 """
 
@@ -11,26 +11,23 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from session.common.errors import FormatError
-from session.files.results import read_json
-from session.files.shapes import require, shown
-from tinygc.models.accelerometer import accelerometer_of, sensor_of
-from tinygc.models.model import Model
-from tinygc.models.shapes import MODEL
+from session.io.errors import FormatError
+from session.io.results import read_json, require, shown
+from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
 #: kinds whose covariance has a row for each parameter, and no other
 ALL_COVARIED = ("linear", "physics")
-#: kind in the file -> module of tinygc.models.kinds, imported when the first model of it is met
+#: kind in the file -> its module, imported when the first model of it is met
 KINDS = {
-    "linear": "weights",
-    "tinygc": "weights",
-    "tinygc_published": "weights",
-    "tinygc_conditions": "conditions",
-    "tinygc_denoised": "denoised",
-    "physics": "physics",
-    "tinygc_physics": "physics",
-    "thermal": "thermal",
+    "linear": "tinygc.models.nets",
+    "tinygc": "tinygc.models.nets",
+    "tinygc_published": "tinygc.models.nets",
+    "tinygc_conditions": "tinygc.models.conditions_net",
+    "tinygc_denoised": "tinygc.models.denoiser",
+    "physics": "tinygc.models.physics",
+    "tinygc_physics": "tinygc.models.physics",
+    "thermal": "tinygc.annexes.temperature.model",
 }
 
 
@@ -72,4 +69,4 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
 
 
 def _module(kind: str) -> ModuleType:
-    return importlib.import_module(f"tinygc.models.kinds.{KINDS[kind]}")
+    return importlib.import_module(KINDS[kind])

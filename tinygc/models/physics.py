@@ -1,18 +1,44 @@
-"""The model goes on: a calibration that undoes the physics that `explain` named, or that was asked for."""
+"""A calibration that undoes named physics as well; and its file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Callable, Collection
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from session.common.errors import CalibrationError
-from session.log.samples import Samples
-from tinygc.effects import AppliedEffect, Conditions, Effect, Movement, movement_of
-from tinygc.models.calibration_net import CalibrationNet
+from session.io.errors import CalibrationError, FormatError
+from session.io.results import Array, Keys, ListOf, Maybe, Number, Text, require
+from session.io.samples import Samples
+from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Movement, effect_of, movement_of
+from tinygc.effects.effect import READINGS
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
-from tinygc.models.model import BaseModel
+from tinygc.models.model import CELSIUS, RATE, BaseModel
+from tinygc.models.nets import CalibrationNet, weight
+
+# What a model with conditions refers to, as JSON: ``conditions`` of ``tinygc-model/1``.
+
+#: no session lasts longer than a year
+_YEAR_S = 366 * 86400.0
+CONDITIONS_TABLE = Keys(
+    {"duration_s": Number(0, _YEAR_S), "fs_rps": Number(0, RATE.high, above=True), "first_temp_c": Maybe(CELSIUS)},
+)
+
+
+def known_of(table: dict, inputs: Collection[str], where: str) -> Conditions:
+    """From a table that ``CONDITIONS_TABLE`` was held against; inputs: what the model is told beside the rate.
+
+    FormatError where it follows temperature, and nobody knows from which one on.
+    """
+    known = table["conditions"]
+    if known["first_temp_c"] is None and "temperature" in inputs:
+        raise FormatError(f"{where}: conditions.first_temp_c is null, expected a number: the model follows temperature; fit again")
+    first = known["first_temp_c"]
+    return Conditions(float(known["duration_s"]), float(known["fs_rps"]), float("nan") if first is None else float(first))
+
+
+# The model goes on: a calibration that undoes the physics that `explain` named, or that was asked for.
 
 #: of the session's length: what a log's own data rate, and samples that were put back, may make of its end
 PAST_END = 0.01
@@ -174,3 +200,59 @@ class CarriedNet(BaseModel):
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
         return self.net(self.physics.equivalent_rate(samples, began_s, live))
+
+
+# Models with physics as JSON: the linear model or net, and each effect with its parameters in SI and in people's units.
+
+EQUATIONS = {
+    "physics": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
+    "tinygc_physics": "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))",
+}
+
+#: of an effect's generous sigma (``Parameter.plausible``): nothing that a sensor does is larger
+PLAUSIBLE = 1e3
+_LINEAR = Keys({name: weight(name, shape) for name, shape in LinearModel.SHAPES.items()})
+_PHYSICS = Keys({"linear": _LINEAR, "conditions": CONDITIONS_TABLE, "effects": ListOf(Keys({"id": Text()}))})
+
+
+def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> dict:
+    """equation, what is undone in which order, what it refers to, and the net where there is one behind."""
+    physics = model.physics if isinstance(model, CarriedNet) else model
+    table: dict[str, Any] = {
+        "equation": EQUATIONS[model.kind],
+        "linear": {"E": physics.linear.E.tolist(), "B": physics.linear.B.tolist()},
+        "effects": [_claim(claim) for claim in physics.claims],
+        "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(physics.known).items()},
+    }
+    return table | {"net": write(model.net)} if isinstance(model, CarriedNet) else table
+
+
+def _claim(claim: AppliedEffect) -> dict:
+    effect = claim.effect
+    values = (claim.theta / effect.parameter.si).reshape(effect.parameter.shape).tolist()
+    return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta.tolist(), effect.parameter.name: values, **effect.shape}
+
+
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:
+    """The model; FormatError says what is wrong with the table."""
+    require(table, _PHYSICS, where)
+    linear = LinearModel(*(np.asarray(table["linear"][name], dtype=float) for name in LinearModel.SHAPES))
+    claims = tuple(_read_claim(entry, f"{where}: effects[{i}]") for i, entry in enumerate(table["effects"]))
+    known = known_of(table, {name for claim in claims for name in claim.effect.inputs}, where)
+    physics = PhysicsModel(linear, claims, known)
+    return physics if table["kind"] == PhysicsModel.kind else CarriedNet(physics, read(table.get("net"), f"{where}: net"))
+
+
+def _read_claim(entry: dict, where: str) -> AppliedEffect:
+    try:
+        effect = effect_of(entry["id"])
+        most = PLAUSIBLE * effect.parameter.plausible
+        require(entry, Keys({"theta_si": Array((effect.parameter.size,), Number(-most, most))}), where)
+        if effect.scan is not None:
+            require(entry, Keys({effect.scan.name: Number()}), where)
+            effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
+    except EffectError as error:
+        raise FormatError(f"{where}: {error}") from None
+    if entry.get("of") == READINGS and effect.of_readings is not None:
+        effect = effect.of_readings
+    return AppliedEffect(effect, np.asarray(entry["theta_si"], dtype=float))

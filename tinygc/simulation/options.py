@@ -1,4 +1,4 @@
-"""What a person may choose of a simulated session.  Sources: docs/sensor.md, docs/formats.md."""
+"""What a person may choose of a simulated session, and the unit that is drawn from it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from session.common.errors import CalibrationError
-from session.sensor.known import DEFAULT
+import numpy as np
+
+from session.io.errors import CalibrationError
+from session.io.registers import DEFAULT
+from session.io.units import DEG, MG
 
 if TYPE_CHECKING:
-    from session.sensor.registers import RegisterUnits
+    from session.io.registers import RegisterUnits
+
+
+# What a person may choose of a simulated session.  Sources: docs/sensor.md, docs/formats.md.
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked).  62.5 is no rate of the chip: slow boards and other sensors have it; its filter is
@@ -102,7 +108,7 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= most, name, f"0 to {most:g}")
         for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
-        from session.log.known_turns import MOST_SIGMA_DEG  # whose NumPy `--help` does not wait for
+        from session.io.logfile import MOST_SIGMA_DEG  # whose NumPy `--help` does not wait for
 
         self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name, least in SMALLEST.items():
@@ -136,7 +142,7 @@ class SimulationOptions:
     @property
     def register_units(self) -> RegisterUnits:
         """What the sensor's registers mean."""
-        from session.sensor.registers import RegisterUnits
+        from session.io.registers import RegisterUnits
 
         return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 
@@ -166,3 +172,63 @@ def command_line(options: SimulationOptions) -> str:
         else:
             words.append(f"{flag(option.name)} {value!r}".removesuffix(".0"))
     return " ".join(words)
+
+
+# One unit of the sensor on one bench: the errors that a calibration is to find, drawn once.
+
+FREQ_FINE_STEP = 0.0015  #: of the nominal rate, per LSB of INTERNAL_FREQ_FINE (int8)
+ODR_SPREAD = 0.02  #: 1 sigma, of units seen
+LARGEST_BIAS_DPS = 2.0
+#: Digits that session.toml has.  The simulation uses the rounded numbers, so that the file is exact.
+MATRIX_DIGITS, BIAS_DIGITS, HEADING_DIGITS = 8, 7, 4
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedUnit:
+    """True errors: ``omega = E m + B`` with m as measured; ``f = accel_matrix @ (measured - accel_bias - accel_shift)``.
+
+    E (3, 3), B (3,) rad/s; accel_matrix (3, 3), accel_bias (3,) m/s^2 as session.toml has them; accel_shift (3,) m/s^2 what
+    session.toml does not know; odr_hz the true rate; heading_deg from true north to the table's index direction.
+    """
+
+    E: np.ndarray
+    B: np.ndarray
+    accel_matrix: np.ndarray
+    accel_bias: np.ndarray
+    accel_shift: np.ndarray
+    odr_hz: float
+    heading_deg: float
+
+    def measured_rate(self, rate: np.ndarray) -> np.ndarray:
+        """What the gyro makes of a true rate (N, 3) rad/s, before noise and low-pass: ``E^-1 (omega - B)``."""
+        return (rate - self.B) @ np.linalg.inv(self.E).T
+
+    def measured_force(self, force: np.ndarray) -> np.ndarray:
+        """What the accelerometer makes of a true specific force (N, 3) m/s^2, before noise and low-pass."""
+        return force @ np.linalg.inv(self.accel_matrix).T + self.accel_bias + self.accel_shift
+
+
+def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> SimulatedUnit:
+    """Draw a unit.  Everything is drawn whatever the options say, so that one option does not change the others' draws."""
+    bias_dps = np.clip(options.gyro_bias_dps * rng.standard_normal(3), -LARGEST_BIAS_DPS, LARGEST_BIAS_DPS)
+    E = _near_identity(options.gyro_scale_error, options.gyro_misalignment, rng)
+    accel_matrix = _near_identity(options.accel_scale_error, options.accel_misalignment, rng)
+    accel_bias = options.accel_bias_mg * MG * rng.standard_normal(3)
+    accel_shift = options.accel_calibration_error_mg * MG * rng.standard_normal(3)
+    drawn_error, drawn_heading = ODR_SPREAD * rng.standard_normal(), rng.uniform(-180, 180)
+    odr_error = drawn_error if options.odr_error is None else options.odr_error
+    freq_fine = int(np.clip(np.rint(odr_error / FREQ_FINE_STEP), -128, 127))
+    return SimulatedUnit(
+        E=E,
+        B=bias_dps * DEG,
+        accel_matrix=np.round(accel_matrix, MATRIX_DIGITS),
+        accel_bias=np.round(accel_bias, BIAS_DIGITS),
+        accel_shift=accel_shift,
+        odr_hz=options.odr_hz * (1 + FREQ_FINE_STEP * freq_fine),
+        heading_deg=round(drawn_heading, HEADING_DIGITS) if options.heading_deg is None else options.heading_deg,
+    )
+
+
+def _near_identity(scale: float, cross: float, rng: np.random.Generator) -> np.ndarray:
+    """(3, 3): 1 + N(0, scale) on the diagonal, N(0, cross) beside it."""
+    return np.eye(3) + rng.standard_normal((3, 3)) * np.where(np.eye(3, dtype=bool), scale, cross)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import folder_written, path_read
+from tinygc.cli.arguments import folder_written, path_read
+from tinygc.cli.results import output, write_json
 
 SUMMARY = "calibrate the accelerometer alone, from the stills of a session, into a copy of it"
 
@@ -20,14 +20,13 @@ def run(args: argparse.Namespace) -> int:
     """Nine numbers, or as many as the attitudes tell, and a copy that has them."""
     from dataclasses import replace
 
-    from session.accelerometer.calibrated_copy import write_calibrated_copy
-    from session.accelerometer.from_stills import why_not
-    from session.checks.accelerometer import own_fit
-    from session.common.errors import SegmentError
-    from session.log.config import Accelerometer
-    from session.log.folder import read_session
-    from tinygc.fitting.accelerometer import of_lengths
-    from tinygc.report.accelerometer_text import lengths_page
+    from session.detect.accelerometer import why_not, write_calibrated_copy
+    from session.detect.check_references import own_fit
+    from session.io.config import Accelerometer
+    from session.io.errors import SegmentError
+    from session.io.folder import read_session
+    from tinygc.estimation.accelerometer import of_lengths
+    from tinygc.reporting.fit_text import lengths_page
 
     session = read_session(args.folder)
     bare = replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.arguments import filled
-from tinygc.cli.commands._array_apply import fuse
-from tinygc.cli.commands._log_options import add_log_options, answers_of
-from tinygc.cli.commands._results import beside_log, write_json
-from tinygc.cli.paths import STANDARD, is_standard_output, log_written, path_read
+from tinygc.annexes.arrays.command import fuse
+from tinygc.cli.arguments import STANDARD, filled, is_standard_output, log_written, path_read
+from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.results import beside_log, write_json
 
 SUMMARY = "calibrate the rates and the specific force of a log"
 USES_EFFECTS = True
@@ -36,8 +35,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates and specific force."""
-    from session.common.errors import CalibrationError
-    from tinygc.array.fused.model_files import is_array_model
+    from session.io.errors import CalibrationError
+    from tinygc.annexes.arrays.model import is_array_model
     from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
 

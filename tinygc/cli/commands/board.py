@@ -10,16 +10,24 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.common.errors import CalibrationError
-from session.common.texts import printable
-from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
-from tinygc.cli.commands._emulated import check_options, run_emulated, unit_of_the_model
-from tinygc.cli.commands._interruption import ended_by_signals
-from tinygc.cli.commands._results import write_json
-from tinygc.cli.paths import file_written, is_standard_output, path_read
+from session.io.errors import CalibrationError
+from session.io.texts import printable
+from tinygc.annexes.emulated.board import check_options, run_emulated, unit_of_the_model
+from tinygc.cli.arguments import (
+    accel_full_scale,
+    count,
+    data_rate,
+    file_written,
+    gyro_full_scale,
+    is_standard_output,
+    path_read,
+    positive,
+    seconds,
+)
+from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:
-    from tinygc.simulation.board.source import Source
+    from tinygc.simulation.virtual_board import Source
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
@@ -90,15 +98,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _board(args: argparse.Namespace) -> int:
     try:
-        from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
+        from tinygc.simulation.virtual_board import MEMORY_BYTES, Terminal
     except ImportError:
         raise CalibrationError(
             "board: a virtual board needs a pseudo-terminal, which only POSIX systems have (Linux, macOS); "
             "everything else runs here, record with a real port too"
         ) from None
-    from session.files.results import write_text_whole
-    from tinygc.simulation.board.board import Board
-    from tinygc.simulation.board.faults import Faults
+    from session.io.results import write_text_whole
+    from tinygc.simulation.virtual_board import Board, Faults
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -153,9 +160,8 @@ def _board(args: argparse.Namespace) -> int:
 
 def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> Source:
     """What the sensor reads: the folder's session, or a simulated one that no board at this link has streamed."""
-    from tinygc.simulation.board.source import recorded, simulated
-    from tinygc.simulation.board.takes import next_take, remember, taken
     from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 
     if args.folder:
         return recorded(args.folder)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import complain, output, verdict, write_json
-from tinygc.cli.paths import path_read
+from tinygc.cli.arguments import path_read
+from tinygc.cli.results import complain, output, verdict, write_json
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 
@@ -18,9 +18,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The first look at a session."""
-    from session.checks.findings import worst
-    from tinygc.library.check import check
-    from tinygc.report.first_look_text import findings_table, next_line, unit_lines, verdict_line
+    from session.detect.findings import worst
+    from tinygc.library.sessions import check
+    from tinygc.reporting.tables import findings_table, next_line, unit_lines, verdict_line
 
     findings = check(args.folder)
     console = output(args)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import output, verdict, write_json
-from tinygc.cli.paths import path_read
+from tinygc.cli.arguments import path_read
+from tinygc.cli.results import output, verdict, write_json
 
 SUMMARY = "say whether the calibrations of several sessions of one sensor agree"
 USES_EFFECTS = True
@@ -21,9 +21,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Sessions of one sensor side by side."""
-    from session.common.errors import CalibrationError
-    from tinygc.fitting.compare import DIFFERS_P, compare, read_calibrated, to_json
-    from tinygc.report.comparison_text import comparison_page, verdict_line
+    from session.io.errors import CalibrationError
+    from tinygc.estimation.compare import DIFFERS_P, compare, read_calibrated, to_json
+    from tinygc.reporting.tables import comparison_page
+    from tinygc.reporting.tables import comparison_verdict_line as verdict_line
 
     if len(args.folders) < 2:
         raise CalibrationError("compare needs two sessions or more")

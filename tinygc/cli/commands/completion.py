@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 
-from tinygc.cli.commands._results import standard_output, write_json
+from tinygc.cli.arguments import is_standard_output
 from tinygc.cli.completion import SHELLS, script
-from tinygc.cli.paths import is_standard_output
+from tinygc.cli.results import standard_output, write_json
 
 SUMMARY = "print what makes bash, zsh or fish complete commands and options"
 EPILOG = """bash: calibrate.py completion bash >> ~/.bashrc.  zsh: calibrate.py completion zsh >> ~/.zshrc (behind compinit).

@@ -6,12 +6,12 @@ import argparse
 import os
 from pathlib import Path
 
-from session.common.errors import CalibrationError
-from session.common.texts import shell_word
-from session.log.array_names import is_array
-from tinygc.cli.commands._array import explain_array_folder
-from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
-from tinygc.cli.paths import folder_written, path_read
+from session.io.errors import CalibrationError
+from session.io.folder import is_array
+from session.io.texts import shell_word
+from tinygc.annexes.arrays.command import explain_array_folder
+from tinygc.cli.arguments import folder_written, path_read
+from tinygc.cli.results import complain, output, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     if is_array(args.folder):
         return explain_array_folder(args)
     from tinygc.cli.console import progress_bar
-    from tinygc.library.explain import explain
+    from tinygc.library.explanations import explain
 
     try_destinations(args, "explain")
     if args.discover:
@@ -65,7 +65,7 @@ def _try_effects(folder: Path) -> None:
 
 def _with_pictures(args: argparse.Namespace) -> bool:
     """Whether they are wanted and can be drawn; says so where they cannot."""
-    from tinygc.explanation.pictures.canvas import can_draw
+    from tinygc.reporting.pictures.canvas import can_draw
 
     if not args.no_pictures and not can_draw():
         complain("no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')")

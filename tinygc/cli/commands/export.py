@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.arguments import filled
-from tinygc.cli.commands._results import complain, output, write_json
-from tinygc.cli.paths import folder_written, path_read
+from tinygc.cli.arguments import filled, folder_written, path_read
+from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy.exports import FORMATS
 
 SUMMARY = "write the calibration for other programs"
@@ -25,9 +24,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
-    from session.common.errors import CalibrationError
-    from session.log.array_names import is_array
-    from tinygc.array.fused.model_files import is_array_model
+    from session.io.errors import CalibrationError
+    from session.io.folder import is_array
+    from tinygc.annexes.arrays.model import is_array_model
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context
 
@@ -49,8 +48,8 @@ def run(args: argparse.Namespace) -> int:
 
 def export_an_array(args: argparse.Namespace) -> int:
     """An array's model file, beside which the files go."""
-    from session.common.errors import CalibrationError
-    from tinygc.deploy.array.export import export_array
+    from session.io.errors import CalibrationError
+    from tinygc.annexes.arrays.c_code import export_array
 
     if args.model is not None:
         raise CalibrationError(f"--model goes with a session folder; {args.folder} is an array's model itself")
@@ -60,8 +59,8 @@ def export_an_array(args: argparse.Namespace) -> int:
 
 def written(args: argparse.Namespace, folder: Path, files: dict[str, str], said: list[str]) -> None:
     """The files, each named on the page, and what ``--json`` asks for."""
-    from session.files.results import write_text_whole
-    from session.files.writing import result_folder
+    from session.io.files import result_folder
+    from session.io.results import write_text_whole
 
     with result_folder(folder):
         for name, text in files.items():

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from session.common.errors import CalibrationError
-from session.log.array_names import is_array
-from tinygc.cli.arguments import positive, three
-from tinygc.cli.commands._array import fit_array_folder
-from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
-from tinygc.cli.commands._results import complain, output, try_destinations, write_json
-from tinygc.cli.commands._several import Done, run_each
-from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
+from session.io.errors import CalibrationError
+from session.io.folder import is_array
+from tinygc.annexes.arrays.command import fit_array_folder
+from tinygc.annexes.temperature.command import add_temperature_arguments, fit_temperature, has_only_rests
+from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, whose_limit
-from tinygc.cli.paths import folder_written, path_read
-from tinygc.methods.registry import METHODS
+from tinygc.cli.options import add_fit_arguments, fit_options, given
+from tinygc.cli.results import Done, complain, output, run_each, try_destinations, write_json
+from tinygc.estimation.options import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth", "bias")
@@ -68,9 +66,9 @@ def _fit(args: argparse.Namespace) -> Done:
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.library.fit import fit
-    from tinygc.methods.network.adamw_checkpoint import forget
-    from tinygc.report.fit_text import next_line
+    from tinygc.estimation.adamw import forget
+    from tinygc.library.sessions import fit
+    from tinygc.reporting.fit_text import next_line
 
     physics = None if args.physics is None else _physics(args.physics)
     checkpoints = args.out or args.folder / "fit"
@@ -106,7 +104,7 @@ def _done(code: int, table: dict, method: str | None, says: str) -> Done:
 
 def _physics(words: str) -> tuple[str, ...]:
     """Ids, or ``auto``; what is in no catalogue is said before anything is read."""
-    from session.common.errors import FitError
+    from session.io.errors import FitError
     from tinygc.effects import catalogue
 
     ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
@@ -135,8 +133,7 @@ def _rebias(args: argparse.Namespace) -> Done:
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fitting.bias import MODEL
-    from tinygc.fitting.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.estimation.bias_of_day import MODEL, rebias_report, rebias_session, rebias_to_json, save_rebiased
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:

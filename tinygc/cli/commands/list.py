@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from session.common.errors import CalibrationError
-from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import path_read
+from session.io.errors import CalibrationError
+from tinygc.cli.arguments import path_read
+from tinygc.cli.results import output, write_json
 
 SUMMARY = "list the sessions of a folder: date, sensor, closure, verdict"
 
@@ -19,8 +19,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The sessions of a folder; one that cannot be read is listed with the reason."""
-    from tinygc.fitting.listing import list_sessions
-    from tinygc.report.list_text import sessions_table
+    from tinygc.estimation.listing import list_sessions
+    from tinygc.reporting.tables import sessions_table
 
     if not args.folder.is_dir():
         raise CalibrationError(f"{args.folder}: no folder; give one with session folders in it")

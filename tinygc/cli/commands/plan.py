@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import count
-from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import path_read
+from tinygc.cli.arguments import count, path_read
+from tinygc.cli.results import output, write_json
 
 SUMMARY = "say which movements to record next"
 USES_EFFECTS = True
@@ -22,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """What to record next."""
-    from tinygc.plan.proposals import propose
+    from tinygc.planning.proposals import propose
 
     plan = propose(args.folder, args.count, args.lot)
     proposals, asked = plan.proposals, plan.asked

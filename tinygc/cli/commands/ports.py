@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.results import output, write_json
 
 SUMMARY = "list the serial ports, and say which may be the board"
 
@@ -16,7 +16,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The serial ports, candidates first."""
-    from session.recording.ports import known_ports
+    from session.bench.port import known_ports
 
     ports = known_ports()
     for port in ports:

@@ -9,25 +9,46 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.common.texts import printable, shell_word
-from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
-from tinygc.cli.commands._advice import coach_of, lot_of, of_the_model
-from tinygc.cli.commands._bench import DEFAULTS, bench, takes
-from tinygc.cli.commands._interruption import Interruption
-from tinygc.cli.commands._recorded import counted, left_out, missing, so_far, table
-from tinygc.cli.commands._results import complain, output, write_json
-from tinygc.cli.commands._views import LOOPBACK, page_address, page_server, views
+from session.io.texts import printable, shell_word
+from tinygc.cli.arguments import (
+    accel_full_scale,
+    closure_seconds,
+    count,
+    data_rate,
+    folder_written,
+    gyro_full_scale,
+    note,
+    path_read,
+    stream_header,
+)
 from tinygc.cli.defaults import defaults_json
-from tinygc.cli.paths import folder_written, path_read
+from tinygc.cli.recording import (
+    DEFAULTS,
+    LOOPBACK,
+    bench,
+    coach_of,
+    counted,
+    left_out,
+    lot_of,
+    missing,
+    of_the_model,
+    page_address,
+    page_server,
+    so_far,
+    table,
+    takes,
+    views,
+)
+from tinygc.cli.results import Interruption, complain, output, write_json
 
 if TYPE_CHECKING:
-    from session.common.errors import CalibrationError
-    from session.guide.guide import Guide
-    from session.log.config import Config
-    from session.page.server import PageServer
-    from session.recording.recorder import Recorder
-    from session.recording.session_file import SessionFile
-    from session.stream.events import Info
+    from session.bench.events import Info
+    from session.bench.guide import Guide
+    from session.bench.page.server import PageServer
+    from session.bench.recorder import Recorder
+    from session.bench.session_file import SessionFile
+    from session.io.config import Config
+    from session.io.errors import CalibrationError
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
@@ -83,12 +104,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
-    from session.recording.ports import only_candidate
+    from session.bench.port import only_candidate
 
     if args.lot is not None:
         args.lot_read = lot_of(args)
     if args.series:
-        from tinygc.cli.commands._series import run_series
+        from tinygc.cli.recording import run_series
 
         return run_series(args, _led, _tell)
     folder = args.out or _next_folder()
@@ -107,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: str, interrupted: bool) -> None:
     """All is written: what the page says and offers now."""
-    from tinygc.cli.commands._page_end import say_interrupted, stay
+    from tinygc.cli.recording import say_interrupted, stay
 
     if interrupted:
         say_interrupted(page, _again(args, folder, port))
@@ -129,7 +150,7 @@ def _tell(
     args: argparse.Namespace, folder: Path, port: str, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
 ) -> bool:
     """What was recorded; returns interrupted."""
-    from session.recording.session_file import ASSUMED
+    from session.bench.session_file import ASSUMED
 
     console = output(args)
     console.print(f"{folder}: {so_far(guide, recorder)}", soft_wrap=True)
@@ -165,12 +186,12 @@ def _led(
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """One recording to its end; whether it was interrupted.  None: it has to begin again, since it held another board's bytes, which
     are apart now."""
-    from session.common.errors import CalibrationError, OtherSensor
-    from session.guide.guide import Guide
-    from session.guide.guided_session import GuidedRecording
-    from session.guide.keys import Keys
-    from session.recording.recorder import Recorder
-    from session.recording.session_file import SessionFile
+    from session.bench.guide import Guide
+    from session.bench.guided_session import GuidedRecording
+    from session.bench.operator import Keys
+    from session.bench.recorder import Recorder
+    from session.bench.session_file import SessionFile
+    from session.io.errors import CalibrationError, OtherSensor
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
     tell(args, folder)
@@ -212,7 +233,7 @@ def _led(
 
 def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError | None:
     """End it; what was wrong in doing so."""
-    from session.common.errors import StorageError
+    from session.io.errors import StorageError
 
     try:
         recorder.close()
@@ -236,10 +257,9 @@ def _next_folder() -> Path:
 
 def _require_place(folder: Path, resume: bool) -> None:
     """A recording is never overwritten; one is resumed only where there is one."""
-    from session.common.errors import FormatError
-    from session.log.folder import log_paths
-    from session.recording.lock import is_locked
-    from session.recording.rawfile import IN_USE, RAW
+    from session.bench.rawfile import IN_USE, RAW, is_locked
+    from session.io.errors import FormatError
+    from session.io.folder import log_paths
 
     raw = folder / RAW
     if is_locked(raw):
@@ -255,8 +275,8 @@ def _require_place(folder: Path, resume: bool) -> None:
 
 def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
     """What `explain` wants to see of this sensor: of this session when it is resumed, or of the one that it is like."""
-    from session.common.errors import FormatError
-    from tinygc.plan.requested import requested_by_explain
+    from session.io.errors import FormatError
+    from tinygc.planning.proposals import requested_by_explain
 
     for place in (folder, args.like.parent if args.like else None):
         try:

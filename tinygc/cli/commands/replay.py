@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import stream_header
-from tinygc.cli.commands._log_options import add_log_options, answers_of
-from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import folder_written, path_read
+from tinygc.cli.arguments import folder_written, path_read, stream_header
+from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
@@ -30,8 +29,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """What is on the card becomes a session folder."""
-    from session.replay.convert import convert
-    from session.replay.from_raw import convert_raw, is_raw
+    from session.replay.convert import convert, convert_raw, is_raw
 
     if len(args.logs) == 1 and is_raw(args.logs[0]):
         made = convert_raw(args.logs[0], args.out, args.odr, args.gyro_fs, args.accel_fs, args.sensor, args.header)

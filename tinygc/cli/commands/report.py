@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from session.common.errors import CalibrationError
-from tinygc.cli.arguments import positive
-from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
-from tinygc.cli.commands._results import complain, output, try_file, verdict, write_json
-from tinygc.cli.commands._several import Done, run_each
+from session.io.errors import CalibrationError
+from tinygc.cli.arguments import file_written, path_read, positive
 from tinygc.cli.defaults import defaults_json, whose_limit
-from tinygc.cli.paths import file_written, path_read
+from tinygc.cli.options import add_fit_arguments, fit_options
+from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
 USES_EFFECTS = True
@@ -40,12 +38,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace) -> Done:
-    from session.common.units import DEG
+    from session.io.units import DEG
     from tinygc.cli.console import progress_bar
-    from tinygc.report.html.evidence import gather
-    from tinygc.report.html.numbers import tilt_rms
-    from tinygc.report.html.page import save
-    from tinygc.report.html.summary import summary
+    from tinygc.reporting.html.evidence import gather
+    from tinygc.reporting.html.markup import tilt_rms
+    from tinygc.reporting.html.page import save, summary
 
     path = args.out or args.folder / "report.html"
     try_file(args, path)

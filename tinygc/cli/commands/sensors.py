@@ -6,10 +6,10 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
-    from session.sensor.profiles.profile import Figure, Profile
+    from session.io.sensors.profile import Figure, Profile
 
 SUMMARY = "list the sensors that are known, or all that is known of one"
 #: of each figure: its name for a person, and its unit
@@ -28,8 +28,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """One line for each sensor, or some for one."""
-    from session.common.errors import CalibrationError
-    from session.sensor.known import PROFILES, nearest_name, profile_of
+    from session.io.errors import CalibrationError
+    from session.io.registers import PROFILES, nearest_name, profile_of
 
     console = output(args)
     if args.name is None:

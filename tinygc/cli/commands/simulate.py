@@ -6,14 +6,13 @@ import argparse
 from dataclasses import Field
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import effect_parameters
-from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import folder_written
+from tinygc.cli.arguments import effect_parameters, folder_written
+from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
-    from tinygc.simulation.array.options import ArrayOptions
+    from tinygc.annexes.arrays.simulation import ArrayOptions
+    from tinygc.annexes.temperature.rest_simulation import RestOptions
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.rest_options import RestOptions
 
 SUMMARY = "write a simulated session"
 USES_EFFECTS = True
@@ -30,10 +29,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
-    from tinygc.library.simulate import simulate
-    from tinygc.simulation.array.options import ArrayOptions
+    from tinygc.annexes.arrays.simulation import ArrayOptions
+    from tinygc.annexes.temperature.rest_simulation import RestOptions
+    from tinygc.library.sessions import simulate
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.rest_options import RestOptions
     from tinygc.simulation.write import check_folder
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
@@ -57,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _effects(args: argparse.Namespace) -> dict[str, dict]:
     """Parameters of each effect that is to be hidden, by id.  CalibrationError for one that is given twice, and where nothing is turned."""
-    from session.common.errors import CalibrationError
+    from session.io.errors import CalibrationError
 
     effects = dict(args.effect)
     if len(effects) < len(args.effect):
@@ -70,7 +69,7 @@ def _effects(args: argparse.Namespace) -> dict[str, dict]:
 
 def _rest(args: argparse.Namespace, rest: RestOptions, options: SimulationOptions) -> int:
     """A rest log, in which nothing is turned."""
-    from tinygc.simulation.write_rest import write_rest
+    from tinygc.annexes.temperature.rest_simulation import write_rest
 
     folder = write_rest(rest, options, args.out, args.force)
     output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
@@ -83,9 +82,8 @@ def _array(args: argparse.Namespace, array: ArrayOptions, options: SimulationOpt
     """Several units on one body."""
     from dataclasses import asdict
 
-    from session.common.errors import CalibrationError
-    from tinygc.simulation.array.simulate import simulate_array
-    from tinygc.simulation.array.write import check_array_folder, write_array
+    from session.io.errors import CalibrationError
+    from tinygc.annexes.arrays.simulation import check_array_folder, simulate_array, write_array
 
     if array.units < 2:
         raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
@@ -105,9 +103,9 @@ def _rest_options(args: argparse.Namespace) -> dict:
 
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
     """One flag for each field of ``SimulationOptions``; its comments say what they mean."""
-    from tinygc.simulation.array.options import ArrayOptions
+    from tinygc.annexes.arrays.simulation import ArrayOptions
+    from tinygc.annexes.temperature.rest_simulation import RestOptions, rest_flag
     from tinygc.simulation.options import SimulationOptions, flag
-    from tinygc.simulation.rest_options import RestOptions, rest_flag
 
     _add(command, {flag(name): (name, field) for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"})
     rest = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}

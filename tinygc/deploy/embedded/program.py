@@ -1,29 +1,43 @@
-"""A model as stages of single precision, in the order in which a device runs them."""
+"""A model as a program of stages, with its register input and its self-test vectors."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from tinygc.deploy.embedded.affine import Linear
-from tinygc.deploy.embedded.convolutions import Denoise
-from tinygc.deploy.embedded.effects import effect_stage
-from tinygc.deploy.embedded.nets import CalibrationNetStage, Conditioned, Published
-from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage
-from tinygc.deploy.embedded.thermal import Thermal
-from tinygc.deploy.errors import ExportError
-from tinygc.models.calibration_net import CalibrationNet
+from session.io.config import Accelerometer, Config
+from session.io.errors import FormatError
+from session.io.registers import DEFAULT, RegisterUnits
+from session.io.sensors.profile import Thermometer
+from tinygc.annexes.temperature.deploy import Thermal
+from tinygc.annexes.temperature.model import ThermalModel
+from tinygc.deploy.calibration import ExportError
+from tinygc.deploy.embedded.stages import (
+    CalibrationNetStage,
+    Conditioned,
+    Denoise,
+    Inputs,
+    Linear,
+    ProgramStage,
+    Published,
+    affine,
+    effect_stage,
+    single,
+    table,
+)
+from tinygc.effects import Cost
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
+from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
-from tinygc.models.thermal import ThermalModel
+
+# A model as stages of single precision, in the order in which a device runs them.
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +117,121 @@ STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
     PhysicsModel: _physics,
     CarriedNet: _net_behind_physics,
 }
+
+
+# What a sensor's registers mean, in single precision: gx gy gz ax ay az temp, as a log or a frame holds them.
+
+
+@dataclass(frozen=True, eq=False)
+class Registers:
+    """gyro_fs_dps and accel_fs_g of the sensor, its true or nominal odr_hz, the accelerometer's pre-calibration, what its registers mean;
+    model: its name; own_units: as in session.toml."""
+
+    gyro_fs_dps: float = 500
+    accel_fs_g: float = 4
+    odr_hz: float = 208.0
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    model: str = DEFAULT
+    own_units: Mapping[str, float | None] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, config: Config, accelerometer: Accelerometer | None = None) -> Registers | None:
+        """Of a session; None where it is not known what all of its sensor's registers mean.
+
+        accelerometer: the calibration that the fit rests on, where that is not session.toml's.
+        """
+        sensor = config.sensor
+        own = accelerometer or config.accelerometer
+        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, own, sensor.model, sensor.own_units)
+        try:
+            return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
+        except FormatError:
+            return None
+
+    @property
+    def units(self) -> RegisterUnits:
+        """Per LSB, SI."""
+        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def thermometer(self) -> Thermometer:
+        """Of its temperature register."""
+        assert self.units.thermometer is not None  # ``of`` has looked
+        return self.units.thermometer
+
+    @property
+    def constants(self) -> dict[str, np.ndarray]:
+        """rad/s per LSB; the accelerometer's sensitivity, matrix and bias as one affine map; degC per LSB and at zero."""
+        calibration, lsb, thermometer = self.accelerometer, self.units.accel_mps2, self.thermometer
+        force = table(calibration.matrix * lsb, -calibration.matrix @ calibration.bias_mps2, "the accelerometer's pre-calibration")
+        return {
+            "RPS_PER_LSB": single([self.units.gyro_rps], "the sensitivity"),
+            "FORCE": force,
+            "TEMPERATURE": single([1 / thermometer.lsb_per_c, thermometer.at_zero_c], "the temperature"),
+        }
+
+    def inputs(self, registers: np.ndarray) -> Inputs:
+        """From (N, 7) int16, in the order of the C."""
+        constants, numbers = self.constants, np.asarray(registers).astype(np.float32)
+        per_lsb, at_zero = constants["TEMPERATURE"]
+        return Inputs(
+            numbers[:, :3] * constants["RPS_PER_LSB"], affine(constants["FORCE"], numbers[:, 3:6]), numbers[:, 6] * per_lsb + at_zero
+        )
+
+
+def force_constant(accelerometer: Accelerometer) -> np.ndarray:
+    """(3, 4) float32: from m/s^2 as measured to calibrated specific force, as one affine map."""
+    matrix, bias = accelerometer.matrix, accelerometer.bias_mps2
+    return table(matrix, -matrix @ bias, "the accelerometer's calibration")
+
+
+FORCE_FUNCTION = """\
+void tinygc_force(const float measured[3], float force[3])
+{
+    affine(ACCELEROMETER, measured, force);
+}
+"""
+
+FUNCTION = """\
+void tinygc_from_registers(const int16_t registers[7], tinygc_input *in)
+{
+    float a[3];
+    for (int i = 0; i < 3; i++) {
+        in->rate[i] = (float)registers[i] * RPS_PER_LSB[0];
+        a[i] = (float)registers[3 + i];
+    }
+    affine(FORCE, a, in->force);
+    in->temp_c = (float)registers[6] * TEMPERATURE[0] + TEMPERATURE[1];
+}
+"""
+
+
+# What a device's self-test is fed, and what it must answer.
+
+#: more than the denoiser's window, so that its rings have gone round
+COUNT = 64
+#: of the answer, plus 1 rad/s: far below the sensor's noise, far above what another order of operations does
+TOLERANCE = 2e-6
+#: to either side of where the temperature register is 0
+SPAN_C = 16.0
+_SEED = 195
+
+
+@dataclass(frozen=True, eq=False)
+class Vectors:
+    """registers (COUNT, 7) int16, rates (COUNT, 3) float32 rad/s that the program makes of them, one after the other."""
+
+    registers: np.ndarray
+    rates: np.ndarray
+
+
+def vectors(program: Program, registers: Registers) -> Vectors:
+    """Turns over all of the range, gravity in all directions, 16 degC to either side of where its register is 0."""
+    rng = np.random.default_rng(_SEED)
+    numbers = rng.integers(-28000, 28000, size=(COUNT, 7)).astype(np.int16)
+    direction = rng.normal(size=(COUNT, 3))
+    one_g = 8192 * 4 / registers.accel_fs_g
+    numbers[:, 3:6] = np.rint(direction / np.linalg.norm(direction, axis=1, keepdims=True) * one_g)
+    span = round(SPAN_C * registers.thermometer.lsb_per_c)
+    numbers[:, 6] = rng.integers(-span, span, size=COUNT)
+    return Vectors(numbers, program.run(registers.inputs(numbers)))

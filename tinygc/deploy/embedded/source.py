@@ -6,13 +6,12 @@ from textwrap import indent
 
 import numpy as np
 
-from session.common.texts import comment
-from session.log.config import Accelerometer
-from tinygc.deploy.embedded import affine, register_input
-from tinygc.deploy.embedded.program import Program
-from tinygc.deploy.embedded.register_input import Registers
-from tinygc.deploy.embedded.stage import ProgramStage
-from tinygc.deploy.embedded.vectors import TOLERANCE, Vectors, vectors
+from session.io.config import Accelerometer
+from session.io.texts import comment
+from tinygc.deploy.embedded import program as register_input
+from tinygc.deploy.embedded import stages as affine
+from tinygc.deploy.embedded.program import TOLERANCE, Program, Registers, Vectors, vectors
+from tinygc.deploy.embedded.stages import ProgramStage
 
 #: signs of a line of comment
 LONGEST = 120

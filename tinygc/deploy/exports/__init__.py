@@ -16,7 +16,7 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from tinygc.deploy.errors import ExportError
+from tinygc.deploy.calibration import ExportError
 
 __all__ = ["FORMATS", "ExportError", "exporter"]
 

@@ -10,21 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.texts import printable, shell_word
-from session.common.units import DEG, DEG_PER_HOUR, G
-from session.log.config import Accelerometer, Config, read_config
-from session.log.folder import log_paths
-from session.log.hashes import file_key, sha256_of
-from session.log.logfile import read_log
+from session.io.config import Accelerometer, Config, read_config
+from session.io.folder import file_key, log_paths, sha256_of
+from session.io.logfile import read_log
+from session.io.texts import printable, shell_word
+from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
-from tinygc.deploy.errors import ExportError
-from tinygc.deploy.needs import Needs
-from tinygc.fitting import bias
-from tinygc.fitting.against_raw import worse_in_table
-from tinygc.fitting.fit_file import read_judged
-from tinygc.fitting.result import AT_END
-from tinygc.models.accelerometer import accelerometer_of
-from tinygc.models.model import Model
+from tinygc.deploy.calibration import ExportError, Needs
+from tinygc.estimation import bias_of_day
+from tinygc.estimation.choice import worse_in_table
+from tinygc.estimation.results import AT_END, read_judged
+from tinygc.models.model import Model, accelerometer_of
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"
@@ -160,6 +156,6 @@ def _model_path(folder: Path, method: str | None) -> Path:
 
 def _fit_beside(path: Path, method: str, again: str) -> dict:
     """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
-    names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
+    names = (bias_of_day.FIGURES, "fit.json") if path.name == bias_of_day.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if beside is None else read_judged(beside, again, method, rebiased=beside.name == bias.FIGURES)
+    return {} if beside is None else read_judged(beside, again, method, rebiased=beside.name == bias_of_day.FIGURES)

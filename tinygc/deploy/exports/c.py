@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from session.common.version import VERSION
-from tinygc.deploy.embedded.program import program
-from tinygc.deploy.embedded.register_input import Registers
+from session import VERSION
+from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports._context import Context
 from tinygc.models.model import Model

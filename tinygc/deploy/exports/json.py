@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from session.files.results import json_text
+from session.io.results import json_text
 from tinygc import models
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._self_test import self_test
-from tinygc.fitting.versions import versions
+from tinygc.deploy.exports._text import self_test
+from tinygc.estimation.results import versions
 from tinygc.models import linear
-from tinygc.models.accelerometer import accelerometer_table, sensor_table
-from tinygc.models.model import Model
+from tinygc.models.model import Model, accelerometer_table, sensor_table
 
 NAME = "json"
 UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units"

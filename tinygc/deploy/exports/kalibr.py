@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.common.units import DEG_PER_HOUR
-from tinygc.deploy.errors import ExportError
+from session.io.units import DEG_PER_HOUR
+from tinygc.deploy.calibration import ExportError
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._linear import LinearPart, linear_part, words
-from tinygc.deploy.exports._remarks import remarks
-from tinygc.deploy.exports._yaml import yaml_text
+from tinygc.deploy.exports._text import LinearPart, linear_part, remarks, words, yaml_text
 from tinygc.models.model import Model
 
 NAME = "kalibr"

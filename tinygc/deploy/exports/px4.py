@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.exports._autopilot import cannot_scale, force_terms, offsets
+from tinygc.annexes.temperature.deploy import accel_change, cubic_about, part_at_reference, say_lost
+from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._remarks import remarks
-from tinygc.deploy.exports._thermal import accel_change, cubic_about, part_at_reference, say_lost
+from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
 from tinygc.models.model import Model
-from tinygc.models.thermal import ThermalModel
 
 NAME = "px4"
 SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tinygc.deploy.errors import ExportError
+from tinygc.deploy.calibration import ExportError
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._linear import linear_part
-from tinygc.deploy.exports._remarks import remarks
-from tinygc.deploy.exports._yaml import yaml_text
+from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
 from tinygc.models.linear import NAMES
 from tinygc.models.model import Model
 

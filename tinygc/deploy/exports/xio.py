@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.common.units import DEG, G
-from session.files.results import json_text
-from tinygc.deploy.errors import ExportError
+from session.io.results import json_text
+from session.io.units import DEG, G
+from tinygc.deploy.calibration import ExportError
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._linear import linear_part
-from tinygc.deploy.exports._remarks import remarks
+from tinygc.deploy.exports._text import linear_part, remarks
 from tinygc.models.model import Model
 
 NAME = "xio"

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.common.units import MG, G
+from session.io.units import MG, G
 from tinygc.effects import Effect, Parameter, Parts, axis_of, largest, nothing
-from tinygc.effects.picture import GRAVITY_LENGTH
+from tinygc.effects.effect import GRAVITY_LENGTH
 
 UPPER = np.triu_indices(3)
 #: of the upper triangle row by row, after the bias

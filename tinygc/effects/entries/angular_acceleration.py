@@ -1,7 +1,7 @@
 """The output follows angular acceleration, cross-axis too (IEEE 528: sensitivity to angular acceleration)."""
 
 from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Parameter, full, largest
-from tinygc.effects.picture import LAG_LAW
+from tinygc.effects.effect import LAG_LAW
 
 EFFECT = Effect(
     id="gyro.angular_acceleration",

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tinygc.effects import AHEAD, Convention, Effect, Movement, Parameter, Reach, axis_of, diagonal, largest
-from tinygc.effects.picture import LAG_LAW
+from tinygc.effects.effect import LAG_LAW
 
 #: a cubic spline forgets a sample by a factor of 3.7 with each one between
 SPLINE_SAMPLES = 48

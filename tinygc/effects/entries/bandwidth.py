@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Movement, Parameter, axis_of, diagonal, largest
-from tinygc.effects.picture import LAG_LAW
+from tinygc.effects.effect import LAG_LAW
 
 
 def _correct(measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:

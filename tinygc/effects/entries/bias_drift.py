@@ -1,6 +1,6 @@
 """The gyro's zero-rate offset wanders with time, not with temperature; to first order, steadily over the session."""
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest
 
 EFFECT = Effect(

@@ -1,8 +1,7 @@
 """Samples were lost and the stamps closed up over the loss, so that no gap shows."""
 
 from tinygc.effects import Effect, Occurrence, Parameter, nothing
-from tinygc.effects.occurrence import SECONDS
-from tinygc.effects.picture import LOST_SAMPLES
+from tinygc.effects.effect import LOST_SAMPLES, SECONDS
 
 EFFECT = Effect(
     id="timing.dropped_samples",

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from session.common.units import DEG, EARTH_RATE_RPS
+from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import Derived, Effect, Parameter, nothing
-from tinygc.effects.picture import EARTH
+from tinygc.effects.effect import EARTH
 
 
 def latitude_deg(rate_t: np.ndarray) -> float:

@@ -1,8 +1,7 @@
 """Isolated false readings of the gyro."""
 
 from tinygc.effects import Effect, Occurrence, Parameter, nothing
-from tinygc.effects.occurrence import ROWS
-from tinygc.effects.picture import FALSE_READINGS
+from tinygc.effects.effect import FALSE_READINGS, ROWS
 
 EFFECT = Effect(
     id="data.glitches",

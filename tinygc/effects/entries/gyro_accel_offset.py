@@ -1,7 +1,7 @@
 """Gyroscope and accelerometer clocks differ.  Closure does not see it; gravity during the turns does."""
 
 from tinygc.effects import Effect, Parameter, nothing
-from tinygc.effects.picture import CLOCKS
+from tinygc.effects.effect import CLOCKS
 
 EFFECT = Effect(
     id="timing.gyro_accel_offset",

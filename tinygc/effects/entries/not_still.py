@@ -1,8 +1,7 @@
 """The sensor turned slowly while it was meant to be still."""
 
 from tinygc.effects import Effect, Occurrence, Parameter, nothing
-from tinygc.effects.occurrence import STILLS
-from tinygc.effects.picture import CREEPING_STILLS
+from tinygc.effects.effect import CREEPING_STILLS, IN_STILLS
 
 EFFECT = Effect(
     id="reference.not_still",
@@ -14,6 +13,6 @@ EFFECT = Effect(
     says=lambda theta: f"{theta[0]:.0f} stills were not still: lock the table before each still; they are passed over here",
     splits="lock the table, and record again",
     regime=("time", "s"),
-    occurs=Occurrence("stills", STILLS),
+    occurs=Occurrence("stills", IN_STILLS),
     picture=CREEPING_STILLS,
 )

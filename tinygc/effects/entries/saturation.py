@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import Effect, Movement, Occurrence, Parameter, nothing
-from tinygc.effects.occurrence import LEVEL
-from tinygc.effects.picture import CLIPPED_TURN
+from tinygc.effects.effect import CLIPPED_TURN, LEVEL
 
 EFFECT = Effect(
     id="gyro.saturation",

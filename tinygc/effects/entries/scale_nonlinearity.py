@@ -1,7 +1,7 @@
 """The scale factor changes with the rate: a cubic, odd term (IEEE 528: scale factor nonlinearity)."""
 
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
-from tinygc.effects.picture import SCALE_LAW
+from tinygc.effects.effect import SCALE_LAW
 
 EFFECT = Effect(
     id="gyro.scale_nonlinearity",

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
-from tinygc.effects.picture import SCALE_LAW
+from tinygc.effects.effect import SCALE_LAW
 
 EFFECT = Effect(
     id="gyro.thermal_scale",

@@ -1,12 +1,12 @@
 """Motion faster than half the data rate.  A sum of readings misses it, turn by turn at random: no rate is added, and nothing undoes it.
 
 Who claims it has it from what fewer readings miss: predicted_deg is the rms over the turns at the recording's own data rate, and beside
-it stand rates_hz and closure_deg, one for each thinned-out rate, and the exponent in the rate (``tinygc.effects.picture.DATA_RATE``).
+it stand rates_hz and closure_deg, one for each thinned-out rate, and the exponent in the rate (``tinygc.effects.effect.DATA_RATE``).
 """
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import Effect, NoC, Parameter, nothing
-from tinygc.effects.picture import DATA_RATE
+from tinygc.effects.effect import DATA_RATE
 
 EFFECT = Effect(
     id="motion.undersampled",

@@ -1,8 +1,8 @@
 """The gyro's zero-rate offset moves with vibration energy (vibration rectification error)."""
 
-from session.common.units import DEG
+from session.io.units import DEG
 from tinygc.effects import AHEAD, Effect, Parameter, axis_of, diagonal, largest
-from tinygc.effects.picture import ENERGY_LAW
+from tinygc.effects.effect import ENERGY_LAW
 
 EFFECT = Effect(
     id="gyro.vibration_rectification",

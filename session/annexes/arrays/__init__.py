@@ -1,0 +1,1 @@
+"""Recordings of several units on one rigid body."""

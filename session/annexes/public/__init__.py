@@ -1,0 +1,1 @@
+"""Public recordings as session folders, from their authors' own files."""

@@ -1,0 +1,79 @@
+"""The test data of imu_tk (Tedaldi, Pretto, Menegatti, ICRA 2014): the raw counts of a hand-turned Xsens MTi.
+
+``xsens_acc.mat`` and ``xsens_gyro.mat`` are text: seconds, then three counts around 32768.  imu_tk states no units for the counts; one
+nominal scale for all axes stands for them here, and the accelerometer's scale within that is imu_tk's own result on these files.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from session.annexes.public.writing import found, rows_of_numbers, write_folder
+from session.detect.accelerometer import section
+from session.io.config import Accelerometer
+from session.io.errors import FormatError
+
+COUNTS = 65536
+OFFSET = 32768  #: counts at zero, of imu_tk's example
+ACCEL_PER_MPS2 = 414.0
+GYRO_PER_RPS = 4774.0
+#: what imu_tk's example finds in these files, for these scales
+BY_IMU_TK = Accelerometer(
+    np.array([[0.998892836, -0.003375521, -0.008892462], [0.0, 1.004828837, -0.021300745], [0.0, 0.0, 0.998435634]]),
+    np.array([0.86034436, 1.22507110, -0.97484143]),
+)
+HEADER = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+TOML = """schema = "tinygc-session/1"
+
+# The test data of imu_tk (Tedaldi, Pretto, Menegatti, ICRA 2014; BSD licence): a hand-turned Xsens MTi's raw counts,
+# put into units with one nominal scale and the offset 32768 on all axes.
+[sensor]
+model = "Xsens MTi (raw counts)"
+serial = "imu_tk xsens"
+odr_hz = 100.0
+gyro_fs_dps = 393
+accel_fs_g = 8
+
+{accelerometer}[site]
+gravity_mps2 = 9.81744
+
+[protocol]
+still_s = 1.0
+segment_s = 5.0
+reference = "gravity"
+"""
+
+
+def write(source: Path, out: Path, given: bool = True) -> list[Path]:
+    """``out/xsens``; given: with imu_tk's own accelerometer, else its own stills'.
+
+    FormatError for files that are not the authors'; not given: what ``placed`` raises.
+    """
+    (acc_path,) = found(source, "xsens_acc.mat", "bin/test_data")
+    gyro_path = acc_path.with_name("xsens_gyro.mat")
+    t_s, accel = _counts(acc_path)
+    t_gyro, gyro = _counts(gyro_path)
+    if len(t_s) != len(t_gyro) or (t_s != t_gyro).any():
+        raise FormatError(f"{gyro_path}: its {len(t_gyro)} times are not the {len(t_s)} of {acc_path.name}; download both again")
+    rates, forces = (gyro - OFFSET) / GYRO_PER_RPS, (accel - OFFSET) / ACCEL_PER_MPS2
+    lines = (
+        f"{t:.6f},{','.join(f'{value:.7f}' for value in rate)},{','.join(f'{value:.6f}' for value in force)}"
+        for t, rate, force in zip(t_s.tolist(), rates.tolist(), forces.tolist(), strict=True)
+    )
+    known = f"# imu_tk's own result.\n{section(BY_IMU_TK)}\n" if given else ""
+    return [write_folder(out / "xsens", TOML.format(accelerometer=known), HEADER, lines, given)]
+
+
+def _counts(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """t (N,) s, increasing, and counts (N, 3)."""
+    values = np.array(rows_of_numbers(path, ("seconds", "x", "y", "z")), dtype=float)
+    t_s, counts = values[:, 0], values[:, 1:]
+    wrong = (counts != np.rint(counts)) | (counts < 0) | (counts >= COUNTS)
+    if wrong.any():
+        row, axis = (int(i) for i in np.argwhere(wrong)[0])
+        raise FormatError(f"{path}: sample {row + 1} has {counts[row, axis]:g}, expected raw counts from 0 to {COUNTS - 1}")
+    if (np.diff(t_s) <= 0).any():
+        raise FormatError(f"{path}: the time of sample {int(np.argmax(np.diff(t_s) <= 0)) + 2} does not go on from the one before")
+    return t_s, counts

@@ -1,0 +1,386 @@
+"""Continuity of a stream: sequence and time unrolled, missing readings counted, impossible steps left out."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from session.bench.events import REGISTERS, Accepted, Chunk, Form, Readings, Trouble
+
+# Steps that no sensor makes: out and back within one sample, while the wire is bad.
+#
+# A frame whose damage is confined to its registers can pass its CRC with the right number and stamp.  Then a register stands alone,
+# away from what is before and behind it, which agree.  A knock on the table can look so too, so a sample is doubted only where something
+# unreadable came among the samples shortly before; on a wire that spoils nothing, nothing passes a CRC by chance.
+
+#: samples for which a wire is doubted after something unreadable
+DOUBT = 1000
+
+
+class StepFilter:
+    """Passes samples on; holds a doubtful one until the next has come.  form: what the samples are, and which step is none of theirs."""
+
+    def __init__(self, form: Form = REGISTERS) -> None:
+        self._form, self._bars, self._type = form, form.bars, np.float64 if form.physical else np.int64
+        self._doubt = 0  # samples still to be doubted
+        self._before: np.ndarray | None = None  # (7,) the last sample passed on
+        self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
+
+    def take(self, accepted: Accepted) -> list[Chunk | Trouble]:
+        """What is passed on, and what is left out."""
+        if not (self._doubt or accepted.damaged.any()):
+            self._before = accepted.registers[-1].astype(self._type)
+            return [Chunk(accepted.t_us, accepted.registers, self._form)]
+        count = len(accepted.t_us)
+        last_damage = np.maximum.accumulate(np.where(accepted.damaged, np.arange(count), -count - DOUBT))
+        doubted = (np.arange(count) - last_damage < DOUBT) | (np.arange(count) < self._doubt)
+        self._doubt = max(0, self._doubt - count, DOUBT - int(count - last_damage[-1]))
+        values = accepted.registers.astype(self._type)
+        before = values[:1] if self._before is None else self._before[None]
+        jumps = (np.abs(np.diff(values, axis=0, prepend=before)) > self._bars * accepted.periods[:, None]).any(axis=1) & doubted
+        out: list[Chunk | Trouble] = []
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._judge(held, values[0], int(accepted.periods[0]), out)
+            jumps[0] = doubted[0] and self._jumps(values[0], int(accepted.periods[0]))
+        start = place = 0  # of what is not yet passed on, and of the next that jumps
+        places = [*np.flatnonzero(jumps).tolist(), count]
+        while start < count:
+            while places[place] < start or (places[place] == start and not jumps[start]):
+                place += 1
+            k = start if jumps[start] else places[place]
+            if k > start:
+                self._pass_on(accepted, values, start, k, out)
+            if k == count:
+                break
+            if k == count - 1:
+                self._held = int(accepted.t_us[k]), values[k], int(accepted.periods[k])
+                break
+            assert self._before is not None  # what is doubted first is measured against itself, and passed on
+            if _alone(self._before, values[k], values[k + 1], self._bars * int(accepted.periods[k] + accepted.periods[k + 1]) / 2):
+                out.append(Trouble("implausible", 1, int(accepted.t_us[k])))
+            else:
+                self._pass_on(accepted, values, k, k + 1, out)
+            jumps[k + 1] = doubted[k + 1] and self._jumps(values[k + 1], int(accepted.periods[k + 1]))
+            start = k + 1
+        return out
+
+    def _pass_on(self, accepted: Accepted, values: np.ndarray, start: int, stop: int, out: list) -> None:
+        out.append(Chunk(accepted.t_us[start:stop], accepted.registers[start:stop], self._form))
+        self._before = values[stop - 1]
+
+    def finish(self) -> list[Chunk | Trouble]:
+        """Nothing more comes: a doubtful last sample stays doubtful and is left out."""
+        held, self._held, self._before, self._doubt = self._held, None, None, 0
+        return [Trouble("implausible", 1, held[0])] if held else []
+
+    def _jumps(self, value: np.ndarray, periods: int) -> bool:
+        return self._before is not None and bool((np.abs(value - self._before) > self._bars * periods).any())
+
+    def _judge(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
+        t_us, value, own = held
+        if self._before is not None and _alone(self._before, value, following, self._bars * (own + periods) / 2):
+            out.append(Trouble("implausible", 1, t_us))
+        else:
+            registers = value[None].astype(np.float64 if self._form.physical else np.int16)
+            out.append(Chunk(np.array([t_us], np.int64), registers, self._form))
+            self._before = value
+
+
+def _alone(before: np.ndarray, value: np.ndarray, behind: np.ndarray, bars: np.ndarray) -> bool:
+    """Whether some register goes out and back: beyond the bar on both sides, where those beside it agree."""
+    out, back = value - before, behind - value
+    far = np.minimum(np.abs(out), np.abs(back))
+    half = far // 2 if far.dtype.kind == "i" else far / 2
+    return bool(((far > bars) & (out * back < 0) & (np.abs(behind - before) < half)).any())
+
+
+# Which reading can follow which: sequence and time unrolled, what is missing counted, what does not fit left out.
+#
+# A CRC of 16 bits lets some 10⁻⁵ of heavily damaged frames through, and a text line has none.  So a reading counts only if number and
+# stamp agree with the one before: as many sample periods later as the number is higher.  One that does not fit waits: if the next goes
+# on from before, it was damaged and is left out; if two more go on from it, the device has begun anew (or changed its rate, or in text
+# skipped), and all three count.  The period is measured, from the stamps.  Decisions depend on the readings alone, not on how they are cut.
+#
+# A device that begins anew again and again must show more each time, up to ``LONGEST_CHAIN`` readings, until it stays up for as many.
+
+TIME_WRAP, SEQUENCE_WRAP = 2**32, 2**16
+CHAIN = 3  #: readings that must go on from each other before they count
+TEXT_RESET_CHAIN = 8  #: damaged digits look like a reset more easily than damaged frames
+LONGEST_CHAIN = 64  #: of a device that keeps beginning anew: twice as many each time, up to so many
+NUMBERED_TOLERANCE = 0.35  #: periods; stamps of 25 us ticks at 6667 Hz scatter by 0.17
+TEXT_TOLERANCE = 0.7  #: periods; below one, or a lost line would pass
+GAP_TOLERANCE = 0.005  #: of a gap; the period is known better
+LONGEST_SKIP = 4096  #: numbers that a stretch may skip between two readings, seen at once
+LONGEST_GAP_US = 600_000_000  #: beyond ten minutes of silence it is another recording
+SHORTEST_US, LONGEST_US = 50.0, 2e6  #: a sample period may be
+RATE_CHANGE_US = 2_000_000  #: what another rate sets in within, is no reset
+#: readings looked at in one go: twice as many each time, as long as all follow each other
+FEWEST, MOST = 32, 2048
+SINGLY = 8  #: readings that are taken one by one where they do not
+
+
+class _One(NamedTuple):
+    """A reading that waits."""
+
+    sequence: int | None
+    t_us: int
+    registers: np.ndarray
+    damaged: bool
+
+
+class _Run:
+    """Readings that were taken one by one and count: their places among those that came, unrolled times, periods."""
+
+    def __init__(self) -> None:
+        self.places: list[int] = []
+        self.t_us: list[int] = []
+        self.periods: list[int] = []
+        self.before_us: int | None = None
+
+
+class Continuity:
+    """For one connection.  ``take`` readings, tell it of the numbers that info frames used up (``info``), ``finish``."""
+
+    def __init__(self) -> None:
+        self._begin()
+
+    def _begin(self) -> None:
+        self.period_us: float | None = None
+        self._begun = False  # whether one has counted, and of the last that has:
+        self._sequence: int | None = None
+        self._stamp = self._t_us = 0  # as it was sent, and unrolled
+        self._chain: list[_One] = []
+        self._infos: list[int] = []
+        self._infos_have_numbers = True
+        self._count = self._since = 0  # periods since the lock, and the unrolled time of the lock
+        self._next_period = 0
+        self._held: Accepted | None = None  # text: a line counts when the next one follows it
+        self._needed, self._shown = CHAIN, 0  # readings that a new start must show, and that the present one has
+        self._at_once, self._singly = FEWEST, 0
+
+    def info(self, sequence: int) -> None:
+        """An info frame had this number."""
+        if self._infos_have_numbers:
+            self._infos = [*self._infos[-15:], sequence]
+
+    def take(self, readings: Readings) -> list[Accepted | Trouble]:
+        """What counts of these, in order."""
+        out: list[Accepted | Trouble] = []
+        start, total = 0, len(readings)
+        while start < total:
+            if self._begun and not (self._chain or self._infos or self._singly):
+                start += self._take_smooth(readings.part(start, min(total, start + self._at_once)), out)
+            else:
+                start += self._take_singly(readings.part(start, min(total, start + MOST)), out)
+        return out
+
+    def finish(self) -> list[Accepted | Trouble]:
+        """Nothing more comes: what waits for another is left out."""
+        out: list[Accepted | Trouble] = []
+        self._leave_out(len(self._chain), out)
+        if self._held is not None:
+            out.append(self._held)
+        self._begin()
+        return out
+
+    def _take_smooth(self, readings: Readings, out: list) -> int:
+        """Accept the readings at the beginning of these of which each follows the one before; returns how many."""
+        step_us = np.diff(readings.t_us, prepend=self._stamp)
+        if readings.sequence is None or self._sequence is None:
+            periods = np.ones(len(readings), np.int64)
+            smooth = np.abs(step_us - self._period) <= TEXT_TOLERANCE * self._period
+        else:
+            step_us %= TIME_WRAP
+            periods = np.diff(readings.sequence, prepend=self._sequence) % SEQUENCE_WRAP
+            bar = (NUMBERED_TOLERANCE + GAP_TOLERANCE * periods) * self._period
+            smooth = (np.abs(step_us - periods * self._period) <= bar) & (periods >= 1) & (periods <= LONGEST_SKIP)
+            smooth &= step_us <= LONGEST_GAP_US
+        follow = len(readings) if smooth.all() else int(np.argmin(smooth))
+        count = follow
+        if count:
+            # Stop where the period is measured anew, so that it is measured at the same reading however they are cut.
+            count = min(count, 1 + int(np.searchsorted(self._count + np.cumsum(periods[:count]), self._next_period)))
+            t_us = self._t_us + np.cumsum(step_us[:count])
+            self._emit(Accepted(t_us, readings.registers[:count], readings.damaged[:count], periods[:count]), readings.sequence, out)
+            last = None if readings.sequence is None else int(readings.sequence[count - 1])
+            self._advance(last, int(readings.t_us[count - 1]), int(t_us[-1]), int(periods[:count].sum()), count)
+        broken = count == follow < len(readings)
+        self._at_once, self._singly = (FEWEST, SINGLY) if broken else (min(MOST, 2 * self._at_once), 0)
+        return count
+
+    def _take_singly(self, readings: Readings, out: list) -> int:
+        """Readings that need a closer look, until some have followed each other; returns how many were taken."""
+        run = _Run()
+        for place, (sequence, stamp) in enumerate(zip(readings.numbers, readings.t_us.tolist(), strict=True)):
+            if self._begun and (step := self._step(sequence, stamp)) is not None:
+                if self._chain:
+                    run = self._flush(run, readings, out)
+                    self._leave_out(len(self._chain), out)
+                    self._chain = []
+                if not run.places:
+                    run.before_us = self._t_us
+                self._advance(sequence, stamp, self._t_us + step[0], step[1], 1)
+                run.places.append(place)
+                run.t_us.append(self._t_us)
+                run.periods.append(step[1])
+                self._singly = max(0, self._singly - 1)
+                if not self._singly:
+                    break
+                continue
+            one = _One(sequence, stamp, readings.registers[place], bool(readings.damaged[place]))
+            if self._chain and not self._chains(one):
+                # The last of the chain may be good and what was before it not.
+                kept = self._chain[-1:] if _rate(self._chain[-1], one, self._infos) else []
+                run = self._flush(run, readings, out)
+                self._leave_out(len(self._chain) - len(kept), out)
+                self._chain = kept
+            self._chain.append(one)
+            if len(self._chain) >= CHAIN and len(self._chain) >= self._chain_needed():
+                run = self._flush(run, readings, out)
+                self._lock(out)
+        self._flush(run, readings, out)
+        return place + 1
+
+    def _flush(self, run: _Run, readings: Readings, out: list) -> _Run:
+        """Pass a run on, and begin another."""
+        if run.places:
+            t_us, periods = np.array(run.t_us, np.int64), np.array(run.periods, np.int64)
+            accepted = Accepted(t_us, readings.registers[run.places], readings.damaged[run.places], periods)
+            self._emit(accepted, readings.sequence, out, run.before_us)
+        return _Run()
+
+    @property
+    def _period(self) -> float:
+        """us; known as soon as a reading has counted."""
+        assert self.period_us is not None
+        return self.period_us
+
+    def _chain_needed(self) -> int:
+        first = self._chain[0]
+        if not self._begun or self._gap(first) is not None:
+            return CHAIN
+        return max(self._needed, TEXT_RESET_CHAIN if first.sequence is None else CHAIN)
+
+    def _step(self, sequence: int | None, stamp: int) -> tuple[int, int] | None:
+        """Time and sample periods from the last that counted; None where they do not fit."""
+        step_us, period_us = stamp - self._stamp, self._period
+        if sequence is None:
+            step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
+            return (step_us, 1) if abs(step_us - period_us) <= TEXT_TOLERANCE * period_us else None
+        step_us %= TIME_WRAP
+        if step_us > LONGEST_GAP_US:
+            return None
+        if sequence in self._infos:  # then an info's number is the next sample's, and none is lost for it
+            self._infos, self._infos_have_numbers = [], False
+        numbers = _numbers(self._sequence, sequence, self._infos)
+        periods = step_us / period_us
+        numbers += SEQUENCE_WRAP * max(0, round((periods - numbers) / SEQUENCE_WRAP))
+        # Once a second a number belongs to an info frame, which may be lost like any other.  The most periods that fit count.
+        most = min(numbers, int((periods + NUMBERED_TOLERANCE) / (1 - GAP_TOLERANCE)) + 1)
+        for count in (most, most - 1, most - 2):
+            fits = abs(step_us - count * period_us) <= (NUMBERED_TOLERANCE + GAP_TOLERANCE * count) * period_us
+            if fits and count >= 1 and numbers - count <= 1 + step_us // 1_000_000:
+                return step_us, count
+        return None
+
+    def _chains(self, one: _One) -> bool:
+        """Whether a reading goes on from those that wait, at a steady rate."""
+        rate = _rate(self._chain[-1], one, self._infos)
+        if rate is None or len(self._chain) < 2:
+            return rate is not None
+        before = _rate(self._chain[-2], self._chain[-1], self._infos)
+        assert before is not None  # or the last had not been chained to the one before
+        tolerance = TEXT_TOLERANCE if one.sequence is None else NUMBERED_TOLERANCE
+        return abs(rate - before) <= tolerance * min(rate, before)
+
+    def _lock(self, out: list) -> None:
+        """The chain counts: the stream begins, or begins anew, or goes on after a gap."""
+        chain = self._chain
+        pairs = list(pairwise(chain))
+        steps_us = [(b.t_us - a.t_us) % TIME_WRAP for a, b in pairs]
+        periods = [_numbers(a.sequence, b.sequence, self._infos) for a, b in pairs]
+        first_us, first_periods = chain[0].t_us, 1
+        if self._begun:
+            gap = self._gap(chain[0])
+            if gap is None:
+                if self._held is not None:
+                    self._held = None
+                    out.append(Trouble("lost", 1, self._t_us))
+                out.append(Trouble("reset", 1, self._t_us))
+                self._needed = CHAIN if self._shown >= LONGEST_CHAIN else min(LONGEST_CHAIN, 2 * self._needed)
+                self._shown = 0
+            else:
+                first_us, first_periods = self._t_us + gap[0], gap[1]
+        self.period_us = sum(steps_us) / sum(periods)
+        t_us = first_us + np.concatenate([[0], np.cumsum(steps_us)]).astype(np.int64)
+        registers, damaged = np.array([one.registers for one in chain]), np.array([one.damaged for one in chain])
+        self._chain, self._since, self._count, self._next_period = [], int(t_us[0]), -first_periods, 16
+        accepted = Accepted(t_us, registers, damaged, np.array([first_periods, *periods], np.int64))
+        self._emit(accepted, chain[-1].sequence, out, self._t_us if self._begun else None)
+        self._begun, self._singly = True, SINGLY
+        self._advance(chain[-1].sequence, chain[-1].t_us, int(t_us[-1]), first_periods + sum(periods), len(chain))
+
+    def _gap(self, one: _One) -> tuple[int, int] | None:
+        """Time and sample periods from the last that counted to a stretch that begins with this one; None: it began anew."""
+        step_us = one.t_us - self._stamp
+        if one.sequence is None:
+            step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
+            return (step_us, max(1, round(step_us / self._period))) if 0 < step_us <= LONGEST_GAP_US else None
+        step_us %= TIME_WRAP
+        numbers = _numbers(self._sequence, one.sequence, self._infos)
+        return (step_us, numbers) if 0 < step_us <= RATE_CHANGE_US and 1 <= numbers <= LONGEST_SKIP else None
+
+    def _emit(self, accepted: Accepted, sequence: object, out: list, before_us: int | None = None) -> None:
+        """Pass on what counts; sequence: None in text; before_us: unrolled time of the reading before, without it the present one."""
+        lost = int(accepted.periods.sum()) - len(accepted.periods)
+        passed: Accepted | None = accepted
+        if sequence is None:
+            # Bytes lost in the middle of one line up to the middle of another make one line of two.  It looks whole, and a gap
+            # follows: so the line before a gap does not count.
+            if self._held is not None and lost:
+                self._held = None
+                lost += 1
+            passed = self._hold(accepted)
+        if lost:
+            out.append(Trouble("lost", lost, self._t_us if before_us is None and self._begun else before_us))
+        if passed is not None:
+            out.append(passed)
+
+    def _advance(self, sequence: int | None, stamp: int, t_us: int, periods: int, count: int) -> None:
+        """The last of so many readings that count."""
+        self._sequence, self._stamp, self._t_us, self._infos = sequence, stamp, t_us, []
+        self._count += periods
+        self._shown += count
+        if self._count >= self._next_period:
+            self.period_us = (t_us - self._since) / self._count
+            self._next_period = self._count + min(max(self._count, 16), 1024)
+
+    def _hold(self, accepted: Accepted) -> Accepted | None:
+        if self._held is not None:
+            accepted = Accepted(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
+        self._held = Accepted(*(array[-1:] for array in accepted.arrays))
+        return Accepted(*(array[:-1] for array in accepted.arrays)) if len(accepted.t_us) > 1 else None
+
+    def _leave_out(self, count: int, out: list) -> None:
+        if count:
+            out.append(Trouble("implausible", count, self._t_us if self._begun else None))
+
+
+def _numbers(first: int | None, second: int | None, infos: list[int]) -> int:
+    """By how much the second number is higher than the first, those of the info frames between them taken off; 1 in text."""
+    if first is None or second is None:
+        return 1
+    numbers = (second - first) % SEQUENCE_WRAP
+    return numbers - len({info for info in infos if 0 < (info - first) % SEQUENCE_WRAP < numbers}) if infos else numbers
+
+
+def _rate(a: _One, b: _One, infos: list[int]) -> float | None:
+    """us per sample from a to b, if b can follow a at all."""
+    step_us = (b.t_us - a.t_us) % TIME_WRAP
+    numbers = _numbers(a.sequence, b.sequence, infos)
+    if not 1 <= numbers <= LONGEST_SKIP or not SHORTEST_US <= step_us / numbers <= LONGEST_US:
+        return None
+    return step_us / numbers

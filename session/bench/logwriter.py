@@ -1,0 +1,381 @@
+"""Events into ``log*.csv``: one file per reset or connection, the board's clock against the host's."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Board, Chunk, Comment, Done, Event, Faults, Form, Info, SelfTest, Trouble
+from session.bench.rawfile import GrowingFile, Mark, put_aside
+from session.bench.text_stream import parse_info
+from session.io.errors import FormatError, StorageError
+from session.io.units import NS
+
+# The device's clock against the host's: does a second of its stamps last a second?
+#
+# Bytes arrive late, never early, and by chance.  So of each stretch of host time only the arrival with the least delay counts, and the
+# clock's rate is the slope of a line through these.
+
+STRETCH_NS = 500_000_000  #: at first
+FEWEST = 6  #: stretches, 3 s, before anything is said
+MOST = 1024  #: stretches; beyond them they become twice as long: a day is held in no more memory than an hour
+
+
+class ComparisonOfClocks:
+    """``add`` arrivals, ``restart`` where device time begins anew."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was before."""
+        self._stretch_ns = STRETCH_NS
+        self._earliest: list[tuple[int, int]] = []  # host_ns, t_us of the least delay in each stretch
+
+    def add(self, host_ns: int, t_us: int) -> None:
+        """At host_ns the sample of device time t_us was there."""
+        self._take(host_ns, t_us)
+        if len(self._earliest) > MOST:
+            before, self._earliest = self._earliest, []
+            self._stretch_ns *= 2
+            for arrival in before:
+                self._take(*arrival)
+
+    def _take(self, host_ns: int, t_us: int) -> None:
+        if not self._earliest or host_ns // self._stretch_ns != self._earliest[-1][0] // self._stretch_ns:
+            self._earliest.append((host_ns, t_us))
+        elif host_ns - 1000 * t_us < self._earliest[-1][0] - 1000 * self._earliest[-1][1]:
+            self._earliest[-1] = host_ns, t_us
+
+    @property
+    def compared_s(self) -> float:
+        """For how long, by the host's clock."""
+        return (self._earliest[-1][0] - self._earliest[0][0]) * NS if self._earliest else 0.0
+
+    @property
+    def device_seconds_per_second(self) -> float | None:
+        """Rate of the device's clock by the host's, about 1; None while too little is known."""
+        if len(self._earliest) < FEWEST:
+            return None
+        since = np.array(self._earliest, np.int64) - self._earliest[0]
+        return float(np.polyfit(since[:, 0] * NS, since[:, 1] * 1e-6, 1)[0])
+
+
+# Events into ``log*.csv`` (docs/formats.md).  A reset of the device, or a new connection, begins a new file: device time begins anew.
+
+NEW_LOG = ("reset", "reconnect")
+NOWHERE = ""
+#: starts in a row that last less than this; behind so many, one that does so again gets no log
+SHORT_US, SHORT_STARTS = 1_000_000, 20
+#: begins the names of logs of another board, which no command reads
+FOREIGN = "foreign"
+
+
+class LogWriter:
+    """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone.
+
+    Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed; physical: whether
+    the samples are in physical units, None before the first.  A board that begins anew again and again would fill the folder with logs
+    of a few samples: not_logged counts the samples of starts that got none (``SHORT_STARTS``), not_logged_starts those.
+    """
+
+    def __init__(self, folder: Path, stem: str = "log"):
+        self.folder, self.stem = folder, stem
+        self.paths: list[Path] = []
+        self.put_aside: list[Path] = []
+        self.physical: bool | None = None  # what was written, once something was
+        self._file: GrowingFile | None = None
+        self._info: Info | None = None
+        self.board: Board | None = None  # of this connection; said once, it holds in every log
+        self._waiting: list[str] = []  # comments before the first sample
+        self._left_out: Trouble | None = None  # the last of a kind, which may become more
+        self._first_us: int | None = None  # of the samples since the last start
+        self._short = 0  # starts in a row that lasted less than SHORT_US
+        self._doubted: list[Event] = []  # since the last start, where it may be one more
+        self.not_logged = self.not_logged_starts = 0
+        self._own_stem = stem  # while another board's samples are written
+
+    def begin(self, stem: str) -> None:
+        """The next sample begins a new file ``stem*.csv``."""
+        self._own_stem = stem
+        if not self.is_apart:
+            self.close()
+            self.stem = stem
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether what comes is another board's."""
+        return self.stem == FOREIGN
+
+    def apart(self) -> None:
+        """What comes from here on is another board's, until ``back``."""
+        if not self.is_apart:
+            self.close()
+            self._own_stem, self.stem = self.stem, FOREIGN
+
+    def back(self) -> None:
+        """What comes from here on is the recording's own."""
+        if self.is_apart:
+            self.close()
+            self.stem = self._own_stem
+
+    def rename_apart(self, which: slice) -> None:
+        """Some of ``paths`` turn out to be another board's: they get such names.  The present file goes on under its new one."""
+        chosen = range(*which.indices(len(self.paths)))
+        with self._storage():
+            present = self._file is not None and len(self.paths) - 1 in chosen
+            if present and self._file is not None:
+                self._file.close()
+            for number in chosen:
+                target = self._next(FOREIGN)
+                put_aside(target)
+                self.paths[number] = self.paths[number].rename(target)
+            if present:
+                self._file = GrowingFile(self.paths[-1], behind=True)
+                self._own_stem, self.stem = self.stem, FOREIGN
+
+    def pause(self) -> None:
+        """Samples from here on go to no log, until the next ``begin``."""
+        self.begin(NOWHERE)
+
+    def keep(self, stem: str) -> None:
+        """The present file is whole: end it, and name it ``stem*.csv``; then ``pause``.  Nothing where there is no file."""
+        path = self.paths[-1] if self._file and not self.is_apart else None
+        self.pause()
+        if path is None:
+            return
+        with self._storage():
+            target = self._next(stem)
+            put_aside(target)
+            path.rename(target)
+            self.paths[-1] = target
+
+    def write(self, events: Iterable[Event]) -> None:
+        """Append; StorageError where that fails."""
+        with self._storage():
+            for event in events:
+                self._take(event)
+
+    def flush(self) -> None:
+        """Hand what is buffered to the operating system."""
+        if self._file:
+            with self._storage():
+                self._file.flush()
+
+    def close(self, whole: bool = True) -> None:
+        """End the present file; whole: no, where what comes behind is only not decoded yet, and the file is to grow."""
+        with self._storage():
+            self._left_out = self._left_out if whole else None
+            self._end()
+
+    def _take(self, event: Event) -> None:
+        """Write it, or keep it until it is known whether this start lasts."""
+        if isinstance(event, Chunk) and len(event):
+            self._first_us = int(event.t_us[0]) if self._first_us is None else self._first_us
+            lasts = int(event.t_us[-1]) - self._first_us >= SHORT_US
+            self._short = 0 if lasts else self._short
+        elif isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._short += self._first_us is not None
+        if self._short >= SHORT_STARTS and not (isinstance(event, Trouble) and event.kind in NEW_LOG):
+            self._doubted.append(event)
+            return
+        doubted, self._doubted = self._doubted, []
+        if isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._first_us = None
+            self._pass_over(doubted)
+        else:
+            for each in doubted:
+                self._write(each)
+        self._write(event)
+
+    def _pass_over(self, events: list[Event]) -> None:
+        samples = sum(len(event) for event in events if isinstance(event, Chunk))
+        self.not_logged += samples
+        self.not_logged_starts += samples > 0
+
+    def _end(self) -> None:
+        doubted, self._doubted = self._doubted, []
+        self._pass_over(doubted)
+        self._say_left_out()
+        file, self._file, self._info, self._waiting = self._file, None, None, []
+        if file:
+            if file.aside:
+                self.put_aside.append(file.aside)
+            file.close()
+
+    @contextlib.contextmanager
+    def _storage(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            do = "make room, then go on with record --resume, or replay raw.bin"
+            raise StorageError(f"{self.folder}: {error.strerror or error}; {do}") from None
+
+    def _write(self, event: Event) -> None:
+        if isinstance(event, Trouble) and event.kind == "implausible":
+            before = self._left_out
+            if before is not None and before.t_us == event.t_us:
+                event = Trouble("implausible", before.count + event.count, event.t_us)
+            else:
+                self._say_left_out()
+            self._left_out = event
+            return
+        if not isinstance(event, Trouble) or event.kind in NEW_LOG:
+            self._say_left_out()
+        if isinstance(event, Chunk):
+            if len(event):
+                self._samples(event)
+        elif isinstance(event, Comment):
+            self._info = parse_info(event.text) or self._info
+            self._comment(event.text)
+        elif isinstance(event, Info):
+            if event != self._info:
+                self._info = event
+                self._comment(event.text)
+        elif isinstance(event, Board):
+            if self.board is not None and event.source != self.board.source:
+                self._end()  # a log is of a sensor, or of what stood in for it
+            self.board = event
+            if self._file is not None:
+                self._comment(event.text)
+        elif isinstance(event, Faults):
+            if any(event.counts):
+                self._comment(event.text)
+        elif isinstance(event, (Done, SelfTest)):
+            pass  # an answer to whoever asked
+        elif event.kind in NEW_LOG:
+            self._end()
+            self.board = None if event.kind == "reconnect" else self.board
+
+    def _say_left_out(self) -> None:
+        event, self._left_out = self._left_out, None
+        if event is not None:
+            self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
+
+    def _samples(self, chunk: Chunk) -> None:
+        self.physical = self.physical if self.is_apart else chunk.form.physical
+        if self.stem == NOWHERE:
+            return
+        file = self._file or self._open(chunk.form)
+        columns = [chunk.t_us.tolist(), *chunk.registers.T.tolist()]
+        row = ",".join(["%d"] + ["%r" if chunk.form.physical else "%d"] * (len(columns) - 1)) + "\n"
+        file.write(row * len(chunk) % tuple(itertools.chain.from_iterable(zip(*columns, strict=True))))
+
+    def _comment(self, text: str) -> None:
+        if self.stem == NOWHERE:
+            return
+        if self._file is None:
+            self._waiting.append(text)
+        else:
+            self._file.write(f"# {text}\n")
+
+    def _open(self, form: Form) -> GrowingFile:
+        path = self._next(self.stem)
+        if (packed := path.with_name(path.name + ".gz")).exists():
+            raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
+        self._file = file = GrowingFile(path)
+        self.paths.append(path)
+        for text in self._waiting + ([self.board.text] if self.board else []):
+            file.write(f"# {text}\n")
+        file.write(form.log_header + "\n")
+        self._waiting = []
+        return file
+
+    def _next(self, stem: str) -> Path:
+        number = 1 + sum(path.name.startswith(stem) for path in self.paths)
+        return self.folder / f"{stem}{number:04d}.csv"
+
+
+def said_not_logged(samples: int, starts: int) -> str:
+    """Of the starts that got no log."""
+    short = f"{starts} starts that lasted less than {SHORT_US / 1e6:g} s, behind {SHORT_STARTS} in a row"
+    return f"{samples} samples are in no log, of {short}; why does the board reset?"
+
+
+# Events into logs: those of the recording's own board, and, apart from them, those of another that was plugged in once.
+#
+# Which bytes are another board's is written down in ``raw.times`` as ``foreign N``, at the connection that they came by: what follows the
+# N-th landmark of the recording is another board's, until the port is opened again.  A landmark is a new log or an info: it has its place
+# among the events however the bytes were cut, which a number of bytes has not.
+
+WORD = "foreign"
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """number: of all in the recording; offset: bytes before its connection; logs, samples: how many there were of the own board's."""
+
+    number: int
+    offset: int
+    logs: int
+    samples: int
+
+
+class Sorting:
+    """``take`` events, ``opened`` where a connection begins.  samples: those of the recording's own board."""
+
+    def __init__(self, decoder: StreamDecoder, logs: LogWriter):
+        self._decoder, self._logs = decoder, logs
+        self.samples = 0
+        self._info: Info | None = None  # of the recording's own board
+        self._number = self._offset = 0
+        self._since: int | None = None  # the landmark behind which another board speaks
+        self._seen = [Landmark(0, 0, 0, 0)]  # by who takes the events
+
+    def opened(self, offset: int, since: int | None = None) -> None:
+        """The port was opened behind so many bytes; since: the landmark behind which another board speaks, or None."""
+        self._logs.back()
+        self._offset, self._since = offset, since
+        self._turn()
+
+    def take(self, events: Iterable[Event]) -> list[Event]:
+        """Write each where it belongs; those of the recording's own board."""
+        own: list[Event] = []
+        for event in events:
+            apart = self._logs.is_apart
+            self._logs.write([event])
+            if not apart:
+                own.append(event)
+                self.samples += len(event) if isinstance(event, Chunk) else 0
+                self._info = event if isinstance(event, Info) else self._info
+            if isinstance(event, Info) or (isinstance(event, Trouble) and event.kind in NEW_LOG):
+                self._number += 1
+                if not apart:
+                    self._seen.append(Landmark(self._number, self._offset, len(self._logs.paths), self.samples))
+                self._turn()
+        if self._logs.is_apart:  # who asks what the board is, asks for this recording's
+            self._decoder.info = self._info
+        return own
+
+    def _turn(self) -> None:
+        if self._since is not None and self._number >= self._since:
+            self._logs.apart()
+
+    def set_apart(self, count: int) -> Landmark:
+        """What came behind the count-th landmark that ``take`` gave away was another board's: its logs get another name.  Where it was."""
+        landmark = self._seen[count]
+        following = next((each for each in self._seen if each.offset > landmark.offset), None)
+        self._logs.rename_apart(slice(landmark.logs, following.logs if following else None))
+        self.samples -= (following.samples if following else self.samples) - landmark.samples
+        if following is None:
+            self._since = landmark.number
+            self._turn()
+        return landmark
+
+
+def other_board(marks: Sequence[Mark], begun: int) -> int | None:
+    """The landmark behind which another board speaks in the connection that marks[begun] opens (-1: before the first); None: in none."""
+    found = []
+    for mark in marks[begun + 1 :]:
+        word, _, rest = mark.event.partition(" ")
+        if word == "open":
+            break
+        if word == WORD and rest.isascii() and rest.isdigit():
+            found.append(int(rest))
+    return min(found, default=None)

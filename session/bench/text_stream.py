@@ -1,0 +1,385 @@
+"""The text form of a stream: lines of numbers, comments and headers."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from unicodedata import category
+
+import numpy as np
+
+from session.bench.events import COLUMNS, REGISTERS, Changes, Comment, Form, Info, Remarks, parse_header
+from session.io.texts import printable
+
+# The text form of a stream, line by line: the log's own lines (docs/formats.md).
+#
+# A line carries no check.  What protects it: it stands between two line ends, it has the columns that the others have, its numbers are
+# written as a program writes them (no sign without a digit, no leading zero), registers fit 16 bits; and ``continuity`` looks at its stamp.
+
+LONGEST_LINE = 512
+SHAPING = "Cf"  #: of Unicode's categories: signs that shape, join or turn others round, and show nothing
+_NUMBER = re.compile(rb"-?[1-9][0-9]{0,17}|0")
+#: as a program writes them: at most 18 digits before the point, no leading zero
+_DECIMAL_TEXT = rb"[-+]?(?:(?:0|[1-9][0-9]{0,17})(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][-+]?[0-9]{1,2})?"
+_DECIMAL = re.compile(_DECIMAL_TEXT)
+_DECIMALS = re.compile(_DECIMAL_TEXT + rb"(?:," + _DECIMAL_TEXT + rb")*")
+_FURTHER = re.compile(rb"[-+.\w ]*")
+_PAIR = re.compile(r"(\w+)=(\S+)")
+_LONGEST_NUMBER = 19
+_LATEST_US = 2**60
+
+# What a byte may be in a line of whole numbers.
+_DIGIT, _ZERO, _MINUS, _COMMA, _END = 1, 2, 3, 4, 5
+_CLASS = np.zeros(256, np.uint8)
+_CLASS[list(b"123456789")] = _DIGIT
+_CLASS[ord("0")], _CLASS[ord("-")], _CLASS[ord(",")], _CLASS[ord("\n")] = _ZERO, _MINUS, _COMMA, _END
+
+_BLANK = np.zeros(256, bool)
+_BLANK[list(b" \t\n\r\x0b\x0c")] = True
+
+#: columns of a line of numbers, at the least, and the digits in them
+_FEWEST = 7
+
+
+class Looks:
+    """What lines of codes (n,) uint8, from starts up to ends, can be, all at once: blank (k,) bool, and worth (k,), which may be
+    a comment, a header or numbers, and want a closer look."""
+
+    def __init__(self, codes: np.ndarray, starts: np.ndarray, ends: np.ndarray):
+        def count(mask: np.ndarray) -> np.ndarray:
+            total = np.concatenate([[0], np.cumsum(mask, dtype=np.int32)])
+            return total[ends] - total[starts]
+
+        cells = count(codes == ord(",")) + 1 >= _FEWEST
+        lengths, kind = ends - starts, _CLASS[codes]
+        numbers = cells & (count((kind == _DIGIT) | (kind == _ZERO)) >= _FEWEST)
+        header = cells & (count(codes == ord("g")) >= 3) & (count(codes == ord("a")) >= 3)
+        comment = (lengths > 0) & (codes[np.minimum(starts, len(codes) - 1)] == ord("#"))
+        self.blank = count(_BLANK[codes]) == lengths
+        self.worth = numbers | header | comment
+
+
+def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    r"""Many lines at once: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
+
+    Returns good (lines,) bool and values (good lines, 8) int64.  A line that is not good may still be one for ``parse_line``.
+    """
+    text = np.frombuffer(block, np.uint8)
+    kind = _CLASS[text]
+    ends = np.flatnonzero(kind == _END)
+    before, after = np.empty_like(kind), np.empty_like(kind)
+    before[0], before[1:] = _END, kind[:-1]
+    after[-1], after[:-1] = _END, kind[1:]
+    parts, parted, parts_next = kind >= _COMMA, before >= _COMMA, after >= _COMMA
+    wrong = (kind == 0) | ((kind == _MINUS) & ~parted) | (parts & (parted | (before == _MINUS)))
+    wrong |= (kind == _ZERO) & ((parted & ~parts_next) | (before == _MINUS))
+    cuts = np.flatnonzero(parts)
+    commas = np.diff(np.searchsorted(cuts, ends), prepend=-1) - 1
+    good = commas == columns - 1
+    good[np.searchsorted(ends, np.flatnonzero(wrong))] = False
+    good[np.searchsorted(ends, cuts[np.diff(cuts, prepend=-1) > _LONGEST_NUMBER])] = False
+    if not good.all():
+        text = text[np.repeat(good, np.diff(ends, prepend=-1))]
+    if not len(text):
+        return good, np.zeros((0, len(COLUMNS)), np.int64)
+    values = np.fromstring(text.tobytes().replace(b"\n", b",")[:-1], dtype=np.int64, sep=",").reshape(-1, columns)[:, order]
+    fits = ((values[:, 1:] >= -32768) & (values[:, 1:] <= 32767)).all(axis=1) & (values[:, 0] >= 0)
+    if not fits.all():
+        good[np.flatnonzero(good)[~fits]] = False
+        values = values[fits]
+    return good, values
+
+
+def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[int, list[int]] | None:
+    """One line, blanks allowed, further columns of any kind: how many columns, and the log's eight; None where it is no such line."""
+    cells = [cell.strip(b" \t") for cell in line.split(b",")]
+    if len(cells) <= max(order) or not all(_NUMBER.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
+        return None
+    values = [int(cells[i]) for i in order]
+    return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
+
+
+def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int, list] | None:
+    """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line, or holds
+    what no sensor measures."""
+    if _DECIMALS.fullmatch(line):  # at once, as nearly all lines are
+        cells = line.split(b",")
+        if len(cells) <= max(order):
+            return None
+    else:
+        cells = [cell.strip(b" \t") for cell in line.split(b",")]
+        if len(cells) <= max(order) or not all(_DECIMAL.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
+            return None
+    stamp, *values = (cells[i] for i in order)
+    if form.time_us <= 1.0 and not stamp.isdigit():
+        return None  # us and ns are whole numbers
+    t_us = int(stamp) // 1000 if form.names[0] == "t_ns" else round(float(stamp) * form.time_us)
+    numbers = [float(value) for value in values]
+    if not 0 <= t_us < _LATEST_US or any(abs(number) > limit for number, limit in zip(numbers, form.limits, strict=True)):
+        return None
+    return len(cells), [t_us, *numbers]
+
+
+def parse_comment(line: bytes) -> str | None:
+    r"""What stands behind the ``#`` of a comment; None where the line is none, or holds what no person wrote.
+
+    Characters that only shape others, as the joiner within an emoji, are a person's: they stand there as ``\u200d``.
+    """
+    if not line.startswith(b"#"):
+        return None
+    comment = line[1:].decode("utf-8", errors="replace").strip()
+    if "\ufffd" in comment:
+        return None
+    if comment.replace("\t", " ").isprintable():
+        return comment
+    shown = "".join(printable(c) if category(c) == SHAPING else c for c in comment)
+    return shown if shown.replace("\t", " ").isprintable() else None
+
+
+def parse_info(comment: str) -> Info | None:
+    """What a comment says of the board, or None where it is about something else."""
+    said = dict(_PAIR.findall(comment))
+    try:
+        gyro, accel, odr = numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
+    except (KeyError, ValueError):
+        return None
+    return Info(gyro, accel, odr, said.get("serial", ""), said.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
+
+
+# Lines of a text stream: numbers, comments, headers; what is none is counted.
+#
+# What a line can be is seen at once for all lines of a block; only those are looked at one by one that may say something.
+
+#: lines of another width that must come one after the other before they are believed
+WIDTH_CHANGE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64; damaged (n,) bool,
+    whether something unreadable came just before."""
+
+    t_us: np.ndarray
+    values: np.ndarray
+    damaged: np.ndarray
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """Bytes of lines that are none; behind: whether the last of them came behind all rows so far."""
+
+    count: int
+    behind: bool
+
+
+Item = Rows | Comment | Info | Garbage | Form
+
+
+class LineReader:
+    """form: what the columns are, registers until a header says otherwise; ``take`` blocks that end with a line's end.
+
+    told: the header of a stream that does not send it; remarks: what the lines may say beside numbers.
+    """
+
+    def __init__(self, told: str | None = None, remarks: Remarks | None = None):
+        header = None if told is None else parse_header(told.encode())
+        self.form, self.width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
+        if header is not None:
+            self.width, self._order, self.form = header
+        self._other_width, self._other_count = 0, 0
+        self.remarks, self._changes = remarks or Remarks(), Changes()
+        self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
+
+    def is_line(self, line: bytes) -> bool:
+        """Whether a line shows that this is text."""
+        return bool(parse_comment(line) is not None or self.parse(line) or parse_header(line))
+
+    def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
+        """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
+        good = None
+        values = np.zeros((0, 1 + len(self.form.names)), np.int64)
+        if self.width and not self.form.physical and not self.deaf:
+            good, values = parse_lines(block, self.width, self._order)
+            if torn is not None:
+                values, good = values[~torn[good]], good & ~torn
+            if good.all():
+                self.remarks.earn(len(values))
+                self.place += len(block)
+                self._other_count = 0
+                return [Rows(*_registers(values), np.zeros(len(values), bool))]
+        codes = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero(codes == 10)
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        looks = Looks(codes, starts, ends)
+        worth = looks.worth if torn is None else looks.worth & ~torn
+        none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
+        good = np.zeros(len(ends), bool) if good is None else good
+        items = _Block(self, block, (starts, ends), good, values, worth & ~good, none & ~good).items()
+        self.place += len(block)
+        return items
+
+    def parse(self, line: bytes) -> tuple[int, list] | None:
+        """How many columns a line of numbers has, and the log's; None where it is none."""
+        return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
+
+    def obey(self, header: tuple[int, tuple[int, ...], Form], place: int) -> Form | None:
+        """What comes from here on is as the header says; the form, where it is another one.  Headers that change it again and again
+        are not obeyed, and no line counts (``deaf``) until one is."""
+        form = header[2] if self.changes_form(header, place) else None
+        self.deaf = form is None and header[2] != self.form
+        if form is not None:
+            self._changes.change(place)
+        if not self.deaf:
+            self.width, self._order, self.form = header
+        return form
+
+    def changes_form(self, header: tuple[int, tuple[int, ...], Form], place: int) -> bool:
+        """Whether it says another form, and may."""
+        return header[2] != self.form and place >= self._changes.earliest
+
+    def is_news(self, header: tuple[int, tuple[int, ...], Form]) -> bool:
+        """Whether it says anything that is not known."""
+        return self.deaf or header != (self.width, self._order, self.form)
+
+    def no_other_width(self) -> None:
+        """A line of the usual width has come."""
+        self._other_count = 0
+
+    def has_width(self, width: int) -> bool:
+        """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
+        if width == self.width or not self.width:
+            self.width, self._other_count = width, 0
+            return True
+        self._other_count = self._other_count + 1 if width == self._other_width else 1
+        self._other_width = width
+        if self._other_count >= WIDTH_CHANGE and not self.form.physical:
+            self.width, self._order = width, tuple(range(len(REGISTERS.names)))
+        return False
+
+
+class _Block:
+    """The lines of one block, taken apart: good ones were read at once, those worth a look are looked at here, the others are none."""
+
+    def __init__(
+        self,
+        reader: LineReader,
+        block: bytes,
+        lines: tuple[np.ndarray, np.ndarray],
+        good: np.ndarray,
+        values: np.ndarray,
+        worth: np.ndarray,
+        none: np.ndarray,
+    ):
+        """lines: where they begin and end; good, worth, none: which are which; values of the good ones."""
+        starts, ends = lines
+        self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
+        self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
+        self._passed = self._earned = self._last_good = 0  # good lines that are among the rows, that were counted, that were seen
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the rows in the making, and the numbers of their lines
+        self._lines: list[np.ndarray] = []
+        self._fresh: list[list] = []  # rows that were read here, behind those
+        self._fresh_lines: list[int] = []
+        self._begun = 0  # the first line that no item speaks of
+        self._items: list[Item] = []
+
+    def items(self) -> list[Item]:
+        """All that they say."""
+        todo, place = self._todo(0), 0
+        while place < len(todo):
+            number, start, stop, good_before = todo[place]
+            place += 1
+            line = self._block[start:stop]
+            self._earn(good_before)
+            if line.startswith(b"#"):
+                comment = parse_comment(line) if self._reader.remarks.spend() else None
+                if comment is not None:
+                    self._close(number, good_before)
+                    self._items.append(Comment(comment))
+                    if info := parse_info(comment):
+                        self._items.append(info)
+                    continue
+            elif not self._reader.deaf and (found := self._reader.parse(line)):
+                if good_before > self._last_good:
+                    self._reader.no_other_width()
+                    self._last_good = good_before
+                width = self._reader.width
+                if self._reader.has_width(found[0]):
+                    self._good_up_to(good_before)
+                    self._fresh.append(found[1])
+                    self._fresh_lines.append(number)
+                    self._reader.remarks.earn(1)
+                    continue
+                if self._reader.width != width:
+                    todo, place = self._look_again(number, good_before) or (todo, place)
+            elif header := parse_header(line):
+                if self._reader.is_news(header):
+                    if self._reader.changes_form(header, self._reader.place + start):
+                        self._close(number, good_before)
+                    if (form := self._reader.obey(header, self._reader.place + start)) is not None:
+                        self._items.append(form)
+                    todo, place = self._look_again(number, good_before) or (todo, place)
+                continue
+            self._none[number] = True
+        self._earn(len(self._good_lines))
+        if len(self._good_lines) > self._last_good:
+            self._reader.no_other_width()
+        self._close(len(self._ends), len(self._good_lines))
+        return self._items
+
+    def _look_again(self, number: int, good_before: int) -> tuple[list[tuple[int, int, int, int]], int] | None:
+        """The columns are others behind this line: what was read at once there is looked at line by line, in this block.  What is to do
+        then, and the place in it; None where nothing changes."""
+        if len(self._good_lines) == good_before:
+            return None
+        self._worth[self._good_lines[good_before:]] = True
+        self._good_lines = self._good_lines[:good_before]
+        return self._todo(number + 1), 0
+
+    def _todo(self, first: int) -> list[tuple[int, int, int, int]]:
+        """Lines from the first on that are looked at: number, where it begins and ends, good lines before it."""
+        numbers = np.flatnonzero(self._worth[first:]) + first
+        before = np.searchsorted(self._good_lines, numbers)
+        return list(zip(*(each.tolist() for each in (numbers, self._starts[numbers], self._ends[numbers], before)), strict=True))
+
+    def _earn(self, good_before: int) -> None:
+        self._reader.remarks.earn(good_before - self._earned)
+        self._earned = good_before
+
+    def _good_up_to(self, stop: int) -> None:
+        """So many good lines are rows by now."""
+        if stop > self._passed:
+            self._settle()
+            self._parts.append(_registers(self._values[self._passed : stop]))
+            self._lines.append(self._good_lines[self._passed : stop])
+            self._passed = stop
+
+    def _settle(self) -> None:
+        if self._fresh:
+            physical = self._reader.form.physical
+            self._parts.append(_physical(self._fresh) if physical else _registers(np.array(self._fresh, np.int64)))
+            self._lines.append(np.array(self._fresh_lines))
+            self._fresh, self._fresh_lines = [], []
+
+    def _close(self, number: int, good_before: int) -> None:
+        """The rows and what is none among the lines before this one."""
+        self._good_up_to(good_before)
+        self._settle()
+        none = self._none[self._begun : number]
+        bad = np.flatnonzero(none) + self._begun
+        lines = np.concatenate(self._lines) if self._lines else np.zeros(0, np.int64)
+        if self._parts:
+            before = np.searchsorted(bad, lines)
+            t_us, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+            self._items.append(Rows(t_us, values, np.diff(before, prepend=0) > 0))
+        if len(bad):
+            count = int((self._ends[bad] - self._starts[bad] + 1).sum())
+            self._items.append(Garbage(count, not len(lines) or bool(bad[-1] > lines[-1])))
+        self._parts, self._lines, self._begun = [], [], number
+
+
+def _registers(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values[:, 0], values[:, 1:].astype(np.int16)
+
+
+def _physical(rows: list[list]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float)

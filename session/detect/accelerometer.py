@@ -1,0 +1,367 @@
+"""The accelerometer's nine parameters from the stills of a recording, and the ``[accelerometer]`` section that holds them."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.detect.stills import Still, find_stills
+from session.io.config import Accelerometer
+from session.io.errors import FormatError, SegmentError
+from session.io.files import MOST_TOML, naming, read_text, result_folder
+from session.io.numeric import sigma_of
+from session.io.samples import Samples
+from session.io.toml import parse_toml
+from session.io.units import DEG, MG, STANDARD_GRAVITY_MPS2
+
+# The nine numbers of a triad of accelerometers, and which of them a recording can tell.
+#
+# The force is f = M (m - b), M upper triangular: the triad itself defines the body frame, x along the sensor's x axis, y in the plane
+# of its x and y.  A full matrix, as another program may give it, is such a triangle behind a frame of its own: f = T (M0 (m - b0) - d).
+
+UPPER = np.triu_indices(3)
+MATRIX, BIAS = slice(0, 6), slice(6, 9)
+PARAMETERS = BIAS.stop
+#: in the order of a vector: the matrix's upper triangle row by row, then the bias
+NAMES = (
+    "scale x",
+    "nonorthogonality xy",
+    "nonorthogonality xz",
+    "scale y",
+    "nonorthogonality yz",
+    "scale z",
+    "bias x",
+    "bias y",
+    "bias z",
+)
+IDENTITY = np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0])
+SCALES, SHEARS, BIASES = np.array([0, 3, 5]), np.array([1, 2, 4]), np.array([6, 7, 8])
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """One choice of what is fitted: what a person calls it, directions (9, K) of the vector, and the numbers that it leaves alone."""
+
+    says: str
+    directions: np.ndarray
+    left: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Numbers that are fitted."""
+        return self.directions.shape[1]
+
+
+def _axes(*groups: np.ndarray) -> np.ndarray:
+    return np.eye(PARAMETERS)[:, np.concatenate(groups)]
+
+
+_ONE_SCALE = np.eye(PARAMETERS)[:, SCALES].sum(axis=1, keepdims=True)
+#: what is tried, the most first.  Six faces up and down fix six numbers; a bias and one scale are the least that is worth its name
+RUNGS = (
+    Ladder("scale, nonorthogonality and bias", np.eye(PARAMETERS), ()),
+    Ladder("scale and bias", _axes(SCALES, BIASES), tuple(NAMES[i] for i in SHEARS)),
+    Ladder(
+        "bias and one scale for all axes",
+        np.concatenate([_ONE_SCALE, _axes(BIASES)], axis=1),
+        (*(NAMES[i] for i in SHEARS), "differences of the scales"),
+    ),
+)
+
+
+def matrix_of(x: np.ndarray) -> np.ndarray:
+    """(3, 3) of a vector (9,)."""
+    matrix = np.zeros((3, 3))
+    matrix[UPPER] = x[MATRIX]
+    return matrix
+
+
+def after(x: np.ndarray, before: Accelerometer, source: str = "stills") -> Accelerometer:
+    """What a correction x (9,) of the force that ``before`` gives makes of it: f = T (M0 (m - b0) - d)."""
+    matrix = matrix_of(x) @ before.matrix
+    return Accelerometer(matrix, before.bias_mps2 + np.linalg.solve(before.matrix, x[BIAS]), source)
+
+
+def corrected(x: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(S, 3) m/s^2 of forces (S, 3) under a vector (9,)."""
+    return (force - x[BIAS]) @ matrix_of(x).T
+
+
+def length_columns(x: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(S, 9): how each number changes the length of the corrected force: m/s^2 per 1, or per m/s^2."""
+    found = corrected(x, force)
+    unit = found / np.linalg.norm(found, axis=1, keepdims=True)
+    rows, columns = UPPER
+    return np.concatenate([unit[:, rows] * (force - x[BIAS])[:, columns], -unit @ matrix_of(x)], axis=1)
+
+
+def force_columns(x: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(S, 3, 9): how each number changes the corrected force."""
+    rows, columns = UPPER
+    found = np.zeros((len(force), 3, PARAMETERS))
+    found[:, rows, np.arange(6)] = (force - x[BIAS])[:, columns]
+    found[:, :, BIAS] = -matrix_of(x)
+    return found
+
+
+def units(gravity_mps2: float) -> np.ndarray:
+    """(9,) one m/s^2 in each number's own unit."""
+    return np.concatenate([np.full(6, 1 / gravity_mps2), np.ones(3)])
+
+
+# Numbers of an accelerometer from the lengths of gravity: in each still it reads the same, however it lies.
+#
+# Length alone fixes the sensor's own axes only up to a turn, so the matrix is upper triangular (``parameters.py``).  As many numbers are
+# fitted as the attitudes tell apart.
+
+APART_RAD = 10 * DEG  #: stills nearer than this are one attitude
+#: m/s^2 of a number's error for one m/s^2 in every attitude.  The public recordings reach 0.9 to 1.6, 20 random attitudes 1.6, 20 in
+#: one half of the sphere 9; attitudes all about one axis reach thousands
+WORST_GAIN = 10.0
+FIRST_BAR = 0.01  #: of gravity: what a still may miss before it counts less, until the stills themselves say how far they miss
+BAR_SIGMAS = 2.0
+LEAST_BAR = 1e-7  #: of gravity; below any noise, and above rounding
+ROUNDS, STEPS, SETTLED = 20, 30, 0.01
+SMALLEST_STEP = 1e-10
+#: m/s^2: what a MEMS accelerometer wanders by within minutes: with no stills to spare, their scatter says nothing
+WANDERS_MPS2 = 0.05 * MG
+
+
+@dataclass(frozen=True, eq=False)
+class LengthFit:
+    """accelerometer, from what was measured; x (9,): the correction that it is of the one before; covariance (9, 9) of x, SI; rung: which
+    numbers were fitted, None where the attitudes fix none; attitudes that lie apart; weight (S,) of each still, 1 for a good one;
+    before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still."""
+
+    accelerometer: Accelerometer
+    x: np.ndarray
+    covariance: np.ndarray
+    rung: Ladder | None
+    attitudes: int
+    weight: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    sigma_mps2: float
+
+    @property
+    def unobserved(self) -> tuple[str, ...]:
+        """Names of numbers that these attitudes do not tell."""
+        return () if self.rung is not None and not self.rung.left else ("all of them",) if self.rung is None else self.rung.left
+
+
+def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | None = None, gravity_sigma_mps2: float = 0.0) -> LengthFit:
+    """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length, known to a sigma.
+
+    A few stills that are none hardly count.  Where the attitudes fix no number, the fit is ``before``.
+    """
+    before = before or Accelerometer(source="none")
+    attitudes = attitudes_of(force)
+    misses = np.linalg.norm(force, axis=1) - gravity_mps2
+    for rung in RUNGS:
+        if attitudes < rung.count:
+            continue
+        x, bar = _robust(rung, force, gravity_mps2)
+        if not np.isfinite(x).all() or min(x[[0, 3, 5]]) <= 0:
+            continue
+        scaled = rung.directions * (units(gravity_mps2) @ np.abs(rung.directions))
+        design = length_columns(x, force) @ scaled
+        if _gain(design) > WORST_GAIN:
+            continue
+        left = _miss(x, force, gravity_mps2)
+        weight, sigma = _weight(left, bar), _sigma(left, bar, rung.count)
+        covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
+        # All lengths in common: the matrix as a whole, and nothing else.
+        common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
+        covariance = covariance + np.outer(common, common)
+        return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma)
+    zero = np.zeros((PARAMETERS, PARAMETERS))
+    return LengthFit(before, IDENTITY.copy(), zero, None, attitudes, np.ones(len(force)), misses, misses, 0.0)
+
+
+def attitudes_of(force: np.ndarray) -> int:
+    """How many of the directions of force (S, 3) lie apart from all that were counted before them."""
+    kept = np.zeros((0, 3))
+    for row in force:
+        length = np.linalg.norm(row)
+        if length and (not len(kept) or np.max(kept @ row) < length * np.cos(APART_RAD)):
+            kept = np.concatenate([kept, [row / length]])
+    return len(kept)
+
+
+def _robust(rung: Ladder, force: np.ndarray, gravity_mps2: float) -> tuple[np.ndarray, float]:
+    """x (9,), and what a still may miss before it counts less, by Cauchy's weights: a still far beyond the others stops counting.
+
+    Under soft_l1 instead, one in 24 that is 5 % long moves the bias by 10 mg.
+    """
+    x = _least_squares(IDENTITY.copy(), np.ones(len(force)), rung, force, gravity_mps2)
+    bar = max(FIRST_BAR * gravity_mps2, float(sigma_of(_miss(x, force, gravity_mps2))))
+    for _ in range(ROUNDS):
+        for _ in range(STEPS):
+            moved = _least_squares(x, _weight(_miss(x, force, gravity_mps2), bar), rung, force, gravity_mps2, 1)
+            done = np.abs((moved - x) / units(gravity_mps2)).max() < SMALLEST_STEP * gravity_mps2
+            x = moved
+            if done or not np.isfinite(x).all():
+                break
+        sigma = float(sigma_of(_miss(x, force, gravity_mps2))) * np.sqrt(len(force) / max(len(force) - rung.count, 1))
+        was, bar = bar, max(BAR_SIGMAS * sigma, LEAST_BAR * gravity_mps2)
+        if abs(bar / was - 1) < SETTLED:
+            break
+    return x, bar
+
+
+def _weight(miss: np.ndarray, bar: float) -> np.ndarray:
+    return 1 / (1 + (miss / bar) ** 2)
+
+
+def _sigma(miss: np.ndarray, bar: float, count: int) -> float:
+    """m/s^2 of one still, such that sigma^2 (X' X)^-1 is the covariance of Cauchy's estimate (Huber 1981, equation 6.5)."""
+    spare = len(miss) - count
+    if spare < count:
+        return max(float(sigma_of(miss)), WANDERS_MPS2)
+    u2 = (miss / bar) ** 2
+    pull, slope = miss / (1 + u2), (1 - u2) / (1 + u2) ** 2
+    mean = max(float(np.mean(slope)), 0.1)  # no estimate rests on a tenth of its stills
+    small = 1 + count / len(miss) * float(np.var(slope)) / mean**2
+    return small * float(np.sqrt(np.sum(pull**2) / spare)) / mean
+
+
+def _least_squares(
+    x: np.ndarray, weight: np.ndarray, rung: Ladder, force: np.ndarray, gravity_mps2: float, steps: int = STEPS
+) -> np.ndarray:
+    root = np.sqrt(weight)
+    scale = units(gravity_mps2) @ np.abs(rung.directions)
+    for _ in range(steps):
+        design = length_columns(x, force) @ rung.directions * scale
+        step = -np.linalg.lstsq(design * root[:, None], _miss(x, force, gravity_mps2) * root, rcond=None)[0]
+        x = x + rung.directions @ (scale * step)
+        if not np.abs(step).max(initial=0.0) > SMALLEST_STEP * gravity_mps2:
+            break
+    return x
+
+
+def _miss(x: np.ndarray, force: np.ndarray, gravity_mps2: float) -> np.ndarray:
+    return np.linalg.norm(corrected(x, force), axis=1) - gravity_mps2
+
+
+def _gain(design: np.ndarray) -> float:
+    """m/s^2 of the worst number's sigma for one m/s^2 of independent noise in every still."""
+    smallest = np.linalg.svd(design, compute_uv=False)[-1]
+    return float(1 / smallest) if smallest > 0 else float("inf")
+
+
+# An accelerometer's calibration from the stills of whole logs.
+
+
+def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVITY_MPS2, still_s: float = 1.0) -> Accelerometer:
+    """The pre-calibration that brings every still's mean specific force to ``gravity_mps2``, upper triangular, with its bias.
+
+    samples: the logs, accelerometer as measured in m/s^2.  A few stills that are none hardly count.  Raises SegmentError where the
+    stills are too few or their attitudes too alike for all nine numbers.
+    """
+    stills = [still for log in samples for still in find_stills(log, still_s)[0] if still.problem is None]
+    found = fit_lengths(force_of(stills), gravity_mps2)
+    if found.unobserved:
+        raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
+    return found.accelerometer
+
+
+def force_of(stills: Sequence[Still]) -> np.ndarray:
+    """(S, 3) m/s^2: the mean specific force of each still."""
+    return np.array([still.accel_mean for still in stills]).reshape(-1, 3)
+
+
+def why_not(found: LengthFit) -> str:
+    """What the attitudes of the stills do not fix of an accelerometer."""
+    lie = f"{found.attitudes} attitude{'s' * (found.attitudes != 1)}"
+    if found.attitudes < PARAMETERS:
+        return f"the stills lie in {lie}, too few for an accelerometer's {PARAMETERS} numbers"
+    return f"the {lie} of the stills do not fix an accelerometer's {PARAMETERS} numbers"
+
+
+# ``[accelerometer]`` of a session.toml that is a person's own: put there, or in the place of the one that is, and nothing else touched.
+
+SECTION = "[accelerometer]"
+#: a new section stands before this one, where there is one
+NEXT_SECTION = "[protocol]"
+#: text in quotes, and a comment: brackets in them open nothing
+IDLE = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
+
+
+def section(accelerometer: Accelerometer, remark: str = "", own_stills: bool = False) -> str:
+    """The section's text, 1e-9 and 1e-8 m/s^2 its last digits; remark: a comment above it; own_stills: see docs/formats.md."""
+    rows = ", ".join("[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in accelerometer.matrix)
+    bias = ", ".join(f"{value:.8f}" for value in accelerometer.bias_mps2)
+    own = "own_stills = true  # leave this line out where another recording is to have it as a prior\n" if own_stills else ""
+    return (f"# {remark}\n" if remark else "") + f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n{own}"
+
+
+def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
+    """The text of a session.toml with this calibration of its own stills in it.
+
+    Raises FormatError where that cannot be done without touching something else.
+    """
+    lines = text.splitlines(keepends=True)
+    headers = _headers(lines)
+    new = section(accelerometer, remark, own_stills=True) + "\n"
+    mine = next((i for i in headers if _bare(lines[i]) == SECTION), None)
+    if mine is not None:
+        end = next((i for i in headers if i > mine), len(lines))
+        made = "".join([*lines[:mine], new, *lines[end:]])
+    else:
+        at = next((i for i in headers if _bare(lines[i]) == NEXT_SECTION), len(lines))
+        gap = "" if at == 0 or lines[at - 1].endswith("\n") else "\n"
+        made = "".join([*lines[:at], gap, new, *lines[at:]])
+    try:
+        before, after = parse_toml(text, ""), parse_toml(made, "")
+    except FormatError:
+        before, after = {}, {"": None}
+    if {**before, "accelerometer": None} != {**after, "accelerometer": None} or "own_stills" not in after.get("accelerometer", {}):
+        raise FormatError(
+            f"session.toml is written in a way that its [accelerometer] cannot be replaced in; put this there by hand: {new!r}"
+        )
+    return made
+
+
+def _headers(lines: list[str]) -> list[int]:
+    """Numbers of the lines that begin a table: a bracket that opens where none is open."""
+    found, depth = [], 0
+    for number, line in enumerate(lines):
+        code = IDLE.sub("", line)
+        if depth == 0 and code.lstrip().startswith("["):
+            found.append(number)
+            continue
+        depth = max(0, depth + code.count("[") + code.count("{") - code.count("]") - code.count("}"))
+    return found
+
+
+def _bare(line: str) -> str:
+    return "".join(IDLE.sub("", line).split())
+
+
+# A copy of a session folder, with the accelerometer's calibration that its own stills give.
+
+REMARK = "From the recording's own stills: in each of them the corrected force has gravity's length."
+
+
+def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer) -> None:
+    """Copy the folder's files, not what was made of them (its sub-folders), and put the calibration into session.toml.
+
+    Raises FormatError where ``out`` is there and not empty, and StorageError for a full disk.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: is there already; give --out another folder, nothing is written over")
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise FormatError(f"{out}: lies within the session folder; give --out another folder")
+    with result_folder(out):
+        for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
+            with naming(out / path.name):
+                if path.name == "session.toml":
+                    text = with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK)
+                    (out / path.name).write_text(text, encoding="utf-8")
+                else:
+                    shutil.copy2(path, out / path.name)

@@ -1,0 +1,361 @@
+"""Check the axes: does the gyroscope see the turns that the accelerometer sees?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, permutations, product
+
+import numpy as np
+
+from session.detect.findings import Finding
+from session.detect.segments import GAP_PERIODS
+from session.detect.stills import Still
+from session.io.config import Config, Sensor
+from session.io.samples import Samples
+from session.io.sensors.profile import Profile
+from session.io.units import DEG, NS
+
+# Does the gyroscope see the turns that the accelerometer sees?  The search for wrong axes, signs and sensitivities.
+#
+# A direction that is fixed in the world, gravity's for one, seen from a body that turns with omega moves as ``d' = d x omega``.
+# With ``omega = k P m`` for measured rates m, a scale k and one of 48 signed permutations P, that is linear in k: all P are tried on
+# one 9x9 matrix of sums.  It needs no attitude, only that hand turns push the accelerometer about by little beside gravity.
+# The scale is then sharpened where turns lead from still to still, and gravity is known without any push.
+
+BLOCKS_S = (0.05, 0.025, 0.0125)  #: a hand turns by some degrees in the first; the others are for the fastest turns
+LAG_BLOCKS = 5  #: 0.25 s: gravity has moved by more than the tremor of a hand shakes it, and not yet round a corner
+ROUND_A_CORNER = 1.2  #: of gravity's unit vector: where it moves farther in a lag, in a tenth of them, the blocks are too long
+LEAST_TILT_RAD = 20 * DEG  #: a turn that moves gravity by less says little of axes
+LEAST_PATH_RAD = 90 * DEG  #: gravity's movement in all turns together
+LEAST_TURNS = 3  #: to sharpen the scale
+FORCE_RATIO = 0.2  #: specific force that differs more from gravity is not gravity's direction
+COARSE, SHARP = 0.10, 0.03  #: how well the scale is known without still ends and with them
+SCALES = np.geomspace(0.85, 1.18, 67)  #: about the coarse one, in steps of half a percent
+
+#: (48, 3, 3) signed permutations: right-handed ones have determinant +1
+SIGNED_PERMUTATIONS = np.array(
+    [np.diag(signs)[:, list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+)
+IDENTITY = next(i for i, axes in enumerate(SIGNED_PERMUTATIONS) if np.trace(axes) == 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Turns in blocks.
+
+    angle (S, B, 3) rad: integral of the rate less bias, zero where padded; down (S, B, 3) unit, or NaN where the sensor is pushed
+    about; first, last (S, 3) unit: gravity in the stills around.
+    """
+
+    angle: np.ndarray
+    down: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def of(self, chosen: np.ndarray) -> Turns:
+        """Some of the turns, by index or mask."""
+        return Turns(self.angle[chosen], self.down[chosen], self.first[chosen], self.last[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class AxesAgreement:
+    """How gyro and gravity agree best: ``omega = scale * axes @ m``.
+
+    axes (3, 3) signed permutation; scale, known to about scale_std (relative); misfit: the share of gravity's movement that these
+    leave unexplained, identity_misfit that of the axes as logged, at their best scale; residual: median closure of the turns from
+    still to still in rad, or NaN where there are too few; turned: median angle of a turn in rad; turns: their number.
+    """
+
+    axes: np.ndarray
+    scale: float
+    scale_std: float
+    misfit: float
+    identity_misfit: float
+    residual: float
+    turned: float
+    turns: int
+
+
+def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> AxesAgreement | None:
+    """Best axes and scale of the gyro against gravity, or None where gravity hardly moves in the sensor.
+
+    samples with the specific force in right units and pre-calibrated; skip (N,) bool: rows whose turns are left out.
+    """
+    turns = cut_turns(samples, stills, skip)
+    if turns is None:
+        return None
+    scales, misfits = _regress(turns)
+    misfits = np.where(scales > 0, misfits, 1.0)
+    # Turns about few axes leave several orders of axes alike: then the least changed.
+    alike = np.flatnonzero(misfits <= 1.5 * misfits.min() + 0.01)
+    best = max(alike, key=lambda i: (np.trace(SIGNED_PERMUTATIONS[i]), -misfits[i]))
+    scale, scale_std, residual = scales[best], COARSE, float("nan")
+    tilted = np.arccos(np.clip((turns.first * turns.last).sum(axis=1), -1, 1)) > LEAST_TILT_RAD
+    if tilted.sum() >= LEAST_TURNS and scale > 0:
+        scale, residual = _sharpen(turns.of(tilted), SIGNED_PERMUTATIONS[best], scale)
+        scale_std = SHARP
+    return AxesAgreement(
+        axes=SIGNED_PERMUTATIONS[best],
+        scale=float(scale),
+        scale_std=scale_std,
+        misfit=float(misfits[best]),
+        identity_misfit=float(misfits[IDENTITY]),
+        residual=residual,
+        turned=float(np.median(np.linalg.norm(scale * turns.angle, axis=-1).sum(axis=1))),
+        turns=len(turns),
+    )
+
+
+def cut_turns(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Turns | None:
+    """Turns between neighbouring stills, averaged over blocks; those with a gap or a row to skip, or that hardly tilt, are left out."""
+    for block_s in BLOCKS_S:
+        turns = _cut(samples, stills, skip, max(1, round(block_s / samples.period_s)))
+        if turns is None or _lag(turns) < ROUND_A_CORNER:
+            break
+    return turns
+
+
+def _lag(turns: Turns) -> float:
+    """How far gravity's unit vector moves in a lag, in the fastest tenth of them."""
+    moved = np.linalg.norm(turns.down[:, LAG_BLOCKS:] - turns.down[:, :-LAG_BLOCKS], axis=-1)
+    return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else 0.0
+
+
+def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: int) -> Turns | None:
+    good = [still for still in stills if still.problem is None]
+    pairs = [(a, b) for a, b in pairwise(good) if skip is None or not skip[a.stop : b.start].any()]
+    parts = [part for a, b in pairs if (part := _blocks(samples, a, b, size)) is not None]
+    if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
+        return None
+    longest = max(len(angle) for angle, _, _, _ in parts)
+
+    def pad(values: np.ndarray, fill: float) -> np.ndarray:
+        return np.concatenate([values, np.full((longest - len(values), 3), fill)])
+
+    return Turns(
+        np.array([pad(angle, 0.0) for angle, _, _, _ in parts]),
+        np.array([pad(down, np.nan) for _, down, _, _ in parts]),
+        np.array([first for _, _, first, _ in parts]),
+        np.array([last for _, _, _, last in parts]),
+    )
+
+
+def _blocks(samples: Samples, first: Still, last: Still, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    start, stop = first.stop - 1, last.start + 1
+    steps = np.diff(samples.t_ns[start:stop]) * NS
+    if len(steps) < 2 * size or steps.max() > GAP_PERIODS * samples.period_s:
+        return None
+    t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
+    share = (t_s / t_s[-1])[:, None]
+    rate = samples.gyro[start:stop] - (1 - share) * first.gyro_mean - share * last.gyro_mean
+    edges = np.arange(0, len(steps), size)
+    angle = np.add.reduceat((rate[1:] + rate[:-1]) / 2 * steps[:, None], edges)
+    counts = np.diff(np.append(edges, len(steps)))[:, None]
+    force = np.add.reduceat((samples.accel[start + 1 : stop] + samples.accel[start : stop - 1]) / 2, edges) / counts
+    ends = [samples.accel[still.start : still.stop].mean(axis=0) for still in (first, last)]
+    gravity = np.linalg.norm(ends, axis=1).mean()
+    if not all(np.linalg.norm(end) > 0 for end in ends):  # an accelerometer that reads nothing knows no direction
+        return None
+    length = np.linalg.norm(force, axis=1, keepdims=True)
+    down = np.where(np.abs(length / gravity - 1) < FORCE_RATIO, -force / np.maximum(length, 1e-9), np.nan)
+    if _tilt_path(down) < LEAST_TILT_RAD:
+        return None
+    begin, end = (-end / np.linalg.norm(end) for end in ends)
+    return angle, down, begin, end
+
+
+def _tilt_path(down: np.ndarray) -> float:
+    """Angle that gravity's direction travels, rad."""
+    return float(np.nansum(np.linalg.norm(np.diff(down, axis=0), axis=1)))
+
+
+def _regress(turns: Turns) -> tuple[np.ndarray, np.ndarray]:
+    """Best scale (48,) for each signed permutation, and the share of ``sum |d'|^2`` that it leaves unexplained."""
+    change = turns.down[:, LAG_BLOCKS:] - turns.down[:, :-LAG_BLOCKS]
+    middle = turns.down[:, LAG_BLOCKS:] + turns.down[:, :-LAG_BLOCKS]
+    middle /= np.linalg.norm(middle, axis=-1, keepdims=True)
+    # Gravity is known at the blocks' middles: the first and the last block of a lag count half.
+    total = np.cumsum(turns.angle, axis=1) - turns.angle / 2
+    angle = total[:, LAG_BLOCKS:] - total[:, :-LAG_BLOCKS]
+    seen = np.isfinite(change).all(axis=-1)
+    change, middle, angle = change[seen], middle[seen], angle[seen]
+    # (d x P m)_i = eps_ijk d_j P_kl m_l: linear in the nine P_kl
+    levi_civita = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(2, 0, 1)
+    design = np.einsum("ijk,nj,nl->nikl", levi_civita, middle, angle).reshape(-1, 9)
+    normal, right, power_seen = design.T @ design, design.T @ change.ravel(), float((change**2).sum())
+    flat = SIGNED_PERMUTATIONS.reshape(48, 9)
+    power = np.einsum("pi,ij,pj->p", flat, normal, flat)
+    scales = np.divide(flat @ right, power, out=np.zeros(48), where=power > 0)
+    return scales, 1 - scales * (flat @ right) / max(power_seen, 1e-300)
+
+
+def _sharpen(turns: Turns, axes: np.ndarray, scale: float) -> tuple[float, float]:
+    """The scale about ``scale`` that closes best, and its residual."""
+    residuals = _closures(turns, (scale * SCALES)[:, None, None] * axes)
+    best = int(np.argmin(residuals))
+    return float(scale * SCALES[best]), float(residuals[best])
+
+
+def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
+    """(F,) rad for factors (F, 3, 3) on the rate: median closure of the turns.
+
+    A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
+    """
+    x, y, z = (np.broadcast_to(part, (len(factors), len(turns))) for part in turns.first.T)
+    for k in range(turns.angle.shape[1]):
+        angle = np.einsum("fij,sj->ifs", factors, turns.angle[:, k])
+        theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
+        ax, ay, az = angle / np.maximum(theta, 1e-12)
+        cos, sin = np.cos(theta), np.sin(theta)
+        # Rodrigues, backward: a fixed direction seen from a body that turns.
+        along = (ax * x + ay * y + az * z) * (1 - cos)
+        cross = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        x, y, z = (cos * d + along * a - sin * c for d, a, c in zip((x, y, z), (ax, ay, az), cross, strict=True))
+    down = np.stack([x, y, z], axis=-1)
+    sine = np.linalg.norm(_cross(down, turns.last), axis=-1)
+    return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """np.cross for (..., 3), without its overhead on small arrays."""
+    a, b = np.broadcast_arrays(a, b)
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+
+
+# Checks of the gyroscope against gravity: axes and signs, then the sensitivity.
+
+CLEARLY = 0.5  #: another order of axes must halve what is unexplained
+EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes
+SCALE_OK = 0.05  #: a gyro's sensitivity tolerance, misalignment and this coarse look together
+NAMED_WITHIN = 0.05
+CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalignment of some percent leave
+#: ST's sensitivity against full scale / 2^15, which most other makers have: 17.5 mdps for 500 dps / 32768, the same for all ranges
+ST_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
+
+
+def check_axes(
+    where: str, samples: Samples, stills: list[Still], config: Config, raw: bool, skip: np.ndarray | None = None
+) -> list[Finding]:
+    """The movement of gravity that the accelerometer shows must be the one that the gyro's rates make.
+
+    48 signed orders of the gyro's axes are tried, each with the scale that suits it best.  Another than x, y, z must leave less
+    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  skip (N,) bool: rows whose turns
+    are not looked at.
+    """
+    found = agreement(samples, stills, skip)
+    if found is None:
+        says = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
+        return [Finding("note", where, "gyro against gravity", says, "turn about horizontal axes as well")]
+    turns = f"{found.turns} turn{'s' if found.turns > 1 else ''} of {found.turned / DEG:.0f} deg"
+    unclosed = np.isfinite(found.residual) and found.residual > CLOSES_WITHIN * found.turned
+    if found.misfit > EXPLAINED or unclosed:
+        says = f"{turns}: gravity's movement is explained to {1 - found.misfit:.0%} (bar {EXPLAINED:.0%})"
+        if unclosed:
+            says += f", and missed by {found.residual / DEG:.1f} deg at the end (bar {CLOSES_WITHIN:.0%} of the turn)"
+        do = "are gyro and accelerometer of one board, with one clock? are samples lost, does the gyro clip?"
+        says += ", whatever the order, signs and scale of the gyro's axes"
+        return [Finding("warning", where, "gyro against gravity", says, do)]
+    return [_axes_finding(where, found, turns), _scale_finding(where, found, turns, config, raw)]
+
+
+def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
+    ends = f", ends to {found.residual / DEG:.2f} deg" if np.isfinite(found.residual) else ""
+    if found.misfit < CLEARLY * found.identity_misfit:
+        says = f"{axes_in_words(found.axes)}: explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to "
+        says += f"{1 - found.identity_misfit:.0%} ({turns})"
+        return Finding("error", where, "axes", says, _axes_advice(found.axes))
+    return Finding("ok", where, "axes", f"the gyro explains gravity's movement to {1 - found.identity_misfit:.0%}{ends} ({turns})")
+
+
+def axes_in_words(axes: np.ndarray) -> str:
+    """What is wrong with the gyro's columns, where ``omega = axes @ m`` for a signed permutation: one sentence part."""
+    source, signs = np.argmax(np.abs(axes), axis=1), axes.sum(axis=1)
+    flipped = ["xyz"[i] for i in range(3) if source[i] == i and signs[i] < 0]
+    moved = [i for i in range(3) if source[i] != i]
+    texts = []
+    if len(moved) == 2:
+        texts.append(f"the gyro's {'xyz'[moved[0]]} and {'xyz'[moved[1]]} are exchanged")
+    elif moved:
+        texts.append("the gyro's axes are in a wrong order")
+    if len(flipped) == 3:
+        texts.append("all three axes of the gyro have the wrong sign")
+    elif flipped:
+        of = "" if moved else "the gyro's "
+        texts.append(f"{of}{' and '.join(flipped)} {'have' if len(flipped) > 1 else 'has'} the wrong sign")
+    if moved:
+        logged = [f"{'-' if signs[i] < 0 else '+'}{'xyz'[source[i]]}" for i in range(3)]
+        texts.append("true " + ", ".join(f"{'xyz'[i]} is the logged {logged[i]}" for i in range(3)))
+    if np.linalg.det(axes) < 0:
+        texts.append("its triad is left-handed")
+    return "; ".join(texts)
+
+
+def _axes_advice(axes: np.ndarray) -> str:
+    """A gyro mirrored alone is the gyro's fault; a turned one can be the accelerometer's: ``d' = det(Q) d x Q'm`` if d is Q d.
+
+    Gravity's sign does not show (d and -d move alike), so of Q and -Q the one that changes less is named.
+    """
+    if np.linalg.det(axes) < 0:
+        return "correct the columns or their signs where the log is written; a rotation of the board cannot do this"
+    other = max((axes.T, -axes.T), key=np.trace)
+    text = axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
+    return f"correct the columns where the log is written; or it is the accelerometer: {text}"
+
+
+def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config, raw: bool) -> Finding:
+    """The factor that the rates need, against the factors of the usual mistakes."""
+    k, bar = found.scale, max(SCALE_OK, found.scale_std)
+    says = f"gravity asks for rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
+    if abs(k - 1) <= bar:
+        return Finding("ok", where, "gyro scale", says)
+    mistakes = _mistakes(config.sensor, raw)
+    nearest = min(mistakes, key=lambda factor: abs(np.log(k / factor)))
+    if abs(np.log(k / nearest)) <= max(NAMED_WITHIN, found.scale_std):
+        return Finding("error", where, "gyro scale", says, mistakes[nearest])
+    level = "error" if abs(np.log(k)) > np.log(1.2) else "warning"
+    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?")
+
+
+def _mistakes(sensor: Sensor, raw: bool) -> dict[float, str]:
+    """Factor that mends it -> what went wrong."""
+    full_scale_dps, profile = sensor.gyro_fs_dps, sensor.profile
+    mistakes = {
+        DEG: "the rates are in deg/s, but are read as rad/s: name the columns gx_dps, gy_dps, gz_dps",
+        1 / DEG: "the rates are in rad/s, but are read as dps: name the columns gx_rps, gy_rps, gz_rps",
+        1e-3: "the rates are in mdps: divide by 1000; or time runs 1000 times too slowly: is it ns that are read as us?",
+        1e3: "time runs 1000 times too fast: is it us that are read as ns? or the rates are 1000 times too small",
+    }
+    mistakes |= _sensitivities(full_scale_dps, profile)
+    for power in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5):
+        factor = 2.0**power
+        fits = factor * full_scale_dps
+        has = profile is None or profile.gyro is None or fits in profile.gyro
+        there = "" if has or not raw else " (which the sensor does not have)"
+        do = "correct gyro_fs_dps in session.toml" if raw else "correct what converted the log"
+        mistakes[factor] = f"wrong full scale: {fits:g} dps would match{there}, not {full_scale_dps:g}; {do}"
+    return mistakes
+
+
+def _sensitivities(full_scale_dps: float, profile: Profile | None) -> dict[float, str]:
+    """ST's sensitivity taken for the full scale's at 32768 counts, which most others have, or the reverse."""
+    to_span, st = (factor * full_scale_dps / 32768 * 1e3 for factor in (1.0, ST_OVER_FULL_SCALE))
+    own = None if profile is None or profile.gyro is None else profile.gyro.get(full_scale_dps)
+    if profile is not None and own is not None and abs(own / st - 1) < 1e-3:
+        return {
+            1 / ST_OVER_FULL_SCALE: (
+                f"sensitivity: this sensor's is full scale / 32768 = {to_span:.3f} mdps per LSB, not the {profile.name}'s {st:.2f}"
+            ),
+            ST_OVER_FULL_SCALE: f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; the datasheet says {st:.2f}",
+        }
+    return {
+        1 / ST_OVER_FULL_SCALE: (
+            f"sensitivity: converted with ST's {st:.2f} mdps per LSB; most other sensors have full scale / 32768 = {to_span:.3f}"
+        ),
+        ST_OVER_FULL_SCALE: (
+            f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; "
+            f"ST's sensors have {st:.2f}: is sensor.model right?"
+        ),
+    }

@@ -1,0 +1,516 @@
+"""Checks of one log's samples: gaps, registers, clipping level, dead axes, quantisation, copies, bridges, impacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+from math import erf, exp, pi, sqrt
+from statistics import NormalDist
+
+import numpy as np
+
+from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
+from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
+from session.detect.findings import Finding, axes_text
+from session.detect.segments import GAP_PERIODS, pace_of, why_broken
+from session.detect.stills import Noise, Still
+from session.io.config import Sensor
+from session.io.folder import Session
+from session.io.logfile import Bridge, Log
+from session.io.numeric import runs_of
+from session.io.samples import Samples, pick, pieces
+from session.io.texts import SENSOR_NAME, STANDIN_NAME
+from session.io.units import DEG, MDPS, MG, NS, G
+
+# Checks of one log by itself: gaps, registers, temperature, and what its comments say.  Each returns findings.
+
+LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
+STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
+
+
+def check_reading(log: Log) -> list[Finding]:
+    """What the reader mended or left out."""
+    return [Finding("note", log.path.name, "reading", note) for note in log.notes]
+
+
+def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
+    """The log's own ``gyro_fs_dps=``, ``accel_fs_g=``, ``serial=`` against session.toml.
+
+    Registers times the wrong sensitivity are wrong by the ratio of the full scales: nothing in a fit can repair the units.
+    """
+    findings = []
+    for key, declared in (("gyro_fs_dps", sensor.gyro_fs_dps), ("accel_fs_g", sensor.accel_fs_g)):
+        said = _number(log.comments.get(key))
+        if said is not None and abs(said / declared - 1) > 1e-6:
+            says = f"the log says {key}={said:g}, session.toml {declared:g}"
+            findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
+    serial = log.comments.get("serial")
+    if serial and sensor.serial and serial != sensor.serial:
+        says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"
+        findings.append(Finding("warning", log.path.name, "serial", says, "keep one folder per sensor"))
+    return findings
+
+
+def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Finding]:
+    """Gaps, and the jitter of the stamps.
+
+    A stamp wrong by e misplaces e times the change of rate around it, (m[k+1] - m[k-1]) / 2; over a segment these add up as a
+    random walk.  It matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
+    """
+    samples, where = log.samples, log.path.name
+    steps, pace = samples.dt_s, pace_of(samples.t_ns)
+    period, gaps = pace.period_s, steps > GAP_PERIODS * samples.period_s  # as in the segments
+    single = pace.missing(steps[~gaps])
+    findings = [_gaps(samples, gaps, pace.missing(steps), single, where)]
+    # A step of two periods is no jitter where a sample is missing.
+    share = single / max(int(np.count_nonzero(~gaps)), 1)
+    jitter = float(np.sqrt(max(steps[~gaps].var() - share * (1 - share) * period**2, 0.0) / 2))
+    square = sum((np.sum(((part[2:] - part[:-2]) / 2) ** 2, axis=0) for _, part in pieces(samples.gyro, overlap=2)), np.zeros(3))
+    angle = float(np.sqrt((square / (len(samples) - 2)).max() * segment_s / period)) * jitter if len(samples) > 2 else 0.0
+    floor = float("inf") if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
+    says = f"{jitter * 1e6:.1f} us rms ({jitter / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
+    if np.isfinite(floor):
+        says += f", noise {floor / DEG:.4f}"
+    if angle > floor:
+        do = "stamp with the sensor's or the board's clock, not on arrival"
+        findings.append(Finding("warning", where, "jitter", says, do))
+    else:
+        findings.append(Finding("ok", where, "jitter", says))
+    return findings
+
+
+def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str) -> Finding:
+    """What is missing: in gaps, which cost turns, and one at a time, which cost accuracy."""
+    if gaps.any():
+        long = int(np.count_nonzero(gaps)) - int(np.count_nonzero(gaps[short_gaps(samples)[0]]))
+        longest_s, first_s = samples.dt_s.max(), samples.t_s[int(np.argmax(gaps))]
+        says = f"{gaps.sum()} gaps, {lost} samples lost{f' ({single} of them singly)' if single else ''}"
+        says += f", the longest {longest_s:.3f} s, the first at {first_s:.1f} s"
+        says += f"; {long} of them longer than {MOST} samples" if long else f"; none longer than {MOST} samples"
+        do = f"turns with a gap of more than {MOST} samples are not used; " if long else ""
+        return Finding("warning", where, "gaps", says, f"{do}look at the card or the port")
+    if not single:
+        return Finding("ok", where, "gaps", f"none longer than {GAP_PERIODS:g} periods")
+    share = single / (len(samples) + single)
+    says = f"{single} samples lost singly ({share:.2%}); no gap longer than {GAP_PERIODS:g} periods"
+    return Finding("warning" if share > LOST_SHARE else "note", where, "gaps", says, "look at the card or the port")
+
+
+def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel: bool = False) -> list[Finding]:
+    """Clipping, axes that never move, readings that repeat; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none."""
+    samples, findings = log.samples, []
+    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
+    if absent.any():
+        says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
+        findings.append(Finding("note", log.path.name, "accelerometer", says))
+    for name, unit, values, full, reach, factor, stds in (
+        ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
+        (
+            "accelerometer",
+            "g",
+            samples.accel,
+            sensor.accel_fs_g,
+            accel_reach_g(sensor),
+            G,
+            [s.accel_std for s in stills],
+        ),
+    ):
+        t_ns = samples.t_ns
+        if name == "accelerometer" and absent.any():
+            if absent.all():
+                continue
+            values, t_ns = pick(values, ~absent), t_ns[~absent]
+        # One axis after the other: a day's log is three times as long side by side.
+        ends = np.array([(values[:, i].min(), values[:, i].max()) for i in range(3)])
+        stuck = ends[:, 0] == ends[:, 1]
+        if stuck.any():
+            says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
+            findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
+        noise = np.median(stds, axis=0) if stds else np.zeros(3)
+        each = [
+            _clipping(values[:, i] / factor, noise[i] / factor, reach, (t_ns, samples.t_ns[0]), f"{axis}", unit)
+            for i, axis in enumerate("xyz")
+            if not stuck[i]
+        ]
+        clipped = [text for text in each if text]
+        peak = np.abs(ends).max() / factor
+        if clipped:
+            do = "turn slower or choose a larger full scale" if name == "gyro" else "choose a larger full scale, or do not knock"
+            findings.append(Finding("warning", log.path.name, f"{name} clipping", "; ".join(clipped), do))
+        else:
+            level = "note" if peak > full else "ok"
+            beyond = " is passed: the datasheet promises nothing there" if peak > full else ""
+            findings.append(Finding(level, log.path.name, f"{name} clipping", f"peak {peak:.4g} {unit}, full scale {full:g}{beyond}"))
+    return findings + _repeats(log, stills)
+
+
+def without_force(samples: Samples) -> np.ndarray:
+    """(N,) bool: rows whose accelerometer reads 0, 0, 0."""
+    return np.concatenate([(part == 0).all(axis=1) for _, part in pieces(samples.accel)])
+
+
+def _clipping(values: np.ndarray, noise_std: float, reach: float, stamps: tuple[np.ndarray, int], axis: str, unit: str) -> str | None:
+    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it; stamps (N,) ns, and the log's first."""
+    run = run_bar(noise_std, _step(values))
+    rest = np.median(values)
+    mask = np.zeros(len(values), dtype=bool)
+    for level in (values.max(), values.min()):
+        if abs(level) >= reach * (1 - 1e-6):
+            mask |= values == level
+        elif abs(level - rest) > 20 * noise_std:  # an axis that is not turned has its extremes in the noise
+            mask |= plateau(values, level, run)
+    if not mask.any():
+        return None
+    levels = " and ".join(f"{level:.5g}" for level in np.unique(values[mask]))
+    first_s = (stamps[0][np.argmax(mask)] - stamps[1]) * NS
+    return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {first_s:.1f} s"
+
+
+def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
+    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.
+
+    Noise repeats a reading with a chance of step / (2 sqrt(pi) std) per axis, all six at once nearly never.
+    """
+    samples = log.samples
+    same, steps = np.ones(max(len(samples) - 1, 0), dtype=bool), np.empty(6)
+    for number in range(6):
+        column = (samples.gyro if number < 3 else samples.accel)[:, number % 3]
+        same &= column[1:] == column[:-1]
+        steps[number] = _step(column)
+    share = float(same.mean())
+    std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
+    chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
+    if share < max(0.01, 10 * chance):
+        return []
+    fresh_hz = (1 - share) / log.samples.period_s
+    says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
+    return [Finding("warning", log.path.name, "repeats", says, "read on the data-ready signal or from the FIFO; log each sample once")]
+
+
+def _step(values: np.ndarray) -> float:
+    """The register's step as seen in the values: the smallest difference between neighbours, or 0."""
+    steps = np.diff(values)
+    np.abs(steps, out=steps)
+    size = max(abs(values.max()), abs(values.min()))
+    return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
+
+
+# A gyro that stops at a level far below its full scale: looked for before its scale and its stills are judged, which it spoils.
+
+#: readings at a level, of either sign, from which it is one; a turn's own peak is a few
+LEAST_AT = 20
+#: times the readings' own noise that a level is from rest: an axis that is not turned has its extremes in the noise
+FAR = 20.0
+#: turns without a clipped reading that are enough to look at the axes and the scale
+ENOUGH_CLEAN = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Ceiling:
+    """levels_dps (3,), NaN where an axis has none; at (N,) bool: rows with a reading at its level."""
+
+    levels_dps: np.ndarray
+    at: np.ndarray
+
+
+def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
+    """Of rates (N, 3) rad/s: extremes of both signs that an axis stands at again and again, and never passes."""
+    levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
+    for axis in range(3):
+        values = gyro[:, axis]
+        steps = np.diff(values)
+        np.abs(steps, out=steps)
+        noise = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
+        rest = np.median(values)
+        sides = [plateau(values, extreme, LEAST_RUN) for extreme in (values.max(), values.min()) if abs(extreme - rest) > FAR * noise]
+        if len(sides) == 2 and min(side.sum() for side in sides) >= LEAST_AT:
+            levels[axis] = np.abs(values[sides[0] | sides[1]]).mean() / DEG
+            at |= sides[0] | sides[1]
+    return Ceiling(levels, at) if at.any() else None
+
+
+def clean_turns(ceiling: Ceiling | None, stills: list[Still]) -> tuple[int, int]:
+    """Turns between neighbouring stills without a reading at the level, and all of them."""
+    turns = [slice(first.stop, last.start) for first, last in pairwise(stills)]
+    return sum(ceiling is None or not ceiling.at[turn].any() for turn in turns), len(turns)
+
+
+def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, stills: list[Still]) -> Finding:
+    """The one line that stands for what the ceiling spoils."""
+    found = np.isfinite(ceiling.levels_dps)
+    levels = " and ".join(f"{level:.4g}" for level in np.unique(np.round(ceiling.levels_dps[found], 2)))
+    clean, turns = clean_turns(ceiling, stills)
+    says = (
+        f"{axes_text(found)} never pass{'es' if found.sum() == 1 else ''} ±{levels} dps, of ±{sensor.gyro_fs_dps:g}: "
+        f"{ceiling.at.mean():.0%} of the readings stand there, the first at {log.samples.t_s[np.argmax(ceiling.at)]:.1f} s"
+    )
+    if turns:
+        says += f"; {turns - clean} of {turns} turns reach it"
+    do = "what is beyond is lost: turn slower, or look for the limit in the sensor's settings and in what wrote the log"
+    return Finding("error", log.path.name, "gyro ceiling", says, do)
+
+
+# An axis that dies within a log: it reads one value for a second or more, and twenty readings, while the others move or scatter.
+
+#: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
+LEAST_S, LEAST_DEAD_READINGS = 1.0, 20
+#: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts
+CLIPPED_S = 5.0
+#: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
+MOVES_DPS, MOVES_G = 10.0, 0.1
+#: an axis scatters where fewer neighbours than this are equal; of a short run fewer (``_scatter_bar``)
+SCATTERS = 0.6
+#: chance that an axis whose noise is the others' stays in one step of its register for a whole run; from so many readings on, a body
+#: that moves is enough
+BY_CHANCE, MANY = 1e-5, 60
+#: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
+COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
+
+
+def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
+    """The longest such run of each axis; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none, by agreement."""
+    samples, findings = log.samples, []
+    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
+    for number, column in enumerate(("gx", "gy", "gz", "ax", "ay", "az")):
+        values = samples.gyro[:, number] / DEG if number < 3 else samples.accel[:, number - 3] / G
+        found = _dead_runs(samples, values, number, absent)
+        if not found:
+            continue
+        start, stop = max(found, key=lambda run: run[1] - run[0])
+        sensor, unit = ("gyro", "dps") if number < 3 else ("accelerometer", "g")
+        says = (
+            f"{column} reads {values[start] + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
+            f"{samples.t_s[start]:.1f} to {samples.t_s[stop - 1]:.1f} s, while others go on; a sensor has noise"
+        )
+        says += f" ({len(found)} such places)" if len(found) > 1 else ""
+        do = "look at the wiring and at what wrote the log; record again, or cut the log there"
+        findings.append(Finding("error", log.path.name, f"{sensor} dead", says, do))
+    return findings
+
+
+def _dead_runs(samples: Samples, values: np.ndarray, number: int, absent: np.ndarray) -> list[tuple[int, int]]:
+    """start, stop of each run of equal readings of one of six channels, (N,) dps or g, that neither noise, clipping nor a coarse register
+    makes."""
+    period_s = samples.period_s
+    extremes = (values.min(), values.max())
+    if extremes[0] == extremes[1]:
+        return []  # stuck throughout: said as such
+    starts, stops = runs_of((values[1:] == values[:-1]) & ~(absent[1:] & (number >= 3)))  # of steps: a run of readings is one longer
+    lengths = stops - starts + 1
+    long = (lengths * period_s >= LEAST_S) & (lengths >= LEAST_DEAD_READINGS)
+    coarse = ~long & (lengths * period_s >= COARSE_S) & (lengths >= COARSE_READINGS) & ~np.isin(values[starts], extremes)
+    if coarse.sum() >= max(COARSE_RUNS, long.sum() / 4):
+        return []
+    found = []
+    for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
+        some = slice(start, start + length)
+        run = np.concatenate([samples.gyro[some] / DEG, samples.accel[some] / G], axis=1)
+        clips = values[start] in extremes and length * period_s <= CLIPPED_S
+        if not clips and ((length >= MANY and _others_move(run, number)) or (not coarse.any() and _others_scatter(run, number))):
+            found.append((start, start + length))
+    return found
+
+
+def _others_move(run: np.ndarray, number: int) -> bool:
+    low, high = np.quantile(np.delete(run, number, axis=1), (0.1, 0.9), axis=0)
+    bars = np.delete([MOVES_DPS] * 3 + [MOVES_G] * 3, number)
+    return bool((high - low > bars).any())
+
+
+def _others_scatter(run: np.ndarray, number: int) -> bool:
+    """Both other axes of the same sensor."""
+    first = number - number % 3
+    others = [other for other in range(first, first + 3) if other != number]
+    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < _scatter_bar(len(run))).all())
+
+
+def _scatter_bar(length: int) -> float:
+    """Share of equal neighbours below which noise leaves one step of a register within so many readings.
+
+    A slow sensor's noise may be smaller than its step: it then stays in one for long.  sigma, in steps, is that at which ``length``
+    readings stay within half a step of the middle by ``BY_CHANCE``; the share is what it makes of equal neighbours, over all places
+    of the mean within a step.
+    """
+    sigma = 0.5 / NormalDist().inv_cdf((1 + BY_CHANCE ** (1 / length)) / 2)
+    share = erf(1 / (2 * sigma)) - 2 * sigma / sqrt(pi) * (1 - exp(-1 / (4 * sigma**2)))
+    return min(SCATTERS, share)
+
+
+# Registers whose steps are larger than the noise: a gyro repeats one value at rest, and rest cannot be told from a slow turn; an
+# accelerometer repeats one in each still, and how far gravity is off cannot be told.
+
+QUANTISATION = "quantisation"
+#: of neighbours that are equal: a step of 2.5 sigma makes so many of pure noise
+REPEATS = 0.6
+#: stretches that are looked at, and the share of them, the quietest, that must repeat
+STRETCH_S, LEAST_READINGS, QUIETEST = 1.0, 8, 0.2
+#: of a step: scatter in the stills that is nothing but the rounding of sums
+NO_SCATTER = 1e-3
+
+
+def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
+    """Of a log in which no still was found: whether its steps are the reason, axis by axis; one that never moves is said as stuck."""
+    gyro = log.samples.gyro
+    moves = np.ptp(gyro, axis=0) > 0
+    size = max(LEAST_READINGS, round(STRETCH_S / log.samples.period_s))
+    count = (len(gyro) - 1) // size
+    if not count or not moves.any():
+        return []
+    same = (np.diff(gyro, axis=0) == 0)[: count * size].reshape(count, size, 3).mean(axis=1)
+    share = np.quantile(same, 1 - QUIETEST, axis=0)
+    coarse = moves & (share > REPEATS)
+    if not coarse.any():
+        return []
+    steps = np.abs(np.diff(gyro, axis=0))
+    step = float(np.min(steps[:, coarse], where=steps[:, coarse] > 0, initial=np.inf))
+    says = f"the gyro ({axes_text(coarse)}) moves in steps of {step / MDPS:.3g} mdps, and repeats {share[coarse].max():.0%} of its readings"
+    says += " where it is quietest: the steps are larger than its noise"
+    if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
+        rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)
+        says += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
+    do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be told from a slow turn"
+    return [Finding("error", log.path.name, QUANTISATION, says, do)]
+
+
+def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
+    """Whether the accelerometer, on some axis that moves, repeats one reading in each still; noise: of these stills."""
+    if noise is None:
+        return []
+    accel = log.samples.accel
+    steps = np.abs(np.diff(accel, axis=0))
+    step = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
+    coarse = np.isfinite(step) & (noise.accel * np.sqrt(0.5 / log.samples.period_s) < NO_SCATTER * step)
+    if not coarse.any():
+        return []
+    says = (
+        f"the accelerometer ({axes_text(coarse)}) moves in steps of {step[coarse].max() / MG:.3g} mg, and repeats one reading in each still"
+    )
+    says += ": the steps are larger than its noise, so nothing tells how far gravity is off"
+    do = "choose a smaller full scale, a higher data rate or a wider filter; was the log rounded where it was written?"
+    return [Finding("error", log.path.name, QUANTISATION, says, do)]
+
+
+# One recording twice in a folder: it would count as twice the evidence, and judge itself.
+
+#: samples that two recordings cannot have in common by chance: a sensor has noise
+LEAST = 100
+
+
+def check_copies(logs: tuple[Log, ...]) -> list[Finding]:
+    """An error for each log or closure run whose readings are another's, whole or as far as the shorter one goes."""
+    do = "remove one of them: a copy makes every sigma too small, and is held out of nothing"
+    return [
+        Finding("error", second.path.name, "copy", f"holds the same readings as {first.path.name}", do)
+        for first, second in combinations(logs, 2)
+        if _same(first.samples.gyro, second.samples.gyro)
+    ]
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    count = min(len(one), len(other))
+    if count < LEAST or np.ptp(one[:count], axis=0).max() == 0:
+        return False
+    return np.array_equal(one[:LEAST], other[:LEAST]) and np.array_equal(one[:count], other[:count])
+
+
+# Short gaps and single clipped readings are bridged before a fit: what was put in, and how much of a turn it may cost.
+
+BRIDGED = "bridged readings"
+
+
+def with_bridges(session: Session) -> Session:
+    """The session with the short gaps and short peaks of its logs and closure runs bridged; logs without any are the same objects."""
+
+    def whole(log: Log) -> Log:
+        if log.bridges:  # done before
+            return log
+        samples, bridges = bridged(log.samples, session.config.sensor)
+        return replace(log, samples=samples, bridges=bridges) if bridges else log
+
+    return replace(session, logs=tuple(map(whole, session.logs)), closures=tuple(map(whole, session.closures)))
+
+
+def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | None, segment_s: float) -> list[Finding]:
+    """What a fit puts in, against what the gyro's own noise adds to a segment; what lies in turns that are not used for another reason,
+    between these stills, is not counted."""
+    samples, bridges = bridged(log.samples, sensor)
+    if not bridges:
+        return []
+    whole = replace(log, samples=samples, bridges=bridges)
+    turns = [(first.start_s + first.duration_s, last.start_s) for first, last in pairwise(stills)]
+    rows = np.searchsorted(samples.t_s, turns).reshape(-1, 2)
+    broken = [(a, b) for a, b in rows.tolist() if why_broken(samples, slice(a, b + 1), sensor, whole.put_in)]
+    bridges = tuple(bridge for bridge in bridges if not any(a <= bridge.row <= b for a, b in broken))
+    if not bridges:
+        return []
+    floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
+    worst = max(float(np.linalg.norm(bridge.sigma_rad)) for bridge in bridges)
+    says = "; ".join(text for text in (_gaps_text(bridges), _peaks_text(bridges)) if text)
+    says += f": put in from their neighbours, off by {worst / DEG:.2g} deg at worst"
+    says += f" (gyro noise per segment {floor / DEG:.2g})" if np.isfinite(floor) else ""
+    do = "their turns count, with so much wider a sigma"
+    return [Finding("warning" if worst > floor else "note", log.path.name, BRIDGED, says, do)]
+
+
+def _gaps_text(bridges: tuple[Bridge, ...]) -> str:
+    gaps = [bridge for bridge in bridges if bridge.what == GAP]
+    if not gaps:
+        return ""
+    lost = sum(gap.count for gap in gaps)
+    return f"{lost} missing in {len(gaps)} gap{'s' * (len(gaps) != 1)}, the first at {gaps[0].at_s:.1f} s"
+
+
+def _peaks_text(bridges: tuple[Bridge, ...]) -> str:
+    peaks = [bridge for bridge in bridges if bridge.what == CLIPPED]
+    if not peaks:
+        return ""
+    axes = axes_text(np.any([peak.sigma_rad > 0 for peak in peaks], axis=0))
+    stood = sum(peak.count for peak in peaks)
+    return f"{stood} at the register's end on {axes}, the first at {peaks[0].at_s:.1f} s"
+
+
+# Impacts in turns: how many, the hardest, and how near to the turn's end.
+
+IMPACTS = "impacts"
+
+
+def check_impacts(where: str, samples: Samples, stills: list[Still], sensor: Sensor) -> list[Finding]:
+    """Of the turns between neighbouring stills, but for those that are broken besides; nothing where there is none."""
+    found = find_impacts(samples)
+    turns = [(first.stop, last.start) for first, last in pairwise(stills)] if found else []
+    turns = [(start, stop) for start, stop in turns if why_broken(samples, slice(start, stop + 1), sensor) is None]
+    hit = {number: [each for each in found if start <= each.row < stop] for number, (start, stop) in enumerate(turns)}
+    hit = {number: impacts for number, impacts in hit.items() if impacts}
+    if not hit:
+        return []
+    number, worst = max(((n, each) for n, impacts in hit.items() for each in impacts), key=lambda pair: pair[1].jump_g)
+    before_s = float(samples.t_s[turns[number][1]]) - worst.at_s
+    says = (
+        f"{len(hit)} of {len(turns)} turns hold one: specific force jumps by {JUMP_G:g} g or more from one reading to the next, "
+        f"most by {worst.jump_g:.1f} g at {worst.at_s:.1f} s, {before_s:.1f} s before the next rest"
+    )
+    do = "a softer stop or a slower hand; a fit weighs such turns by how they close"
+    return [Finding("note", where, IMPACTS, says, do)]
+
+
+# Logs of a board that had no sensor (docs/boards.md): made up, or played to it.
+
+#: as the board's comment in a log says who gave the samples
+SOURCE = "source"
+
+
+def check_standin(logs: tuple[Log, ...]) -> list[Finding]:
+    """A warning for each log or closure run without a sensor; an error where others are of one: together they calibrate nothing."""
+    found = [log for log in logs if log.comments.get(SOURCE) == STANDIN_NAME]
+    real = next((log.path.name for log in logs if log.comments.get(SOURCE) == SENSOR_NAME), None)
+    says = "the board had no sensor: these samples are made up, or were played to it"
+    if real is None:
+        return [Finding("warning", log.path.name, "sensor", says, "look at the board's wiring, and record again") for log in found]
+    return [Finding("error", log.path.name, "sensor", f"{says}; {real} is a sensor's", "take it out of the folder") for log in found]

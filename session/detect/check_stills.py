@@ -1,0 +1,441 @@
+"""Checks of stills, rest logs and temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
+from session.detect.events import knocked
+from session.detect.findings import Finding, xyz_text
+from session.detect.stills import Noise, Still, UnusedRest
+from session.io.config import Config, Sensor
+from session.io.errors import CalibrationError
+from session.io.logfile import Log
+from session.io.rests import RestLog, read_rest
+from session.io.sensors.profile import Profile
+from session.io.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+
+# Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
+
+NOISE_RATIO = 3.0  #: units differ by 1.4 at most
+GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
+GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
+MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
+ENOUGH_SEGMENTS = 13
+ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
+
+
+def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
+    """How many stills there are, how long, and those that are no reference; blind: the gyro shows no noise, which has been said."""
+    good = [still for still in stills if still.problem is None]
+    if not good:
+        do = "let go of the table for still_s between turns; is it vibrating?"
+        if blind:
+            do = "no still can be found while the gyro shows no noise: mend that first"
+        reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
+        return [Finding("error", where, "stills", reason, do)]
+    durations = np.array([still.duration_s for still in good])
+    says = f"{len(good)} of {durations.min():.1f} to {durations.max():.1f} s (median {np.median(durations):.1f})"
+    bumps = sum(still.bumps for still in good)
+    findings = [Finding("ok", where, "stills", says + (f", {bumps} bumps survived" if bumps else ""))]
+    bad = [(number, still) for number, still in enumerate(stills) if still.problem]
+    if bad:
+        listed = _first_few([f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad])
+        says = f"{len(bad)} of {len(stills)} are no reference: {listed}"
+        findings.append(Finding("warning", where, "not still", says, "their turns are joined over them; take the hand off the table"))
+    return findings
+
+
+def check_unused_rests(where: str, unused: Sequence[UnusedRest], stills: list[Still]) -> list[Finding]:
+    """Rests that became no still, each with its place and reason; those that are in the list of stills are said there."""
+    stood = {still.start_s for still in stills}
+    rests = [rest for rest in unused if rest.start_s not in stood]
+    if not rests:
+        return []
+    places = [f"at {rest.start_s:.1f} s ({rest.duration_s:.1f} s) {rest.cause}" for rest in rests]
+    says = f"{len(rests)} rest{'s' * (len(rests) != 1)} no reference: {_first_few(places)}"
+    return [Finding("note", where, "rests not used", says, "where a turn ends, take the hand off and wait for the whole of still_s")]
+
+
+def _first_few(texts: list[str]) -> str:
+    return "; ".join(texts[:MOST_LISTED]) + (f"; and {len(texts) - MOST_LISTED} more" if len(texts) > MOST_LISTED else "")
+
+
+def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[Finding]:
+    """Whether the turns can hold 12 parameters: gravity gives 2 angles each.
+
+    12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.
+    """
+    count = sum(max(0, sum(still.problem is None for still in stills) - 1) for stills in stills_per_log)
+    says = f"{count} turns from still to still, {2 * count} angles for 12 parameters"
+    if count >= ENOUGH_SEGMENTS:
+        return [Finding("ok", where, "turns", says)]
+    do = "record more turns, each to another attitude, both ways about each axis"
+    return [Finding("warning", where, "turns", f"{says}; expected {ENOUGH_SEGMENTS} turns or more", do)]
+
+
+def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:
+    """White noise in the stills against the sensor's own: of session.toml, else of its model; where neither tells, it is only said.
+
+    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it; what raises it is vibration of the table, and
+    then the stills are no longer still.
+    """
+    if noise is None:
+        return []
+    gyro, accel = _gyro_yardstick(sensor), _of_model(sensor, "accel_noise_ug_rthz")
+    mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
+    return [
+        _noise_finding(where, "gyro noise", xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz"),
+        _noise_finding(where, "accelerometer noise", xyz_text(ug, 0) + " ug/√Hz", ug, accel, ""),
+    ]
+
+
+def _gyro_yardstick(sensor: Sensor) -> tuple[str, float] | None:
+    """Who says it, and how much, mdps/sqrt(Hz)."""
+    if sensor.gyro_noise_mdps_rthz is not None:
+        return "session.toml says", sensor.gyro_noise_mdps_rthz
+    return _of_model(sensor, "gyro_noise_mdps_rthz")
+
+
+def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
+    typical = sensor.typical(figure)
+    return typical and (f"the {typical[0]} has", typical[1])
+
+
+def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, ask: str) -> Finding:
+    if yardstick is None:
+        return Finding("note", where, what, f"{says}; what this sensor should have is not known", ask)
+    who, expected = yardstick
+    ratio, says = found.max() / expected, f"{says}, {who} {expected:g}"
+    if ratio > NOISE_RATIO:
+        do = "not the sensor's noise: does the table, the floor or a fan vibrate? or wrong units"
+        return Finding("warning", where, what, f"{says}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})", do)
+    if found.min() < expected / NOISE_RATIO:
+        return Finding("note", where, what, f"{says}: less than it can be; averaged before logging, or wrong units?", "")
+    return Finding("ok", where, what, says, "")
+
+
+def check_zero_rate(where: str, stills: list[Still], sensor: Sensor) -> list[Finding]:
+    """The rate read at rest, median over the stills, against the greatest zero-rate level of a good part, where that is known."""
+    if not stills:
+        return []
+    bias = np.median([still.gyro_mean for still in stills], axis=0) / DEG
+    typical = sensor.typical("zero_rate_dps")
+    if typical is None:
+        return [Finding("note", where, "zero-rate level", f"{xyz_text(bias)} dps; what this sensor may have is not known")]
+    bar = typical[1]
+    says = f"{xyz_text(bias)} dps, bar {bar:g}"
+    if np.abs(bias).max() <= bar:
+        return [Finding("ok", where, "zero-rate level", says)]
+    return [
+        Finding("warning", where, "zero-rate level", says, "a calibration removes it; a unit that far off is worth a look, or the units")
+    ]
+
+
+def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float]:
+    """What the measured specific force must be multiplied by to make gravity right, among the usual mistakes.
+
+    Returns (factor, gravity's mean length with it, m/s^2).  The pre-calibration holds for right units only, so it is undone and
+    applied again for each candidate: 1, g for m/s^2 and the reverse, and the ratios of full scales.
+    """
+    found = np.array([still.accel_mean for still in stills])
+    measured = np.linalg.solve(config.accelerometer.matrix, found.T).T + config.accelerometer.bias_mps2
+    g, one = config.site.expected_gravity_mps2, STANDARD_GRAVITY_MPS2
+    candidates = [1.0, one, 1 / one, 1e3, 1e-3, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0]
+    lengths = [float(np.linalg.norm(config.accelerometer.correct(measured * c), axis=1).mean()) for c in candidates]
+    best = int(np.argmin([abs(np.log(max(length, 1e-300) / g)) for length in lengths]))
+    if abs(lengths[0] / g - 1) < GRAVITY_WRONG:
+        best = 0
+    return candidates[best], lengths[best]
+
+
+def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool = False) -> list[Finding]:
+    """Length of gravity in the stills against the site's, and its spread over attitudes.
+
+    The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the
+    pre-calibration leaves: a spread of s turns the measured vertical by about s/g, to be held against what the gyro's own
+    noise adds to a segment (angle random walk x sqrt(duration)).  A closure_run
+    rests in one attitude by protocol, so no others are asked for.
+    """
+    if not stills:
+        return []
+    lengths = np.array([still.gravity_mps2 for still in stills])
+    g = config.site.expected_gravity_mps2
+    off = lengths.mean() / g - 1
+    says = f"{lengths.mean():.4f} m/s² in the stills, {g:.4f} expected ({off:+.2%}, bar {GRAVITY_OK:.0%})"
+    if abs(off) <= GRAVITY_OK:
+        own = config.accelerometer.source == "stills"
+        findings = [Finding("ok", where, "gravity", says + (": it was fitted to that" if own else ""))]
+    elif abs(off) < GRAVITY_WRONG:
+        do = "is [accelerometer] of session.toml this sensor's pre-calibration?"
+        if config.accelerometer.source == "none":
+            do = "an accelerometer that nobody has calibrated may be so far off; rest it on all sides, and it is calibrated"
+        findings = [Finding("warning", where, "gravity", says, do)]
+    else:
+        return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
+    spread = float(lengths.std())
+    tilt = spread / lengths.mean()
+    floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(config.protocol.segment_s)
+    level = "warning" if tilt > 3 * floor else "note" if tilt > floor else "ok"
+    do = "calibrate the accelerometer again: the reference is worse than the gyro" if level != "ok" else ""
+    attitudes = attitudes_of(force_of(stills))
+    says = f"{spread / MG:.2f} mg over {_attitudes_text(stills, attitudes)}, worth {tilt / DEG:.4f} deg of tilt"
+    says += f"; gyro noise per segment {floor / DEG:.4f}"
+    if attitudes < ENOUGH_ATTITUDES and level == "ok" and not closure_run:
+        level, do = "note", f"it tells nothing of other attitudes: rest it in {ENOUGH_ATTITUDES} or more, on all sides"
+    if len(lengths) > 1:
+        findings.append(Finding(level, where, "gravity spread", says, do))
+    return findings
+
+
+def _attitudes_text(stills: list[Still], attitudes: int) -> str:
+    """How many stills lie in how many attitudes; where all are one, within which angle."""
+    if attitudes > 1:
+        return f"{len(stills)} stills in {attitudes} attitudes (more than {APART_RAD / DEG:.0f} deg apart)"
+    down = np.array([still.accel_mean / max(still.gravity_mps2, 1e-12) for still in stills])
+    middle = down.mean(axis=0) / max(float(np.linalg.norm(down.mean(axis=0))), 1e-12)
+    sine = np.linalg.norm(np.cross(down, middle), axis=1)
+    widest = 2 * float(np.arctan2(sine, down @ middle).max())
+    return f"{len(stills)} stills that are all one attitude (within {widest / DEG:.2g} deg)"
+
+
+def _unit_advice(factor: float, length: float, config: Config) -> str:
+    if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
+        return "no usual mistake of units explains it: look at the columns" + (
+            "" if config.accelerometer.source == "none" else ", and at [accelerometer] in session.toml"
+        )
+    if factor in (G, 1 / G):
+        have, want = ("g", "ax_mps2") if factor == G else ("m/s²", "ax_g")
+        return f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"
+    if factor in (1e3, 1e-3):
+        return f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
+    full_scale = factor * config.sensor.accel_fs_g
+    profile = config.sensor.profile
+    there = profile is None or profile.accel is None or full_scale in profile.accel
+    would = f"accel_fs_g = {full_scale:g} would make it {length:.3f}"
+    return f"a wrong full scale: {would}" + ("; correct session.toml, or what converted the log" if there else ", but no such range exists")
+
+
+# A temperature, and whether it is in degC: what a chip survives, what its thermometer can scatter, and the steps of its register.
+
+WHAT = "temperature"
+TEMP_CHANGE_C = 3.0
+#: degC that a chip survives, where nobody knows which chip it is
+CHIP_C = (-60.0, 150.0)
+#: where somebody lives who handles a sensor, degC
+HANDLED_C = (0.0, 60.0)
+#: a chip that warms itself in a closed case is hardly warmer; in Fahrenheit it is where a cool room is
+WARM_C = 55.0
+#: degC from sample to sample, rms: thermometers in such packages have 0.05 to 0.5, registers tens
+SCATTER_C, LEAST_READINGS = 2.0, 100
+#: of a register's step in another unit
+STEP_WITHIN = 0.02
+#: LSB, rms of the changes: a register of FINE_LSB_PER_C scatters by more, a number that somebody has converted moves in single steps
+SINGLE_STEPS, FINE_LSB_PER_C = 2.0, 100.0
+#: unit -> degC of a value of it
+OTHERS = {
+    "degC": lambda value: value,
+    "kelvin": lambda value: value - 273.15,
+    "Fahrenheit": lambda value: (value - 32) / 1.8,
+    "tenths of a degree": lambda value: value / 10,
+    "hundredths of a degree": lambda value: value / 100,
+    "thousandths of a degree": lambda value: value / 1000,
+}
+#: those in which a logger writes whole numbers that a register may have as well, and its scatter tells apart
+WRITTEN = ("degC", "tenths of a degree", "Fahrenheit", "kelvin")
+
+
+def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Finding]:
+    """Temperature there, in degC, and how far it moves.
+
+    A zero-rate level moves by some 0.01 dps/degC: 3 degC are 0.03 dps, or 0.15 deg over a turn of 5 s, ten times the noise.
+    """
+    temp_c, where = log.samples.temp_c, log.path.name
+    if temp_c is None:
+        return [Finding("note", where, WHAT, "not recorded: a bias that follows temperature cannot be told from drift")]
+    low, high = map(float, np.percentile(temp_c, [1, 99]))
+    if (other := _scatters(temp_c, sensor.profile) or other_unit(low, high, sensor.profile, _step(temp_c))) is not None:
+        level, says, do = other
+        return [Finding(level, where, WHAT, says, do)]
+    if log.raw and (converted := _converted(temp_c, sensor)) is not None:
+        return [Finding("note", where, WHAT, *converted)]
+    if np.ptp(temp_c) == 0:
+        return [Finding("note", where, WHAT, f"stands at {temp_c[0]:.2f} degC: is the register read?")]
+    means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
+    moved, says = np.ptp(means), f"{means.min():.1f} to {means.max():.1f} degC"
+    if moved > TEMP_CHANGE_C:
+        says += f", moved {moved:.1f} (bar {TEMP_CHANGE_C:g}): the bias is likely to follow"
+        return [Finding("note", where, WHAT, says, "let it warm up before, or let the fit include temperature")]
+    return [Finding("ok", where, WHAT, says)]
+
+
+def other_unit(low: float, high: float, profile: Profile | None, step: float = 0.0) -> tuple[str, str, str] | None:
+    """Level, words and advice where temperatures from low to high, as read in degC, seem to be in another unit; None where they do not.
+
+    step: of the column's values, 0 where it is not known.
+    """
+    works = CHIP_C if profile is None or profile.works_c is None else profile.works_c
+    if low < works[0] or high > works[1]:
+        whose = "a chip survives" if works is CHIP_C else "the sensor works from"
+        says = f"{low:.1f} to {high:.1f} degC; {whose} {works[0]:g} to {works[1]:g}"
+        register = None if profile is None else profile.thermometer
+        said = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
+        return "warning", says, f"{said}look at the column and its unit{units_of_people(low, high, profile)}"
+    if low < WARM_C or not _handled("Fahrenheit", low, high):
+        return None
+    says = f"{low:.1f} to {high:.1f} degC, which in Fahrenheit is {_words('Fahrenheit', low, high)}"
+    if _fahrenheit_steps(step, profile):
+        return "warning", f"{says}; its steps of {step:.4g} are those of this sensor's register in Fahrenheit", "write temp_c in degC"
+    return "note", says, "is the column in degC, as its name says?"
+
+
+def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, str] | None:
+    """A register, or noise: no thermometer in a package jumps so from sample to sample."""
+    if len(temp_c) < LEAST_READINGS:
+        return None
+    rms = float(np.sqrt(np.mean(np.square(np.clip(np.diff(temp_c), -1e4, 1e4))) / 2))
+    if rms <= SCATTER_C:
+        return None
+    low, high = map(float, np.percentile(temp_c, [1, 99]))
+    says = f"scatters by {rms:.3g} degC rms from sample to sample (bar {SCATTER_C:g}), {low:.0f} to {high:.0f}: no thermometer does"
+    return "warning", says, f"is it the raw register? then the column is called temp{units_of_people(low, high, profile)}"
+
+
+def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
+    """Words and advice where what is read as a fine register moves in single steps, and is a temperature as it stands: degC, read as
+    LSB, hide 255 of 256 parts of every change.  None where it scatters as a register does, or the register is coarse itself."""
+    register = sensor.register_units.thermometer
+    if register is None or abs(register.lsb_per_c) < FINE_LSB_PER_C or len(temp_c) < LEAST_READINGS:
+        return None
+    values = (temp_c - register.at_zero_c) * register.lsb_per_c
+    changes = np.diff(values)[np.abs(np.diff(values)) > 0.5]
+    if not len(changes) or np.sqrt(np.mean(np.square(changes))) > SINGLE_STEPS:
+        return None
+    low, high = map(float, np.percentile(values, [1, 99]))
+    read = [f"as {unit} {_words(unit, low, high)}" for unit in WRITTEN if _handled(unit, low, high)]
+    if not read:
+        return None
+    per_c, zero_c = register.lsb_per_c, register.at_zero_c
+    says = (
+        f"{temp_c.min():.2f} to {temp_c.max():.2f} degC in single steps of the register, {abs(per_c):.4g} per degC: no such thermometer "
+        f"is so quiet ({', '.join(read)})"
+    )
+    return says, f"does temp hold the register, as its name says? T degC stand there as (T - {zero_c:g}) * {per_c:.6g}"
+
+
+def units_of_people(low: float, high: float, profile: Profile | None) -> str:
+    """The units in which the values would be where people are: `` (in kelvin 24.9 to 25.3 degC)``."""
+    said = [f"in {unit} {_words(unit, low, high)}" for unit in OTHERS if unit != "degC" and _handled(unit, low, high)]
+    if profile is not None and profile.thermometer is not None:
+        register = profile.thermometer
+        ends = [register.at_zero_c + value / register.lsb_per_c for value in (low, high)]
+        if HANDLED_C[0] <= min(ends) and max(ends) <= HANDLED_C[1]:
+            said.append(f"as this sensor's register {ends[0]:.1f} to {ends[1]:.1f} degC")
+    return f" ({'; '.join(said)})" if said else ""
+
+
+def _words(unit: str, low: float, high: float) -> str:
+    return f"{OTHERS[unit](low):.1f} to {OTHERS[unit](high):.1f} degC"
+
+
+def _handled(unit: str, low: float, high: float) -> bool:
+    return HANDLED_C[0] <= OTHERS[unit](low) and OTHERS[unit](high) <= HANDLED_C[1]
+
+
+def _fahrenheit_steps(step: float, profile: Profile | None) -> bool:
+    if profile is None or profile.thermometer is None:
+        return False
+    return abs(step * abs(profile.thermometer.lsb_per_c) / 1.8 - 1) < STEP_WITHIN
+
+
+def _step(values: np.ndarray) -> float:
+    """The smallest difference between neighbours, beyond rounding; 0 where nothing moves."""
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 1e-9]
+    return float(np.quantile(steps, 0.01)) if len(steps) else 0.0
+
+
+# The first look at a rest log: was it still throughout, is it in the units that it says, and how far did the temperature go?
+
+#: of one g: what an accelerometer that nobody has calibrated may read at rest
+GRAVITY_WITHIN = 0.3
+#: degrees within a minute: more than an accelerometer's zero can do by temperature (1.5 mg/degC, 5 degC a minute: 0.4)
+TILT_DEG, TILT_BLOCKS = 0.5, 30
+#: share of blocks that may be left out before the log was not at rest at all
+KNOCKED_SHARE = 0.2
+#: degC: what a rest log must cover before a dependence on temperature can be told from one on time
+LEAST_RANGE_C = 5.0
+
+
+def check_rests(paths: tuple[Path, ...], sensor: Sensor) -> list[Finding]:
+    """Of rest logs as files; one that cannot be read is an error among the findings."""
+    findings: list[Finding] = []
+    for path in paths:
+        try:
+            findings += check_rest(read_rest(path, sensor))
+        except CalibrationError as error:
+            findings.append(Finding("error", path.name, "reading", str(error)))
+    return findings
+
+
+def check_rest(log: RestLog) -> list[Finding]:
+    """What to know of one rest log; an ``error`` where nothing can be made of it."""
+    where = log.path.name
+    findings = [Finding("note", where, "reading", note) for note in log.notes]
+    return [*findings, _gravity(log, where), _still(log, where), *_attitude(log, where), _temperature(log, where)]
+
+
+def _gravity(log: RestLog, where: str) -> Finding:
+    length_g = float(np.median(np.linalg.norm(log.accel, axis=1))) / G
+    said = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
+    if abs(length_g - 1) <= GRAVITY_WITHIN:
+        return Finding("ok", where, "gravity", said)
+    return Finding("error", where, "gravity", said, "is the accelerometer's unit or full scale right, and does the sensor lie still?")
+
+
+def _still(log: RestLog, where: str) -> Finding:
+    out = knocked(log)
+    share = float(out.mean())
+    if share > KNOCKED_SHARE:
+        said = f"{100 * share:.0f} % of the time is more restless than the rest (at most {100 * KNOCKED_SHARE:.0f} %)"
+        return Finding("error", where, "stillness", said, "let the sensor lie where nobody walks, and nothing runs")
+    if not out.any():
+        return Finding("ok", where, "stillness", f"still for all of {log.duration_s:.0f} s")
+    times = ", ".join(f"{t:.0f}" for t in log.t_s[np.flatnonzero(np.diff(out.astype(int), prepend=0) > 0)][:6])
+    said = f"knocks at {times} s{'' if np.count_nonzero(np.diff(out.astype(int), prepend=0) > 0) <= 6 else ' and later'}"
+    return Finding("note", where, "stillness", f"{said}: {np.count_nonzero(out) * log.block_s:.0f} s are left out")
+
+
+def _attitude(log: RestLog, where: str) -> list[Finding]:
+    """A sensor that was put down otherwise reads another share of the Earth's rate, and of gravity."""
+    if len(log) < 2 * TILT_BLOCKS:
+        return []
+    means = np.array([np.median(part, axis=0) for part in np.array_split(log.accel, len(log) // TILT_BLOCKS)])
+    means /= np.linalg.norm(means, axis=1)[:, None]
+    tilts = np.linalg.norm(np.cross(means[1:], means[:-1]), axis=1) / DEG
+    worst = int(np.argmax(tilts))
+    if tilts[worst] <= TILT_DEG:
+        return []
+    at_s = float(log.t_s[min((worst + 1) * TILT_BLOCKS, len(log) - 1)])
+    said = f"tilts by {tilts[worst]:.2f}° around {at_s:.0f} s (at most {TILT_DEG:g}° within {2 * TILT_BLOCKS * log.block_s:.0f} s)"
+    return [Finding("warning", where, "attitude", said, "fix the sensor to something heavy; split the log where it was moved")]
+
+
+def _temperature(log: RestLog, where: str) -> Finding:
+    if not log.has_temperature:
+        do = "log the sensor's temperature beside the rates (temp, or temp_c)"
+        return Finding("warning", where, "temperature", "no column of it: noise alone can be told", do)
+    low, high = float(log.temp_c.min()), float(log.temp_c.max())
+    said = f"{low:.1f} to {high:.1f} °C"
+    if low < CHIP_C[0] or high > CHIP_C[1]:
+        do = f"is the column's unit right? temp_c is in °C{units_of_people(low, high, None)}"
+        return Finding("error", where, "temperature", f"{said}, where no chip lives", do)
+    if (other := other_unit(low, high, None)) is not None:
+        return Finding(other[0], where, "temperature", *other[1:])
+    if high - low < LEAST_RANGE_C:
+        do = "let it go through the temperatures of its use, up and down"
+        return Finding("warning", where, "temperature", f"{said}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)
+    return Finding("ok", where, "temperature", said)

@@ -1,0 +1,293 @@
+"""Checks of time: the data rate, stamps, and motion faster than half the data rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from session.detect.findings import Finding
+from session.detect.segments import pace_of, why_broken
+from session.detect.stills import Noise, Still
+from session.io.config import Config, Sensor
+from session.io.logfile import Log
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+
+# Checks of time itself: the data rate by the stamps, stamps that were counted and not measured, a time column in another unit.
+
+ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual
+ODR_WRONG = 0.10  #: beyond what parts were seen to have (5 %): another rate is set than the one declared
+ODR_CLOCKS = 0.005  #: INTERNAL_FREQ_FINE's step 0.15 % and the host clock's 0.3 %
+#: of a period, by which all stamps lie on multiples of the declared period where they are counted.  A clock of its own that is only
+#: 1 ppm off leaves this after 1000 samples
+COUNTED_WITHIN, LEAST_COUNTED = 1e-3, 1000
+#: by which a time column in another unit runs too fast or too slow
+UNIT_FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
+#: degC per second over a whole log: soldering heats no package faster (J-STD-020, ramp-up 3 degC/s at most)
+FASTEST_C_PER_S, BLOCKS = 3.0, 8
+
+FASTER = {1e3: "us that are read as ns, ms as us, or s as ms", 1e6: "ms that are read as ns, or s as us", 1e9: "s that are read as ns"}
+SLOWER = {1e3: "ns that are read as us, us as ms, or ms as s", 1e6: "ns that are read as ms, or us as s", 1e9: "ns that are read as s"}
+
+
+def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
+    """The true output data rate, from the stamps, against the declared one and the log's ``odr_hz=``.
+
+    The nominal rate is only that: an ASM330LHH's oscillator is off by up to 5 %.  Rates are integrated with the stamps, so a true
+    rate that differs does no harm; stamps that are wrong are a scale error of the same size.
+    """
+    where, true_hz = log.path.name, pace_of(log.samples.t_ns).rate_hz
+    if (wrong := unit_factor(true_hz, sensor.odr_hz)) is not None:
+        return [_wrong_unit(where, true_hz, sensor, wrong)]
+    findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]
+    said_hz = _number(log.comments.get("odr_hz"))
+    if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
+        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
+        findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
+    return findings
+
+
+def _against_declared(where: str, true_hz: float, sensor: Sensor) -> Finding:
+    off, profile = true_hz / sensor.odr_hz - 1, sensor.profile
+    says = f"{true_hz:.2f} Hz by the stamps, {sensor.odr_hz:g} Hz declared ({off:+.1%})"
+    if abs(off) <= ODR_WRONG:
+        level = "note" if abs(off) > ODR_UNIT_SPREAD else "ok"
+        return Finding(level, where, "sample rate", says + ("; the stamps are used" if level == "note" else ""))
+    near = None if profile is None else profile.nearest_hz(true_hz)
+    otherwise = "or the stamps are not the device's time: then every rate is wrong by this much"
+    if profile is None or near is None:
+        says += "; the stamps are used, and how far this sensor's clock may be off is not known"
+        return Finding("warning", where, "sample rate", says, f"correct odr_hz; {otherwise}")
+    fits = f"the sensor has {near:g} Hz: correct odr_hz" if abs(true_hz / near - 1) < ODR_WRONG else "no rate of the sensor fits"
+    if profile.clock_within is not None:
+        says += f"; parts differ by {100 * profile.clock_within.value:g} % at most"
+    return Finding("error", where, "sample rate", says, f"{fits}; {otherwise}")
+
+
+def _counted(log: Log, sensor: Sensor) -> Finding | None:
+    """Stamps that say nothing of the true rate: the log says so, or each is a multiple of the declared period."""
+    said = log.comments.get("stamps") == "counted"
+    if not said and (log.in_memory or not _looks_counted(log.samples, sensor.odr_hz)):
+        return None
+    why = "the log had no stamps, its samples were counted" if said else "and every step exactly so: they look counted, not measured"
+    says = f"{sensor.odr_hz:g} Hz as declared, {why}; the true rate is not known"
+    do = "a true rate that differs is a scale error of the same size; log the device's own time"
+    return Finding("note", log.path.name, "sample rate", says, do)
+
+
+def _looks_counted(samples: Samples, odr_hz: float) -> bool:
+    if len(samples) < LEAST_COUNTED or abs(samples.period_s * odr_hz - 1) > COUNTED_WITHIN:
+        return False
+    periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * NS)
+    return bool(np.abs(periods - np.rint(periods)).max() <= COUNTED_WITHIN)
+
+
+def unit_factor(true_hz: float, declared_hz: float) -> float | None:
+    """By which time runs too fast (beyond 1) or too slow, where a wrong unit of the time column explains it; else None."""
+    ratio = true_hz / declared_hz
+    return next((factor for factor in UNIT_FACTORS if abs(ratio / factor - 1) <= ODR_WRONG), None)
+
+
+def _wrong_unit(where: str, true_hz: float, sensor: Sensor, factor: float) -> Finding:
+    fast = factor > 1
+    times = round(factor if fast else 1 / factor)
+    says = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
+    do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of replay"
+    return Finding("error", where, "time unit", says, do)
+
+
+def check_warming(log: Log) -> list[Finding]:
+    """A temperature that moves faster than any sensor's can: then it is time that is wrong."""
+    samples = log.samples
+    if samples.temp_c is None or len(samples) < 2 * BLOCKS or samples.duration_s <= 0:
+        return []
+    means = np.array([block.mean() for block in np.array_split(samples.temp_c, BLOCKS)])
+    moved, over_s = float(np.ptp(means)), samples.duration_s * (1 - 1 / BLOCKS)
+    if moved / over_s <= FASTEST_C_PER_S:
+        return []
+    says = f"{moved:.0f} degC within {over_s:.3g} s, bar {FASTEST_C_PER_S:g} degC/s: no sensor warms or cools so fast"
+    return [Finding("warning", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? is the temperature's?")]
+
+
+def check_length(log: Log, segment_s: float) -> list[Finding]:
+    """A log in which nothing rests, and which is over before one segment could be: time may be in another unit."""
+    lasts_s = log.samples.duration_s
+    if lasts_s >= segment_s:
+        return []
+    says = f"no still and no turn: all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
+    return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None
+
+
+# Motion faster than half the data rate: what the readings of a turn miss of it, told from fewer of them.
+#
+# A turn is the sum of its readings.  Every k-th, taken alone, misses more; of a spectrum that falls as a power of frequency,
+#
+#     |sum of every k-th - sum of all|^2 = (k^2p - 1) E^2,
+#
+# E what all readings miss.  White noise is thinned out as well, and its share is known: it is taken off.
+
+#: every 2nd, 3rd and 4th reading: more leave too few in a quick turn
+STEPS = (2, 3, 4)
+#: exponents that are searched; hands have 1.35 to 2.5, what noise or a false reading adds has 0.5
+EXPONENTS = (0.25, 4.0)
+LEAST_EXPONENT = 1.0
+#: rows of rest at either end of a turn: every 4th reading then begins and ends at rest
+MARGIN = 4
+#: of the floor: less than that is nothing
+LEAST_SAID = 0.1
+#: fewer turns tell no exponent
+LEAST_TURNS = 5
+#: rows that are looked at together
+AT_ONCE = 1 << 19
+#: times the usual turn's error: beyond it, it is that turn's own fault
+MOST = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """error_rad (S,): what each of S turns misses of its tilt at the data rate, rate_hz; exponent p; floor_rad: rms over the turns of
+    what white noise alone makes of it."""
+
+    error_rad: np.ndarray
+    exponent: float
+    floor_rad: float
+    rate_hz: float
+
+    @property
+    def rms_rad(self) -> float:
+        """Over all turns; a false reading in one of them does not count for more than that turn can."""
+        return float(np.sqrt(np.mean(capped(self.error_rad) ** 2)))
+
+    @property
+    def rate_needed_hz(self) -> float:
+        """The data rate at which the rms would be down at the floor."""
+        return float(self.rate_hz * (self.rms_rad / self.floor_rad) ** (1 / self.exponent))
+
+
+def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, config: Config) -> list[Finding]:
+    """Against what white noise makes of a turn: angle random walk x sqrt(duration).
+
+    Nothing is said where too few turns tell it, or where what is above that does not grow with the step as motion does.
+    """
+    if noise is None:
+        return []
+    turns = [(a, b) for a, b in pairwise(stills) if why_broken(log.samples, slice(a.stop, b.start + 1), config.sensor) is None]
+    missed = missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
+    if missed is None:
+        return []
+    where, what, half_hz = log.path.name, "fast motion", missed.rate_hz / 2
+    error, floor = (f"{angle / DEG:.2g}°" for angle in (missed.rms_rad, missed.floor_rad))
+    if missed.rms_rad <= missed.floor_rad:
+        by = f"by about {error} rms" if missed.rms_rad > LEAST_SAID * missed.floor_rad else "nothing"
+        says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
+        return [Finding("ok", where, what, says)]
+    if missed.exponent < LEAST_EXPONENT:
+        return []
+    says = (
+        f"motion faster than {half_hz:.3g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
+        f"(less if the sensor filters it); white noise makes {floor}"
+    )
+    do = f"{missed.rate_needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
+    return [Finding("warning", where, what, says, do)]
+
+
+def missed_of_turns(samples: Samples, turns: list[tuple[Still, Still]], noise: Noise, segment_s: float) -> Missed | None:
+    """What all readings miss of the turns between these pairs of stills; None where they are too few.
+
+    The floor is that of a segment, which lasts ``segment_s`` or as long as the turn.
+    """
+    if len(turns) < LEAST_TURNS:
+        return None
+    rows = np.array([[max(a.start, a.stop - 1 - MARGIN), min(b.stop - 1, b.start + MARGIN)] for a, b in turns]).T
+    down = np.array([[a.accel_mean / max(a.gravity_mps2, 1e-12), b.accel_mean / max(b.gravity_mps2, 1e-12)] for a, b in turns])
+    # Beyond the stills' mean rate: sums over a log of hours then stay small.
+    rest = np.mean([still.gyro_mean for turn in turns for still in turn], axis=0)
+    walk = np.mean(noise.angle_random_walk**2)
+    lasts_s = np.empty(len(turns))
+    square = np.empty((len(STEPS), len(turns)))
+    for some, looked_at in _together(rows, len(samples)):
+        rate, t_s = samples.gyro[looked_at] - rest, (samples.t_ns[looked_at] - samples.t_ns[0]) * NS
+        ends = np.searchsorted(looked_at, rows[:, some])
+        lasts_s[some] = t_s[ends[1]] - t_s[ends[0]]
+        whole = _sums(rate, t_s, ends, looked_at, 1, 0)
+        for number, step in enumerate(STEPS):
+            apart = [_tilt_square(_sums(rate, t_s, ends, looked_at, step, offset) - whole, down[some]) for offset in range(step)]
+            square[number, some] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s[some]
+    exponent = thinning_exponent(square)
+    error = np.sqrt(np.maximum(np.mean(square / thinning_weights(exponent)[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
+    return Missed(error, exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s)))), 1 / samples.period_s)
+
+
+def _together(rows: np.ndarray, count: int) -> Iterator[tuple[slice, np.ndarray]]:
+    """Turns from the first to the last of rows (2, S), and the rows of the log that are looked at for them: all, or of a long log the
+    turns' own, so many at a time."""
+    if count <= AT_ONCE:
+        yield slice(0, rows.shape[1]), np.arange(count)
+        return
+    behind = np.cumsum(rows[1] - rows[0] + 1) // AT_ONCE
+    edges = [0, *(np.flatnonzero(np.diff(behind)) + 1).tolist(), rows.shape[1]]
+    for first, last in pairwise(edges):
+        mine = rows[:, first:last]
+        begin = int(mine.min())
+        looked_at = np.zeros(int(mine.max()) + 1 - begin, dtype=bool)
+        for a, b in (mine - begin).T.tolist():
+            looked_at[a : b + 1] = True
+        yield slice(first, last), np.flatnonzero(looked_at) + begin
+
+
+def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, looked_at: np.ndarray, step: int, offset: int) -> np.ndarray:
+    """(S, 3) rad: the readings (N, 3) rad/s from the first to the last of rows (2, S), every ``step``-th and both ends, by trapezoids;
+    looked_at (N,): their rows in the log, by which every ``step``-th is counted."""
+    kept = np.flatnonzero((looked_at - offset) % step == 0)
+    some, at_s = rate[kept], t_s[kept]
+    running = np.concatenate([np.zeros((1, 3)), np.cumsum((some[1:] + some[:-1]) * (np.diff(at_s) / 2)[:, None], axis=0)])
+    first, last = rows
+    begin, end = np.searchsorted(kept, first), np.searchsorted(kept, last, side="right") - 1
+    before = (rate[first] + some[begin]) * ((at_s[begin] - t_s[first]) / 2)[:, None]
+    after = (rate[last] + some[end]) * ((t_s[last] - at_s[end]) / 2)[:, None]
+    return running[end] - running[begin] + before + after
+
+
+def _tilt_square(vector: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(S,) of vectors (S, 3) in body axes, without their part along gravity (S, 2, 3) before and after the turn.
+
+    Of a turn about one axis both are the same, and the same as at any moment between: its attitudes are not needed.
+    """
+    return np.sum(vector**2, axis=1) - np.mean(np.einsum("sij,sj->si", down, vector) ** 2, axis=1)
+
+
+def capped(error_rad: np.ndarray) -> np.ndarray:
+    """(S,) of errors (S,) >= 0, one a turn: none larger than ``MOST`` times their median, so that a false reading in one turn does not
+    count for more than that turn can."""
+    return np.minimum(error_rad, MOST * np.median(error_rad))
+
+
+def thinning_weights(exponent: float) -> np.ndarray:
+    """(K,) of each k in ``STEPS``: k^2p - 1, the square of what every k-th reading misses beyond all of them, in squares of what all
+    miss."""
+    return np.array(STEPS, dtype=float) ** (2 * exponent) - 1
+
+
+def thinning_exponent(square: np.ndarray) -> float:
+    """p of squares (K, S) rad^2 that follow k^2p - 1: K steps of ``STEPS``, S turns, white noise's share taken off.
+
+    Least squares of the logarithms of their means over the usual turns (none beyond ``MOST`` times the median), p from ``EXPONENTS``;
+    0 where at some step nothing is beyond noise.
+    """
+    size = square.sum(axis=0)
+    mean = square[:, size <= MOST**2 * max(float(np.median(size)), 0.0)].mean(axis=1) if (size > 0).any() else np.zeros(len(square))
+    if not (mean > 0).all():
+        return 0.0
+    tried = np.linspace(*EXPONENTS, 151)
+    law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
+    return float(tried[np.argmin(np.var(np.log(mean)[None] - law, axis=1))])

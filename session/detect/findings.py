@@ -1,0 +1,60 @@
+"""What a check has to say: one record, and the text helpers that the checks share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from session.io.errors import DataError
+from session.io.texts import printable
+
+LEVELS = ("ok", "note", "warning", "error")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One result of one check.
+
+    level: ``ok`` within its bar, ``note`` worth knowing, ``warning`` costs accuracy, ``error`` makes the calibration wrong;
+    where: the file, or the folder's part; what: the check's short name; says: the measured number with its bar;
+    do: what to do about it, or nothing.
+    """
+
+    level: str
+    where: str
+    what: str
+    says: str
+    do: str = ""
+
+    def __post_init__(self) -> None:
+        if self.level not in LEVELS:
+            raise ValueError(f"level is {self.level!r}, expected one of {', '.join(LEVELS)}")
+        for name in ("where", "says", "do"):  # they may quote a file
+            object.__setattr__(self, name, printable(getattr(self, name)))
+
+    @property
+    def line(self) -> str:
+        """All of it in a line, but for the level."""
+        return f"{self.where}: {self.what}: {self.says}" + (f"; {self.do}" if self.do else "")
+
+
+def worst(findings: Iterable[Finding]) -> str:
+    """The most serious level among findings; ``ok`` where there are none."""
+    return max((finding.level for finding in findings), key=LEVELS.index, default="ok")
+
+
+def axes_text(flags: Iterable[bool]) -> str:
+    """Names of the axes (3,) whose flag is set: ``x, z``."""
+    return ", ".join(axis for axis, flag in zip("xyz", flags, strict=True) if flag)
+
+
+def xyz_text(values: Iterable[float], digits: int = 2) -> str:
+    """Three numbers for a person: ``0.31, -1.20, 0.05``."""
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def stop_at_errors(findings: list[Finding]) -> None:
+    """A calibration fitted to wrong units or axes is worse than none."""
+    for finding in findings:
+        if finding.level == "error":
+            raise DataError(finding.line)

@@ -1,0 +1,210 @@
+"""The first look at a session: everything that has burnt users before, tested before anything is fitted.
+
+Each check returns findings: a measured number, the bar it was held against, what to do.  The bars come from physics and the
+datasheet, not from recordings.  Order: the log by itself, then its stills, then the gyroscope against gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from session.detect.axes import check_axes
+from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
+from session.detect.check_samples import (
+    ENOUGH_CLEAN,
+    Ceiling,
+    ceiling_finding,
+    check_bridges,
+    check_comments,
+    check_copies,
+    check_dead,
+    check_impacts,
+    check_quantised,
+    check_reading,
+    check_registers,
+    check_repeated_gravity,
+    check_stamps,
+    check_standin,
+    clean_turns,
+    find_ceiling,
+)
+from session.detect.check_stills import (
+    accel_unit_factor,
+    check_gravity,
+    check_noise,
+    check_rests,
+    check_segment_count,
+    check_stills,
+    check_temperature,
+    check_unused_rests,
+    check_zero_rate,
+)
+from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
+from session.detect.findings import Finding, worst
+from session.detect.segments import moments_of
+from session.detect.stills import Noise, SessionStills, Still, UnusedRest
+from session.io.config import Config, read_config
+from session.io.errors import CalibrationError
+from session.io.folder import Session, log_paths, read_session
+from session.io.logfile import Log, read_log
+from session.io.samples import Samples, mapped, times
+from session.io.units import NS
+
+__all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
+
+
+def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None, unused: Sequence[UnusedRest] = ()) -> list[Finding]:
+    """All checks of one log; stills, noise and rests that are none as ``SessionStills`` found them."""
+    config, where = session.config, log.path.name
+    good = [still for still in stills if still.problem is None]
+    missing_accel = session.truths is not None
+    findings = [
+        *check_reading(log),
+        *check_comments(log, config.sensor),
+        *check_rate(log, config.sensor),
+        *check_stamps(log, noise, config.protocol.segment_s),
+        *check_registers(log, config.sensor, good, missing_accel),
+        *check_bridges(log, config.sensor, good, noise, config.protocol.segment_s),
+        *check_dead(log, missing_accel),
+        *check_temperature(log, good, config.sensor),
+        *check_warming(log),
+    ]
+    if session.truths is not None and log in session.logs:
+        # Where something better than gravity is the reference, nothing has to be still.
+        return findings + check_truth(log, session.truths[session.logs.index(log)], config)
+    ceiling = find_ceiling(log.samples.gyro)
+    if not good:
+        findings += check_length(log, config.protocol.segment_s)
+    if not good and ceiling is not None:
+        return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
+    coarse = [] if good else check_quantised(log, config.sensor)
+    stuck = bool((np.ptp(log.samples.gyro, axis=0) == 0).any())
+    findings += coarse + check_stills(where, stills, bool(coarse) or stuck) + check_unused_rests(where, unused, stills)
+    if not good:
+        return findings
+    factor, _ = accel_unit_factor(good, config)
+    force = mapped(mapped(log.samples.accel, times(factor)), config.accelerometer.correct)
+    return [
+        *findings,
+        *check_repeated_gravity(log, noise),
+        *check_noise(where, noise, config.sensor),
+        *check_zero_rate(where, good, config.sensor),
+        *check_gravity(where, good, config, noise, closure_run=log in session.closures),
+        *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
+        *check_undersampling(log, good, noise, config),
+        *check_impacts(where, log.samples.with_accel(force), good, config.sensor),
+    ]
+
+
+def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: list[Still], config: Config) -> list[Finding]:
+    """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
+    clean, turns = clean_turns(ceiling, stills)
+    skip = ceiling.at if ceiling is not None and clean >= ENOUGH_CLEAN else None
+    findings = check_axes(log.path.name, samples, stills, config, log.raw, skip)
+    spoilt = ceiling is not None and clean < min(turns, ENOUGH_CLEAN) and worst(findings) != "ok"
+    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt and ceiling is not None else findings
+
+
+def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[Finding]] | None = None) -> list[Finding]:
+    """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings.
+
+    further: a look at the whole session, as it is read, and its stills, that is taken where nothing is an error.
+    """
+    findings: list[Finding] = []
+    if (rests := _rests_alone(folder)) is not None:
+        return rests
+    try:
+        session: Session | None = read_session(folder)
+    except CalibrationError as error:
+        session, findings = _read_what_there_is(folder, error)
+    if session is None:
+        return findings
+    session, own = with_own_accelerometer(session)
+    session, aligned = with_aligned_truth(session)
+    found = SessionStills(session)
+    findings += own + aligned + check_session(session, found)
+    if further is not None and worst(findings) != "error":
+        findings += further(session, found)
+    return findings + check_rests(session.rests, session.config.sensor)
+
+
+def _rests_alone(folder: Path) -> list[Finding] | None:
+    """All findings of a folder that holds rest logs and nothing that was turned; None of any other."""
+    try:
+        if log_paths(folder, "log") or not (paths := log_paths(folder, "rest")):
+            return None
+        config = read_config(folder / "session.toml")
+    except CalibrationError:
+        return None  # the reading of the session says it
+    return check_keys(config) + check_rests(tuple(paths), config.sensor)
+
+
+def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
+    """The first look at every log and closure run of a session that could be read; ``found`` is what others will ask for its stills."""
+    found = found or SessionStills(session)
+    logs, all_stills = (*session.logs, *session.closures), []
+    findings = check_keys(session.config) + check_copies(logs) + check_standin(logs)
+    for log in logs:
+        here = found.of(log)
+        unused = here.unused if log in session.logs and session.truths is None else ()
+        findings += first_look(session, log, here.stills, here.noise, unused)
+        if log in session.logs:
+            all_stills.append(here.stills)
+    findings += check_excluded(session)
+    if all_stills and session.truths is None:
+        findings += check_segment_count(session.name, all_stills)
+    return findings + check_dials(session, found) + check_known_turns(session, found)
+
+
+def check_keys(config: Config) -> list[Finding]:
+    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
+    findings = []
+    if not config.model_given:
+        says = f"sensor.model is not given: what is read and judged here is taken for an {config.sensor.model}'s"
+        findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
+    for key, near in config.unknown:
+        do = f"did you mean {near}?" if near else "remove it"
+        findings.append(Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", do))
+    return findings
+
+
+def check_excluded(session: Session) -> list[Finding]:
+    """Turns that session.toml leaves out, in logs that are not there, or outside of them."""
+    findings = []
+    for row in session.config.exclude:
+        mine = [log.samples for log in session.logs if moments_of(log.path, [row])]
+        if not any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
+            says = f"{row.log} at {row.at_s:g} s is left out, " + (
+                "which lies outside of it" if mine else "which is no log of this session"
+            )
+            findings.append(
+                Finding("warning", "session.toml", "exclude", says, "correct log and at_s (s of the log's clock), or remove it")
+            )
+    return findings
+
+
+def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:
+    """The session without what cannot be read, and why not; ``error`` is what stopped the reading of the whole."""
+
+    def finding(where: str, error: CalibrationError) -> Finding:
+        return Finding("error", where, "reading", str(error))
+
+    try:
+        config = read_config(folder / "session.toml")
+        paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
+    except CalibrationError:
+        return None, [finding(folder.name, error)]
+    logs: dict[str, list[Log]] = {"log": [], "closure": []}
+    findings: list[Finding] = []
+    for stem in paths:
+        for path in paths[stem]:
+            try:
+                logs[stem].append(read_log(path, config.sensor))
+            except CalibrationError as reason:
+                findings.append(finding(path.name, reason))
+    if not findings:  # the logs are readable: it was the dial readings, or there is no log
+        findings.append(finding(folder.name, error))
+    return Session(folder, config, tuple(logs["log"]), tuple(logs["closure"])), findings

@@ -1,0 +1,580 @@
+"""Align a truth file with its log: clock, frame and mounting from gravity and the gyroscope's rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product as combinations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from session.io.config import (
+    ASSUMED,
+    FOUND,
+    FRAMES,
+    GIVEN,
+    ORDERS,
+    SENSES,
+    TruthAlignment,
+    TruthGiven,
+    TruthReading,
+    down_of,
+    inverse,
+    product,
+    quaternion,
+)
+from session.io.folder import Session
+from session.io.logfile import Truth
+from session.io.samples import Samples
+from session.io.units import DEG, NS, NS_PER_S
+
+# Short spans between moments of truth, and what the gyro makes of them at any offset of the truth's clock.
+
+#: as short as the truth allows: there the rates are greatest beside what the truth is wrong by
+SPAN_S = 0.5
+#: over more, what is left of a bias of some dps turns too far to be a correction
+LONGEST_S = 10.0
+#: spans that are looked at; they overlap where the truth has more moments, which averages its noise
+MOST_SPANS = 6000
+#: a step between samples that is longer than this many periods has no rate in it
+GAP_PERIODS = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """One log's attitude, carried by the gyro alone: t_s (N,) since its first sample, rate (N, 3), q (N, 4) from the identity, gaps (N,)
+    counted up to each sample."""
+
+    t_s: np.ndarray
+    rate: np.ndarray
+    q: np.ndarray
+    gaps: np.ndarray
+
+    def at(self, t_s: np.ndarray) -> np.ndarray:
+        """(K, 4): attitude at any times, from the nearest sample by the rate that is straight to its neighbour, or holds beside a gap."""
+        row, late = self._nearest(t_s)
+        return product(self.q[row], turn((self.rate[row] + self._slope(row, late) * late[:, None] / 2) * late[:, None]))
+
+    def rate_at(self, t_s: np.ndarray) -> np.ndarray:
+        """(K, 3) rad/s, likewise."""
+        row, late = self._nearest(t_s)
+        return self.rate[row] + self._slope(row, late) * late[:, None]
+
+    def _nearest(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(K,) rows, and s by which each time is later than its own."""
+        after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
+        row = after - (t_s - self.t_s[after - 1] < self.t_s[after] - t_s)
+        return row, t_s - self.t_s[row]
+
+    def _slope(self, row: np.ndarray, late: np.ndarray) -> np.ndarray:
+        other = np.clip(row + np.where(late < 0, -1, 1), 0, len(self.t_s) - 1)
+        step = self.t_s[other] - self.t_s[row]
+        known = (self.gaps[other] == self.gaps[row]) & (step != 0)
+        return np.where(known[:, None], self.rate[other] - self.rate[row], 0.0) / np.where(known, step, 1.0)[:, None]
+
+    @cached_property
+    def _period_s(self) -> float:
+        return float(np.median(np.diff(self.t_s)))
+
+    def whole(self, begin_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
+        """(K,) bool: whether the log has all samples from each begin to its end, within a period."""
+        (first, early), (last, late) = self._nearest(begin_s), self._nearest(end_s)
+        return (np.maximum(np.abs(early), np.abs(late)) < self._period_s) & (self.gaps[first] == self.gaps[last]) & (last > first)
+
+
+def carried(samples: Samples, rate: np.ndarray) -> Carried:
+    """A log's attitude by rates (N, 3) rad/s: exact for a mean rate between samples, with the coning of a straight one."""
+    dt = samples.dt_s
+    steps = (rate[1:] + rate[:-1]) / 2 * dt[:, None] + np.cross(rate[:-1], rate[1:]) * (dt**2 / 12)[:, None]
+    q = np.concatenate([[[1.0, 0, 0, 0]], turn(steps)])
+    reach = 1
+    while reach < len(q):  # products of all that came before, doubling the reach
+        q = np.concatenate([q[:reach], product(q[:-reach], q[reach:])])
+        reach *= 2
+    gaps = np.concatenate([[0], np.cumsum(dt > GAP_PERIODS * samples.period_s)])
+    return Carried(samples.t_s, rate, q / np.linalg.norm(q, axis=1, keepdims=True), gaps)
+
+
+def turn(vector: np.ndarray) -> np.ndarray:
+    """(K, 4) of rotation vectors (K, 3) rad."""
+    return Rotation.from_rotvec(vector).as_quat(scalar_first=True)
+
+
+def vector(q: np.ndarray) -> np.ndarray:
+    """Rotation vectors (K, 3) rad, the shorter way, of (K, 4)."""
+    return Rotation.from_quat(q, scalar_first=True).as_rotvec()
+
+
+@dataclass(frozen=True, eq=False)
+class Spans:
+    """K spans of one log: begin_s, end_s (K,) on the log's clock as the truth has it; first, last (K,) moments."""
+
+    begin_s: np.ndarray
+    end_s: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def turned(self, q: np.ndarray) -> np.ndarray:
+        """(K, 4): what attitudes (moments, 4) turn by from begin to end, in the axes at the beginning."""
+        return product(inverse(q[self.first]), q[self.last])
+
+
+def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
+    """Spans of ``SPAN_S`` from every moment, or of every so many; none across windows."""
+    t_s = (truth.t_ns - samples.t_ns[0]) * NS
+    last = np.searchsorted(truth.t_ns, truth.t_ns + round(SPAN_S * NS_PER_S * 0.999))
+    last = np.maximum(last, np.arange(len(last)) + 1)
+    first = np.flatnonzero(last < len(truth))
+    last = last[first]
+    if truth.window is not None:
+        kept = truth.window[first] == truth.window[last]
+        first, last = first[kept], last[kept]
+    kept = t_s[last] - t_s[first] < LONGEST_S
+    first, last = first[kept], last[kept]
+    every = -(-len(first) // most) or 1
+    return Spans(t_s[first[::every]], t_s[last[::every]], first[::every], last[::every])
+
+
+def all_spans(session: Session) -> list[Spans]:
+    """Of each log with its truth, no more together than ``MOST_SPANS``."""
+    truths: Sequence[Truth] = session.truths or ()
+    most = max(MOST_SPANS // max(len(truths), 1), 1)
+    return [spans_of(log.samples, truth, most) for log, truth in zip(session.logs, truths, strict=True)]
+
+
+# Which way a truth file's quaternions turn, whose axes they are of, and which way is up in its world.
+#
+# The gyro's rates tell the sense of turning and the mounting: short spans' rotation vectors, seen in the body at the span's beginning, are
+# the gyro's, turned by a constant rotation.  Those of an inverse attitude are the world's, which no constant rotation brings to the body.
+# Cells in another order are an inverse with two constant turns, so the rates alone do not tell the two apart: the least mounting does.
+
+#: the contract's own way is taken unless another leaves less than this share of what it leaves of rates and of gravity
+MUCH_LESS = 0.5
+#: two ways that differ by less, of all that turns, are one: cells in another order against an inverse
+SAME = 0.02
+#: cosine of the angle from the nearest axis: an up that is farther off is nobody's world
+UPRIGHT = 0.9
+#: of the mean specific force over its mean length: a body that a gyro can follow does not fly freely
+STEADY = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One way to read the file: misfit, the share of the truth's squared rotation that the gyro leaves; up (3,), the mean specific force
+    in the file's world over its mean length, or None where the log has none; ``reading``'s mounting is the one that fits."""
+
+    reading: TruthReading
+    misfit: float
+    up: np.ndarray | None
+
+    @property
+    def cost(self) -> float:
+        """What rates and gravity leave together."""
+        return self.misfit + (0.0 if self.up is None else max(1 - float(self.up @ self.up), 0.0))
+
+    @property
+    def mounted(self) -> float:
+        """rad."""
+        return float(np.linalg.norm(vector(quaternion(self.reading.mounting)[None])))
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One log: the gyro, spans of the truth at the truth's clock, the cells as they are written (moments, 4), specific force (N, 3)."""
+
+    gyro: Carried
+    spans: Spans
+    written: np.ndarray
+    force: np.ndarray
+
+
+def ways(seen: Sequence[Seen], given: TruthGiven, offset_s: float) -> list[Way]:
+    """Every way to read the files that is not ruled out by what is given, the contract's own first."""
+    told = TruthReading.of(given)
+    senses = SENSES if given.sense is None else (given.sense,)
+    orders = ORDERS if given.order is None else (given.order,)
+    found = []
+    for order, sense in combinations(orders, senses):
+        reading = replace(told, order=order, sense=sense, offset_s=offset_s)
+        turns = [_turns(one, replace(reading, mounting=np.eye(3))) for one in seen]
+        truth, gyro, duration = (np.concatenate(part) for part in zip(*turns, strict=True))
+        mounting, misfit = _mounting(truth, gyro, duration, given.mounting)
+        reading = replace(reading, mounting=mounting)
+        found.append(Way(reading, misfit, _up(seen, reading)))
+    return found
+
+
+def best_way(found: list[Way]) -> Way:
+    """The contract's own, unless another is much better; of those that are as good, the one with the least mounting, then the earlier."""
+    own, least = found[0], min(found, key=lambda way: way.cost)
+    if least.cost > MUCH_LESS * own.cost:
+        return own
+    good = [way for way in found if way.cost < least.cost + SAME]
+    return min(good, key=lambda way: (round(way.mounted, 1), -_upright(way)))
+
+
+def frame_of(way: Way) -> str | None:
+    """The world's frame by which way is up, or None where that is not known."""
+    if way.up is None or np.linalg.norm(way.up) < STEADY:
+        return None
+    up = way.up / np.linalg.norm(way.up)
+    name = min(FRAMES, key=lambda name: up @ down_of(name))
+    return name if -(up @ down_of(name)) > UPRIGHT else None
+
+
+def _upright(way: Way) -> float:
+    """Cosine of up from the world's z axis: whoever takes the trouble to define a world has it there."""
+    return 0.0 if way.up is None else float(abs(way.up[2]))
+
+
+def _turns(one: Seen, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation vectors (K, 3) rad of the truth and of the gyro, and durations (K,) s, of the spans that the log has whole."""
+    begin, end = one.spans.begin_s + reading.offset_s, one.spans.end_s + reading.offset_s
+    kept = one.gyro.whole(begin, end)
+    truth = vector(one.spans.turned(reading.read(one.written)))
+    back = one.gyro.at(begin) * [1.0, -1.0, -1.0, -1.0]
+    gyro = vector(product(back, one.gyro.at(end)))
+    # Near half a turn the shorter way is not the one that was gone.
+    kept &= (np.linalg.norm(truth, axis=1) < np.pi / 2) & (np.linalg.norm(gyro, axis=1) < np.pi / 2)
+    return truth[kept], gyro[kept], (end - begin)[kept]
+
+
+def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: np.ndarray | None) -> tuple[np.ndarray, float]:
+    """The rotation (3, 3) from the gyro's vectors (K, 3) to the truth's, a constant bias taken off, and the share of squares left."""
+    matrix, bias = np.eye(3) if given is None else given, np.zeros(3)
+    for _ in range(5):
+        turned = gyro + bias * duration[:, None]
+        if given is None:
+            left, _, right = np.linalg.svd(truth.T @ turned)
+            matrix = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+        bias = np.median((truth @ matrix - gyro) / duration[:, None], axis=0)
+    apart = truth - (gyro + bias * duration[:, None]) @ matrix.T
+    size = np.sum(truth**2, axis=1)
+    rough = np.sum(apart**2, axis=1) > 9 * np.median(np.sum(apart**2, axis=1)) + size  # wrong moments of truth
+    return matrix, float(np.sum(apart[~rough] ** 2) / max(np.sum(size[~rough]), 1e-30))
+
+
+def _up(seen: Sequence[Seen], reading: TruthReading) -> np.ndarray | None:
+    """(3,) in the file's world."""
+    total, length = np.zeros(3), 0.0
+    for one in seen:
+        q = product(FRAMES[reading.frame] * [1.0, -1.0, -1.0, -1.0], reading.read(one.written))  # in the file's own world
+        at = one.spans.begin_s + reading.offset_s
+        force = one.force[np.clip(np.searchsorted(one.gyro.t_s, at), 0, len(one.force) - 1)]
+        q = q[one.spans.first]
+        has = np.abs(force).sum(axis=1) > 0
+        w, v = q[has, :1], q[has, 1:]
+        cross = np.cross(v, force[has])
+        total += np.sum(force[has] + 2 * w * cross + 2 * np.cross(v, cross), axis=0)
+        length += float(np.sum(np.linalg.norm(force[has], axis=1)))
+    return total / length if length > 0 else None
+
+
+# Where the truth's clock stands, roughly: where its speed of turning goes along best with the gyro's.
+#
+# The speed, |rate|, knows nothing of frames: it is the same in any axes, for the inverse attitude, and for a quaternion in another order.
+
+#: a clock that differs by more from what is known of it is another clock: the correlation of two different movements would be trusted
+REACH_S = 2.0
+#: of the search; the speed of a hand or a vehicle hardly changes within
+STEP_S = 0.01
+#: a speed that goes along with another's has a coefficient near 1; unrelated movements of 100 spans have 0.1 (tests/test_alignment.py)
+ALIKE = 0.7
+#: what is left of likeness may be by half more than at the best; a peak is the best of so many steps on either side
+AS_GOOD, NEAR = 1.5, 5
+
+
+def rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarray]], around_s: float = 0.0) -> float | None:
+    """Seconds to add to the truth's stamps, or None where the speeds are not alike at any; truth: of each log, spans and the quaternions
+    (K, 4) that they turn by; around_s: the middle of what is searched, an offset that is known beforehand."""
+    steps = STEP_S * np.arange(-round(REACH_S / STEP_S), round(REACH_S / STEP_S) + 1)
+    offsets = around_s + steps
+    speeds = [np.linalg.norm(vector(q), axis=1) / (s.end_s - s.begin_s) for s, q in truth]
+    sums = [_summed(log) for log in gyro]
+    likeness = np.array([_likeness(gyro, sums, truth, speeds, offset) for offset in offsets])
+    # Movements that repeat are alike at many offsets: the nearest to the middle of those that are as good.
+    likeness = np.nan_to_num(likeness, nan=-1.0)
+    best = float(likeness.max())
+    if best < ALIKE:
+        return None
+    good = np.flatnonzero(1 - likeness <= AS_GOOD * (1 - best))
+    peaks = [i for i in good if likeness[i] >= likeness[max(i - NEAR, 0) : i + NEAR + 1].max()]
+    return float(offsets[min(peaks, key=lambda i: abs(steps[i]))])
+
+
+def _summed(log: Carried) -> np.ndarray:
+    """(3, N) rad: the rate, summed in the body's own axes; each axis lies together, as it is read at hundreds of offsets."""
+    steps = (log.rate[1:] + log.rate[:-1]) / 2 * np.diff(log.t_s)[:, None]
+    return np.ascontiguousarray(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T)
+
+
+def _likeness(
+    gyro: Sequence[Carried], sums: list[np.ndarray], truth: Sequence[tuple[Spans, np.ndarray]], speeds: list[np.ndarray], offset_s: float
+) -> float:
+    """Correlation coefficient of the speeds, over all spans that lie whole within their logs; nan for fewer than half of them."""
+    ours, theirs = [], []
+    for log, summed, (spans, _), speed in zip(gyro, sums, truth, speeds, strict=True):
+        begin, end = spans.begin_s + offset_s, spans.end_s + offset_s
+        kept = log.whole(begin, end)
+        turned = [np.interp(end[kept], log.t_s, axis) - np.interp(begin[kept], log.t_s, axis) for axis in summed]
+        ours.append(np.sqrt(sum(np.square(each) for each in turned)) / (end - begin)[kept])
+        theirs.append(speed[kept])
+    x, y = np.concatenate(ours), np.concatenate(theirs)
+    if len(x) < sum(map(len, speeds)) / 2 or len(x) < 3 or not x.std() > 0 or not y.std() > 0:
+        return float("nan")
+    return float(np.corrcoef(x, y)[0, 1])
+
+
+# Clock and mounting together with the gyro's own linear errors, by Gauss-Newton over all spans: each with its sigma.
+#
+# Of a span, seen in the truth's body at its beginning, the truth's turn and the gyro's differ by
+#
+#     e = M (R w_end - w_begin) s + M sum_k R_k (dE w_k + b) dt,      R_k from the body at k to the body at the beginning,
+#
+# s the truth's offset, M the mounting.  The antisymmetric part of dE is a turn of M, and goes there.
+
+#: of independent spans: 60 angles for 13 unknowns
+FEWEST = 20
+STEPS = 4
+#: a twentieth of the session, but no shorter than two spans and no longer than a vehicle's slow errors
+BLOCKS, BLOCK_S = 20, (1.0, 10.0)
+#: Huber's weights, in median lengths
+ROBUST, ROBUST_PASSES = 2.0, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Fine:
+    """offset_s, mounting (3, 3) and their sigmas, the mounting's (3,) rad about the gyro's axes."""
+
+    offset_s: float
+    offset_sigma_s: float
+    mounting: np.ndarray
+    mounting_sigma: np.ndarray
+
+
+def refined(seen: Sequence[Seen], samples: Sequence[Samples], reading: TruthReading) -> Fine | None:
+    """From where the ways have left it; None where there are too few spans, or they do not fix the unknowns."""
+    E, b, mounting, offset_s = np.eye(3), np.zeros(3), reading.mounting, reading.offset_s
+    gyro = [one.gyro for one in seen]
+    for step in range(STEPS):
+        if step:
+            gyro = [carried(part, part.gyro @ E.T + b) for part in samples]
+        now = replace(reading, mounting=mounting, offset_s=offset_s)
+        rows = [_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
+        error, columns = (np.concatenate(part) for part in list(zip(*rows, strict=True))[:2])
+        block = _blocks(rows)
+        if len(error) < 3 or sum(_independent(part[2]) for part in rows) < FEWEST:
+            return None
+        solved = _solved(error, columns, block)
+        if solved is None:
+            return None
+        theta, covariance = solved
+        offset_s -= float(theta[0])
+        dE = -theta[1:10].reshape(3, 3)
+        turn = np.array([dE[2, 1] - dE[1, 2], dE[0, 2] - dE[2, 0], dE[1, 0] - dE[0, 1]]) / 2
+        mounting = mounting @ Rotation.from_rotvec(turn).as_matrix()
+        E = (np.eye(3) + (dE + dE.T) / 2) @ E
+        b = (np.eye(3) + (dE + dE.T) / 2) @ b - theta[10:]
+    pick = np.zeros((3, 13))
+    for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+        pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
+    sigma = np.sqrt(np.diag(pick @ covariance @ pick.T))
+    return Fine(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
+
+
+def _rows(one: Seen, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors (K, 3) rad about the gyro's axes at the beginning, their columns (K, 3, 13), and the spans' beginnings (K,) s."""
+    spans: Spans = one.spans
+    begin, end = spans.begin_s + reading.offset_s, spans.end_s + reading.offset_s
+    kept = gyro.whole(begin, end)
+    begin, end = begin[kept], end[kept]
+    truth = spans.turned(reading.read(one.written))[kept]  # with the mounting: in the gyro's axes
+    at_begin, at_end = gyro.at(begin), gyro.at(end)
+    turned = product(inverse(at_begin), at_end)
+    error = vector(product(turned, inverse(truth)))
+    matrix = Rotation.from_quat(gyro.q, scalar_first=True).as_matrix()
+    weight = np.gradient(gyro.t_s)[:, None, None]
+    # What a constant error of the matrix and of the bias turns by, up to each sample, in the axes that all is carried from.
+    grown = np.concatenate([np.einsum("nij,nk->nijk", matrix, gyro.rate).reshape(-1, 3, 9), matrix], axis=2) * weight
+    grown = np.concatenate([np.zeros((1, 3, 12)), np.cumsum((grown[1:] + grown[:-1]) / 2, axis=0)])
+    rows = [np.clip(np.searchsorted(gyro.t_s, t), 0, len(gyro.t_s) - 1) for t in (begin, end)]
+    back = Rotation.from_quat(at_begin, scalar_first=True).as_matrix().transpose(0, 2, 1)
+    errors = np.einsum("kij,kjp->kip", back, grown[rows[1]] - grown[rows[0]])
+    spun = Rotation.from_quat(turned, scalar_first=True).apply(gyro.rate_at(end)) - gyro.rate_at(begin)
+    return error, np.concatenate([spun[:, :, None], errors], axis=2), begin
+
+
+def _independent(begin: np.ndarray) -> int:
+    """Spans that do not overlap, of as many as there are."""
+    count, free = 0, -np.inf
+    for t in begin:
+        if t >= free:
+            count, free = count + 1, t + 0.49
+    return count
+
+
+def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """(K,) number of each span's block."""
+    total = sum(float(begin[-1] - begin[0]) for _, _, begin in rows if len(begin))
+    length = float(np.clip(total / BLOCKS, *BLOCK_S))
+    numbers: list[np.ndarray] = []
+    first = 0
+    for _, _, begin in rows:
+        own = ((begin - begin[0]) // length).astype(int) if len(begin) else np.zeros(0, dtype=int)
+        numbers.append(own + first)
+        first += int(own[-1]) + 1 if len(own) else 0
+    return np.concatenate(numbers)
+
+
+def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks; None where they
+    are not fixed."""
+    size = columns.shape[2]
+    scale = np.linalg.norm(columns.reshape(-1, size), axis=0)
+    if not (scale > 0).all():
+        return None
+    design, weight = columns / scale, np.ones(len(error))
+    for _ in range(ROBUST_PASSES):
+        rows = (design * weight[:, None, None]).reshape(-1, size)
+        normal = rows.T @ rows
+        if np.linalg.cond(normal) > 1e12:
+            return None
+        theta = np.linalg.solve(normal, rows.T @ (error * weight[:, None]).ravel())
+        left = error - design @ theta
+        length = np.linalg.norm(left, axis=1)
+        weight = np.sqrt(np.minimum(1, ROBUST * np.median(length) / np.maximum(length, 1e-15)))
+    score = np.einsum("kip,ki,k->kp", design, left, weight**2)
+    sums = np.zeros((int(block.max()) + 1, size))
+    np.add.at(sums, block, score)
+    inverse_ = np.linalg.inv(normal)
+    count = len(sums)
+    covariance = inverse_ @ (sums.T @ sums) @ inverse_ * (count / max(count - 1, 1)) / np.outer(scale, scale)
+    return theta / scale, covariance
+
+
+# How a truth file was read, as the results' JSON has it (docs/formats.md).
+
+
+def alignment_table(alignment: TruthAlignment) -> dict:
+    """JSON-ready; null for what the recording does not show."""
+    reading = alignment.reading
+    return {
+        "offset_s": _number(alignment.offset_s),
+        "offset_std_s": _number(alignment.offset_sigma_s),
+        "offset_used_s": reading.offset_s,
+        "gyro_to_truth_deg": [_number(value) for value in alignment.turned / DEG],
+        "gyro_to_truth_std_deg": [_number(value) for value in alignment.turned_sigma / DEG],
+        "mounting": reading.mounting.tolist(),
+        "frame": reading.frame,
+        "sense": reading.sense,
+        "order": reading.order,
+        "up": None if alignment.up is None else alignment.up.tolist(),
+        "source": {name.removesuffix("_s"): source for name, source in alignment.source.items()},
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+# A session's truth files, read as session.toml says, or else as the recording asks for.
+
+#: an offset is taken off where it is as sure as this: of ten EuRoC sequences, whose clocks their authors have aligned, one shows 5.0 and
+#: the others 3.0 at most, errors of truth and gyro that go along with the movement (benchmarks/truth_alignment.py)
+OFFSET_SIGMAS = 6.0
+#: a rotation that is larger is no gyro's misalignment: 2 % of cross-axis sensitivity, the most that data sheets of MEMS sensors allow,
+#: about each of three axes; what is less stays in the gyro's matrix
+MOUNTING_RAD, MOUNTING_SIGMAS = 2.0 * DEG, 5.0
+#: of the truth's rotations, or they are not this gyro's
+EXPLAINED = 0.5
+FEWEST_SPANS = 10
+#: for the search of the clock: what it costs grows with them, and its peak is as wide as a turn
+ROUGH_SPANS = 600
+
+
+def align(session: Session) -> Session:
+    """The session with its truths read anew where nothing was given and the recording asks for it; ``alignment`` says how.
+
+    Sessions without a truth, or aligned before, are returned as they are; so is a truth that does not go with the gyro at all.
+    """
+    if session.truths is None or session.alignment is not None:
+        return session
+    given = session.config.truth
+    told = TruthReading.of(given)
+    alignment = _alignment(session, given, told)
+    truths = tuple(truth.reread(told, alignment.reading) for truth in session.truths)
+    return replace(session, truths=truths, alignment=alignment)
+
+
+def _alignment(session: Session, given: TruthGiven, told: TruthReading) -> TruthAlignment:
+    source = {name: ASSUMED if value is None else GIVEN for name, value in vars(given).items()}
+    if any(len(log.samples) < 3 for log in session.logs):
+        return _unknown(told, source)
+    seen = _seen(session, told)
+    if sum(len(one.spans) for one in seen) < FEWEST_SPANS:
+        return _unknown(told, source)
+    turns = [(one.spans, one.spans.turned(told.read(one.written))) for one in seen]
+    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], told.offset_s)
+    if rough is None:
+        return _unknown(told, source)
+    # What is given is finer than the search, unless the recording contradicts it.
+    start = told.offset_s if abs(rough - told.offset_s) < 1.5 * STEP_S and given.offset_s is not None else rough
+    way = best_way(ways(seen, given, start))
+    if 1 - way.misfit < EXPLAINED:
+        return _unknown(told, source)
+    fine = refined(seen, [log.samples for log in session.logs], way.reading)
+    return _taken(given, told, source, way, fine)
+
+
+def _seen(session: Session, told: TruthReading) -> list[Seen]:
+    """Spans at the truth's own stamps, and its cells as they are written."""
+    found = []
+    for log, truth, spans in zip(session.logs, session.truths or (), all_spans(session), strict=True):
+        own = replace(spans, begin_s=spans.begin_s - told.offset_s, end_s=spans.end_s - told.offset_s)
+        force = session.config.accelerometer.correct(log.samples.accel)
+        force = np.where(np.abs(log.samples.accel).sum(axis=1, keepdims=True) > 0, force, 0.0)
+        found.append(Seen(carried(log.samples, log.samples.gyro), own, told.written(truth.q_nb), force))
+    return found
+
+
+def _fewer(spans: Spans, turned: np.ndarray) -> tuple[Spans, np.ndarray]:
+    every = -(-len(spans) // ROUGH_SPANS) or 1
+    picked = slice(None, None, every)
+    return Spans(spans.begin_s[picked], spans.end_s[picked], spans.first[picked], spans.last[picked]), turned[picked]
+
+
+def _unknown(told: TruthReading, source: dict[str, str]) -> TruthAlignment:
+    nothing = np.full(3, np.nan)
+    return TruthAlignment(told, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
+
+
+def _taken(given: TruthGiven, told: TruthReading, source: dict[str, str], way: Way, fine: Fine | None) -> TruthAlignment:
+    """What of a way, and of what was found out finely, is taken; the rest stays as it was told."""
+    source, reading = dict(source), replace(way.reading, mounting=told.mounting, offset_s=told.offset_s)
+    for name in ("order", "sense"):
+        if getattr(given, name) is None and getattr(reading, name) != getattr(told, name):
+            source[name] = FOUND
+    frame = frame_of(way)
+    if given.frame is None and frame is not None:
+        source["frame"] = FOUND
+        reading = replace(reading, frame=frame)
+    mounting, sigma = (way.reading.mounting, np.full(3, np.nan)) if fine is None else (fine.mounting, fine.mounting_sigma)
+    offset_s, offset_sigma_s = (way.reading.offset_s, float("nan")) if fine is None else (fine.offset_s, fine.offset_sigma_s)
+    turned = Rotation.from_matrix(mounting).as_rotvec()
+    if given.mounting is None and np.linalg.norm(turned) > MOUNTING_RAD and _sure(turned, sigma, MOUNTING_SIGMAS):
+        source["mounting"] = FOUND
+        reading = replace(reading, mounting=mounting)
+    if given.offset_s is None and _sure(np.array([offset_s]), np.array([offset_sigma_s]), OFFSET_SIGMAS):
+        source["offset_s"] = FOUND
+        reading = replace(reading, offset_s=offset_s)
+    return TruthAlignment(reading, source, offset_s, offset_sigma_s, turned, sigma, way.up, 1 - way.misfit)
+
+
+def _sure(values: np.ndarray, sigma: np.ndarray, sigmas: float) -> bool:
+    """Whether they differ from zero by so many sigmas; where no sigma is known, whether they do at all in what is known roughly."""
+    return bool(np.linalg.norm(values / sigma) > sigmas) if np.isfinite(sigma).all() else bool(values.any())

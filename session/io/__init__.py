@@ -1,0 +1,1 @@
+"""Files, units, sensors and logs: a session folder as plain records in SI."""

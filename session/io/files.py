@@ -1,0 +1,301 @@
+"""Open, read and write files, within bounds and with one line for all that can be wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import stat
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator
+from io import BufferedReader
+from pathlib import Path
+
+import numpy as np
+
+from session.io.errors import FormatError, StorageError
+
+# The one place where files are opened to be read: regular files only, and none that is larger than its kind can sensibly be.
+#
+# A named pipe would make us wait for whoever writes to it, a device may never end, and opening some of them does something (a serial port
+# resets its board).  So a path is looked at before it is opened, is opened so that nothing waits, and what was opened is looked at again:
+# between the two looks it may have become another.
+
+KB, MB = 1 << 10, 1 << 20
+#: session.toml: it holds some hundred bytes, and a line for every note and every turn that does not count
+MOST_TOML = MB
+#: a result as JSON.  The longest of ours has some hundred bytes for each segment; what Python makes of JSON takes up to 30 times its length
+MOST_JSON = 16 * MB
+#: a file of a public recording, all of which is held at once, as text in cells; the longest known has 10 MB
+MOST_PUBLIC = 64 * MB
+#: arrays of a public recording that was put together; the largest has 20 MB
+MOST_ARCHIVE = 256 * MB
+#: without these names of the system's nothing waits either (Windows)
+NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+#: how a shell names what it has opened for us: ``apply MODEL <(zcat LOG)``
+DESCRIPTOR = re.compile(r"/dev/(?:fd/(\d{1,6})|(stdin))")
+KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def open_file(path: Path) -> BufferedReader:
+    """A regular file, opened for its bytes, at once.  FormatError says what it is instead, or why it cannot be read."""
+    try:
+        _require_file(path, os.stat(path))
+        number = os.open(path, os.O_RDONLY | NO_WAIT)
+        try:
+            _require_file(path, os.fstat(number))
+            return os.fdopen(number, "rb")
+        except BaseException:
+            os.close(number)
+            raise
+    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        raise unreadable(path, error) from None
+
+
+def require_file(path: Path) -> None:
+    """What ``open_file`` would refuse is refused now, before others are opened that take time."""
+    try:
+        _require_file(path, os.stat(path))
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+
+
+def open_stream(path: Path) -> BufferedReader | None:
+    """What somebody has opened for us already, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
+
+    That one may wait for: who gave it writes to it.
+    """
+    name = str(path)
+    match = DESCRIPTOR.fullmatch(name)
+    if name != "-" and match is None:
+        return None
+    number = int(match[1]) if match and match[1] else 0
+    try:
+        if name != "-" and stat.S_ISREG(os.fstat(number).st_mode):
+            return None
+        if stat.S_ISDIR(os.fstat(number).st_mode):
+            raise IsADirectoryError(0, "it is a folder, expected a file")
+        return os.fdopen(os.dup(number), "rb")
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """All of a file.  FormatError for one that is larger than ``most`` bytes, before it is read."""
+    with open_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            data = b"" if size > most else file.read(most + 1)  # some files of the system have a size of 0
+        except OSError as error:
+            raise unreadable(path, error) from None
+        if size > most or len(data) > most:
+            said = f"{size / MB:.1f} MB" if size > most else "its bytes do not end"
+            raise FormatError(f"{path}: {said}, and no file of its kind has more than {most / MB:g} MB; is it the right one?")
+        return data
+
+
+def read_text(path: Path, most: int, do: str = "save it in UTF-8", mark: bool = False) -> str:
+    """All of a text file in UTF-8, line ends as they are, a byte order mark only if asked for.
+
+    FormatError as ``read_bytes``, and for what is no text; do: what to do then.
+    """
+    try:
+        return read_bytes(path, most).decode("utf-8" if mark else "utf-8-sig")
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: not UTF-8 text; {do}") from None
+
+
+def unreadable(path: Path, error: OSError | ValueError) -> FormatError:
+    """The complaint about what cannot be opened or read."""
+    return FormatError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})")
+
+
+def _require_file(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise FormatError(f"{path}: cannot be read (it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no file')}, expected a file)")
+
+
+# NumPy's archives of arrays (``.npz``), of the size that they say and no larger.
+
+#: what NumPy and zipfile raise where an archive's bytes are damaged, whatever they meet first
+FAULTS = (
+    *(OSError, ValueError, KeyError, EOFError, SyntaxError, OverflowError, MemoryError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
+
+
+def read_npz(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Arrays of an archive by name.  FormatError where it is none, lacks one of them, or unpacks to more than any recording has."""
+    with open_file(path) as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                members = {f"{name}.npy": archive.getinfo(f"{name}.npy") for name in names}
+                if sum(member.file_size for member in members.values()) > MOST_ARCHIVE:
+                    raise FormatError(f"{path}: unpacks to more than {MOST_ARCHIVE} bytes; is it the right one?")
+                return {name: _array(archive, member) for name, member in zip(names, members.values(), strict=True)}
+        except FAULTS:
+            raise FormatError(f"{path}: not an archive of {', '.join(names)}, or a damaged one; download it again") from None
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """ValueError where its header asks for more than the member has."""
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
+        if read is None:
+            raise ValueError(version)
+        shape, _, dtype = read(file)
+        if dtype.hasobject or int(np.prod(shape, dtype=object)) * dtype.itemsize > member.file_size:
+            raise ValueError(shape)
+    with archive.open(member) as file:
+        return np.lib.format.read_array(file, allow_pickle=False)
+
+
+# Writing results: a failure names what was to be written, and leaves no empty folder behind.
+
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
+
+
+@contextlib.contextmanager
+def naming(path: Path, *aliases: Path) -> Iterator[None]:
+    """Give a failure to write the name of the result, which it lacks, or which it says by an alias or by that of a file it copies.
+
+    Raises StorageError for a full disk, else the OSError with that name.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in FULL:
+            raise StorageError(f"{path}: {error.strerror}; free space there, or choose another folder") from None
+        if error.filename is None or str(error.filename) in map(str, aliases):
+            error.filename = str(path)
+        raise
+
+
+@contextlib.contextmanager
+def result_folder(folder: Path) -> Iterator[None]:
+    """Make a folder for the block to write into; where it fails, take away again what was made here and is empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        with naming(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+        raise
+
+
+# Which files are a recording's own, so that no result is ever written over one.
+#
+# What was recorded cannot be made again; what a command derives can.  The rule is one of names, so that it also holds for a session that no
+# argument names (docs/formats.md, session folder).
+
+#: what makes a folder a session, or a recording that is just beginning
+SIGNS = ("session.toml", "raw.bin", "raw.times")
+#: the names of what a person or a port gave; a system that takes LOG0001.CSV for log0001.csv counts it as that
+NAMES = re.compile(
+    r"session\.toml|raw\.bin|raw\.times|attitudes\.csv|turns\.csv|truth\.json|(log|closure|rest|truth|unclosed|foreign).*\.csv(\.gz)?"
+    r"|.+\.changed[0-9]+",
+    re.IGNORECASE,
+)
+
+
+def has_recorded_name(path: Path) -> bool:
+    """Whether a file of that name is a recording's own, if it lies in a session folder."""
+    return NAMES.fullmatch(path.name) is not None
+
+
+def is_session(folder: Path) -> bool:
+    """Whether a folder holds a session, whole or just begun."""
+    return any((folder / sign).exists() for sign in SIGNS)
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a path, as it stands, is a recording's own file that is there (a link counts as what it is called)."""
+    return has_recorded_name(path) and os.path.lexists(path) and is_session(path.parent)
+
+
+def refuse_recorded(path: Path) -> None:
+    """StorageError where a result would take the place of a recording's own file."""
+    if is_recorded(path):
+        raise StorageError(f"{path}: is a file of the recording in {path.parent}, and no result is written over one; give another path")
+
+
+# Numbers as decimal text, a whole block of rows at once: several times as fast as formatting one number after another.
+
+#: "0000" to "9999", four bytes each
+FOURS = np.frombuffer("".join(f"{i:04d}" for i in range(10_000)).encode(), dtype=np.uint32)
+LIMIT = 10**18
+#: rows at once, as many as a processor's cache holds
+BLOCK = 1 << 13
+
+
+def rows(columns: list[np.ndarray], decimals: list[int]) -> bytes:
+    """CSV lines of columns (N,), each a whole number of units of 10^-decimals: 12345 with 3 decimals is ``12.345``.
+
+    int64 columns are such numbers already (time stamps: 0 decimals); floats are rounded to the nearest.
+    Raises ValueError for a value that is not finite or has more than 18 digits.
+    """
+    blocks = range(0, len(columns[0]), BLOCK)
+    return b"".join(_block([column[start : start + BLOCK] for column in columns], decimals) for start in blocks)
+
+
+def _block(columns: list[np.ndarray], decimals: list[int]) -> bytes:
+    texts, masks = [], []
+    for number, (values, places) in enumerate(zip(columns, decimals, strict=True)):
+        text, mask = _column(_whole(values, places), places)
+        text[:, -1] = ord("\n") if number == len(columns) - 1 else ord(",")
+        texts.append(text)
+        masks.append(mask)
+    return np.concatenate(texts, axis=1)[np.concatenate(masks, axis=1)].tobytes()
+
+
+def _whole(values: np.ndarray, places: int) -> np.ndarray:
+    if np.issubdtype(values.dtype, np.integer):
+        whole = values
+        fine = (whole > -LIMIT * 9) & (whole < LIMIT * 9)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below, in words
+            scaled = np.rint(values * 10.0**places)
+        fine = np.abs(scaled) < LIMIT
+        whole = np.where(fine, scaled, 0).astype(np.int64)
+    if not fine.all():
+        raise ValueError(f"{values[int(np.argmin(fine))]} cannot be written with {places} decimals")
+    return whole
+
+
+def _column(whole: np.ndarray, places: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sign, digits, point, digits and one byte to spare (N, W), and which of these bytes are written."""
+    size = np.abs(whole)
+    width = max(len(str(int(size.max()))), places + 1)
+    groups = -(-width // 4)
+    fours = np.empty((len(whole), groups), dtype=np.uint32)
+    rest = size
+    for group in range(groups - 1, -1, -1):
+        high = rest // 10_000
+        fours[:, group] = FOURS[rest - high * 10_000]
+        rest = high
+    digits = fours.view(np.uint8)[:, 4 * groups - width :]
+    before = width - places
+    point = 1 if places else 0
+    text = np.empty((len(whole), 1 + width + point + 1), dtype=np.uint8)
+    mask = np.ones(text.shape, dtype=bool)
+    text[:, 0], mask[:, 0] = ord("-"), whole < 0
+    text[:, 1 : 1 + before] = digits[:, :before]
+    if point:
+        text[:, 1 + before] = ord(".")
+        text[:, 2 + before : -1] = digits[:, before:]
+    for i in range(before - 1):  # leading zeros; the last digit before the point always stands
+        mask[:, 1 + i] = size >= 10 ** (width - 1 - i)
+    return text, mask

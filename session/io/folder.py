@@ -1,0 +1,453 @@
+"""A session folder as one record: configuration, logs, closure runs, tables; its hashes, and what may be added to it."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthAlignment, TruthReading, read_config
+from session.io.errors import CalibrationError, DataError, FormatError, StorageError
+from session.io.files import MOST_TOML, open_file, read_text, require_file, unreadable
+from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
+from session.io.logfile import NAME as KNOWN_TURNS
+from session.io.samples import Samples, joined, mapped, samples_from_arrays, usual_ranges
+from session.io.texts import printable, shell_word, unicode_text
+from session.io.toml import Note, line, parse_toml, read_toml, value_text
+from session.io.units import DEG
+
+# Whether a folder holds an array, and of which units: by the names of its logs, or by ``[array]`` in its session.toml.
+
+#: log0001.unit3.csv: what it is, which, and of which unit
+UNIT_LOG = re.compile(r"(?P<which>(?:log|closure|rest).*)\.unit(?P<number>[0-9]+)\.csv(?:\.gz)?", re.DOTALL)
+#: far beyond any board
+LARGEST_NUMBER = 9999
+#: what a section [array] may hold
+FOLDERS, UNIT = "folders", "unit"
+
+
+def unit_of(path: Path) -> tuple[str, int] | None:
+    """``log0001`` and 3 of ``log0001.unit3.csv``, packed or not; None of a log that names no unit.  FormatError for a number like 007."""
+    found = UNIT_LOG.fullmatch(path.name)
+    if found is None:
+        return None
+    number = int(found["number"]) if len(found["number"]) <= len(str(LARGEST_NUMBER)) else LARGEST_NUMBER + 1
+    if str(number) != found["number"] or number > LARGEST_NUMBER:
+        raise FormatError(f"{path}: expected a unit's number from 0 to {LARGEST_NUMBER} without leading zeros, as in log0001.unit3.csv")
+    return found["which"], number
+
+
+def unit_numbers(paths: Iterable[Path]) -> tuple[int, ...]:
+    """Numbers of the units that any of the logs names, increasing."""
+    return tuple(sorted({unit[1] for unit in map(unit_of, paths) if unit is not None}))
+
+
+def array_section(table: dict) -> dict | None:
+    """``[array]`` of a parsed session.toml; None where it has none."""
+    section = table.get("array")
+    return section if isinstance(section, dict) else None
+
+
+def is_array(folder: Path) -> bool:
+    """Whether a folder holds several units that were recorded together; what cannot be read is none."""
+    return array_size(folder) is not None
+
+
+def array_size(folder: Path) -> int | None:
+    """How many units the folder's names, or its session.toml, speak of; None of what is no array, or cannot be read."""
+    named = [UNIT_LOG.fullmatch(path.name) for stem in ("log*.csv", "log*.csv.gz") for path in folder.glob(stem)]
+    numbers = {found["number"] for found in named if found}
+    try:
+        section = array_section(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else None
+    except (FormatError, OSError):  # who reads the folder says it
+        section = None
+    if section is None and not numbers:
+        return None
+    folders = (section or {}).get(FOLDERS)
+    return len(folders) if isinstance(folders, list) else len(numbers)
+
+
+def array_folders(folder: Path) -> list[str]:
+    """What ``[array]`` lists as its units' folders, as it stands there; empty of an array whose logs name their units."""
+    listed = (array_section(read_toml(folder / "session.toml")) or {}).get(FOLDERS, [])
+    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
+
+
+def refuse_array(folder: Path) -> None:
+    """FormatError where a folder that is to be read as one session is an array."""
+    if (count := array_size(folder)) is not None:
+        word = shell_word(folder)
+        raise FormatError(
+            f"{folder}: an array of {count} unit{'s' * (count != 1)} on one body, and no single session; `calibrate.py check {word}` and "
+            f"`calibrate.py fit {word}` take it whole; to read one unit alone, give it a folder of its own"
+        )
+
+
+# A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
+
+ATTITUDES = "attitudes.csv"
+#: far beyond any recording, and small enough for a table with a row each
+MOST_STILLS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What a folder holds.
+
+    attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
+    the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
+    that was found out (``session/alignment``).  rests: paths of its rest logs, which are long,
+    and read by who wants them (``session/io/rests.py``).
+    """
+
+    folder: Path
+    config: Config
+    logs: tuple[Log, ...]
+    closures: tuple[Log, ...]
+    attitudes: np.ndarray | None = None
+    truths: tuple[Truth, ...] | None = None
+    turns: tuple[KnownTurn, ...] = ()
+    alignment: TruthAlignment | None = None
+    rests: tuple[Path, ...] = ()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t_s: ArrayLike,
+        gyro_rps: ArrayLike,
+        accel_mps2: ArrayLike,
+        temp_c: ArrayLike | None = None,
+        *,
+        closures: Sequence[tuple[ArrayLike, ...]] = (),
+        name: str = "arrays",
+        model: str = "unknown",
+        serial: str = "",
+        gyro_fs_dps: float | None = None,
+        accel_fs_g: float | None = None,
+        accelerometer: Accelerometer | None = None,
+        site: Site | None = None,
+        protocol: Protocol | None = None,
+    ) -> Session:
+        """A session of one log that was never a file.
+
+        t_s (N,) s, increasing; gyro_rps (N, 3) rad/s and accel_mps2 (N, 3) m/s^2 in body axes b (forward-right-down), as measured;
+        temp_c (N,) degC.  closures: closure runs, each ``(t_s, gyro_rps, accel_mps2)`` or with ``temp_c`` as fourth, on the log's clock.
+        Full scales that are not given are the smallest usual ones that hold the data.  accelerometer: its pre-calibration (none); site
+        and protocol as in session.toml.  Raises DataError for what no file may hold either.
+        """
+        if Path(name).name != name or not name:
+            raise DataError(f"name is {name!r}, expected one word, as of a folder")
+        if protocol is not None and protocol.reference != "gravity":
+            raise DataError(
+                f'{name}: reference is "{protocol.reference}"; arrays have gravity alone, the others come from a session folder'
+            )
+        if not all(len(run) in (3, 4) for run in closures):
+            raise DataError(f"{name}: each of closures is (t_s, gyro_rps, accel_mps2) or (t_s, gyro_rps, accel_mps2, temp_c)")
+        logs = [_from_memory(f"{name}.log", t_s, gyro_rps, accel_mps2, temp_c)]
+        runs = [_from_memory(f"{name}.closure{number}", *run) for number, run in enumerate(closures, start=1)]
+        usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*logs, *runs)]))
+        for what, given in (("gyro_fs_dps", gyro_fs_dps), ("accel_fs_g", accel_fs_g)):
+            if given is not None and not 0 < given < float("inf"):
+                raise DataError(f"{name}: {what} is {given!r}, expected the full scale that the sensor was set to")
+        sensor = Sensor(model, serial, 1 / logs[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
+        config = Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol or Protocol())
+        return cls(Path(name), config, tuple(logs), tuple(runs))
+
+    def __repr__(self) -> str:
+        seconds = sum(log.samples.duration_s for log in self.logs)
+        runs = f", {len(self.closures)} closure run{'s' * (len(self.closures) != 1)}" if self.closures else ""
+        return (
+            f"<Session {self.name}: {len(self.logs)} log{'s' * (len(self.logs) != 1)}, {seconds:.0f} s{runs}; {self.config.sensor.model}>"
+        )
+
+    @property
+    def name(self) -> str:
+        """The folder's last name, as it may stand in a line (``session.io.texts.printable``)."""
+        return printable(self.folder.resolve().name)
+
+    def own_folder(self, name: str) -> Path:
+        """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""
+        if any(log.in_memory for log in self.logs):
+            raise CalibrationError(f"{self.name}: made of arrays, it has no folder of its own; give one to save to")
+        return self.folder / name
+
+    def calibrated(self, log: Log) -> Samples:
+        """A log's samples with the accelerometer's pre-calibration applied."""
+        return log.samples.with_accel(mapped(log.samples.accel, self.config.accelerometer.correct))
+
+
+def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None = None) -> Log:
+    return Log(Path(name), samples_from_arrays(name, t_s, gyro_rps, accel_mps2, temp_c), raw=False, in_memory=True)
+
+
+def log_paths(folder: Path, stem: str) -> list[Path]:
+    """``stem*.csv`` and ``stem*.csv.gz`` in name order; FormatError where both forms of one log are there."""
+    paths = sorted([*folder.glob(f"{stem}*.csv"), *folder.glob(f"{stem}*.csv.gz")], key=lambda path: path.name)
+    bare = [path.name.removesuffix(".gz") for path in paths]
+    for name in bare:
+        if bare.count(name) > 1:
+            raise FormatError(f"{folder}: holds {name} and {name}.gz; keep one, or the log would count twice")
+    return paths
+
+
+def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
+    """Read a whole session folder.  Raises FormatError or DataError, naming file and line.  ``progress`` is told each file."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        hint = "that is a file; give the session folder" if folder.exists() else "not found"
+        raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
+    refuse_array(folder)
+    config = read_config(folder / "session.toml")
+    paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
+    rests = log_paths(folder, "rest")
+    if not paths and rests:
+        raise FormatError(
+            f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {shell_word(folder)}` fits their temperature"
+        )
+    if not paths:
+        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
+
+    for path in (*paths, *closures, *_beside(folder, config, paths)):
+        require_file(path)
+    session = read_logs(folder, config, paths, closures, rests, progress)
+    attitudes = folder / ATTITUDES
+    return replace(
+        session,
+        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+        truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
+        turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
+    )
+
+
+def read_logs(
+    folder: Path,
+    config: Config,
+    paths: Sequence[Path],
+    closures: Sequence[Path],
+    rests: Sequence[Path],
+    progress: Callable[[str], None] = lambda what: None,
+) -> Session:
+    """A session of these logs, closure runs and rest logs, without what may lie beside them.  Raises FormatError or DataError."""
+
+    def read(path: Path) -> Log:
+        progress(path.name)
+        return read_log(path, config.sensor)
+
+    logs, runs = tuple(map(read, paths)), tuple(map(read, closures))
+    config, logs, runs = _calibrated_once(config, logs, runs)
+    return Session(folder, config, logs, runs, rests=tuple(rests))
+
+
+def _beside(folder: Path, config: Config, paths: list[Path]) -> list[Path]:
+    """What is read after the logs, where it is there."""
+    truths = list(map(truth_path, paths)) if config.protocol.reference == "truth" else []
+    return [path for path in (folder / ATTITUDES, folder / KNOWN_TURNS, *truths) if path.exists()]
+
+
+def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn, ...]:
+    if not path.exists():
+        return ()
+    if config.protocol.reference != "gravity":
+        raise FormatError(
+            f'{path.name}: protocol.reference is "{config.protocol.reference}", which sees all three angles of every turn; '
+            'remove the file, or use reference = "gravity"'
+        )
+    return read_known_turns(path, logs)
+
+
+def _read_truths(config: Config, paths: list[Path]) -> tuple[Truth, ...]:
+    reading = TruthReading.of(config.truth)
+    return tuple(read_truth(truth_path(path), reading) for path in paths)
+
+
+def _calibrated_once(config: Config, logs: tuple[Log, ...], closures: tuple[Log, ...]) -> tuple[Config, tuple[Log, ...], tuple[Log, ...]]:
+    """Logs that ``apply`` wrote have calibrated specific force: [accelerometer] is not for them.  DataError where only some of them are."""
+    done = ["accel" in (already_calibrated(log.comments) or ()) for log in (*logs, *closures)]
+    if not any(done):
+        return config, logs, closures
+    if not all(done):
+        one, other = ((*logs, *closures)[done.index(kind)].path for kind in (True, False))
+        raise DataError(f"{one.name} has calibrated specific force, {other.name} has not: keep logs as measured, or calibrate all of them")
+    note = "its specific force is calibrated already: [accelerometer] of session.toml is not for it"
+    logs, closures = (tuple(replace(log, notes=(*log.notes, note)) for log in each) for each in (logs, closures))
+    return replace(config, accelerometer=Accelerometer()), logs, closures
+
+
+def _read_attitudes(path: Path) -> np.ndarray:
+    """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
+    columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
+    if not os.path.lexists(path):
+        raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"')
+    lines = rows_of(path)
+    if [cell.strip() for cell in next(lines, (0, ""))[1].split(",")] != columns:
+        raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
+    readings = {}
+    for number, text in lines:
+        try:
+            row = next(csv.reader([text]))
+            still, *angles = int(row[0]), *map(float, row[1:4])
+        except (ValueError, IndexError, csv.Error):
+            raise FormatError(f"{path.name} line {number}: {text[:60]!r}, expected still,roll_deg,pitch_deg,yaw_deg") from None
+        if still > MOST_STILLS:
+            raise FormatError(f"{path.name} line {number}: still {row[0][:20].strip()!r} is beyond {MOST_STILLS}; stills count from 0")
+        if still < 0 or len(angles) != 3 or not all(map(math.isfinite, angles)) or still in readings:
+            raise FormatError(f"{path.name} line {number}: still {still} is doubled, negative or has no finite angles")
+        readings[still] = angles
+    if not readings:
+        raise FormatError(f"{path.name}: a header but no dial readings")
+    table = np.full((max(readings) + 1, 3), np.nan)
+    for still, angles in readings.items():
+        table[still] = np.multiply(angles, DEG)
+    return table
+
+
+# What a result was made from: the hash of every file of a session.
+
+
+def input_files(session: Session) -> list[Path]:
+    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
+    dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
+    in_memory = all(log.in_memory for log in session.logs)
+    dials += [session.folder / NAME] if session.turns and not in_memory else []
+    truths = [truth.path for truth in session.truths or ()]
+    config = [] if in_memory else [session.folder / "session.toml"]
+    return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
+
+
+def input_hashes(session: Session) -> dict[str, str]:
+    """SHA-256 of each of ``input_files``, by name, or of arrays that were never a file; FormatError where one cannot be read any more."""
+    logs = {log.path: log for log in (*session.logs, *session.closures)}
+    hashes = {file_key(path): hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
+    if session.turns and NAME not in hashes:
+        rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
+        hashes[NAME] = hashlib.sha256(repr(rows).encode()).hexdigest()
+    return hashes
+
+
+def file_key(path: Path) -> str:
+    """The file's name as JSON can hold it, and gives it back."""
+    return unicode_text(path.name)
+
+
+def hash_of_log(log: Log) -> str:
+    """Of its file; of arrays that were never a file, of their bytes, little-endian, one array after the other."""
+    if not log.in_memory:
+        return sha256_of(log.path)
+    digest, samples = hashlib.sha256(), log.samples
+    for array, kind in ((samples.t_ns, "<i8"), (samples.gyro, "<f8"), (samples.accel, "<f8"), (samples.temp_c, "<f8")):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array, dtype=kind).tobytes())
+    return digest.hexdigest()
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file's bytes as they lie on the disk (packed logs packed), in hexadecimal."""
+    try:
+        with open_file(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+# What is added to a ``session.toml`` that is there: notes, and turns that do not count.  Whatever else stands in it stays as it is.
+#
+# The text is added to, never written anew, so a person's comments and order stay.  The file is replaced whole or not at all.
+
+HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
+NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
+
+
+def notes_text(notes: Mapping[str, Note]) -> str:
+    """Lines of ``[notes]``."""
+    return "".join(line(name, value) for name, value in notes.items())
+
+
+def exclude_text(rows: tuple[LeftOut, ...]) -> str:
+    """``[[exclude]]`` of each turn."""
+    return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
+
+
+def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
+    """Add to ``[notes]``, and give the file's text, which its folder may not outlive.  What is there already in the same words is left;
+    FormatError where it says something else."""
+    text, table = _read(path)
+    notes = {unicode_text(name): unicode_text(value) if isinstance(value, str) else value for name, value in notes.items()}
+    there = table.get("notes", {})
+    there = there if isinstance(there, dict) else {}
+    for name, value in notes.items():
+        if name in there and there[name] != value:
+            raise FormatError(f"{path}: notes.{name} is {value_text(there[name])} already; correct it there, or give another name")
+    if not (fresh := {name: value for name, value in notes.items() if name not in there}):
+        return text
+    lines = notes_text(fresh)
+    header = HEADER.search(text)
+    tried = []
+    if header is not None:
+        after = NEXT_HEADER.search(text, header.end())
+        end = len(text) if after is None else after.start()
+        kept = text[:end].rstrip()  # blank lines before the next section stay before it
+        tried.append(kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else ""))
+        tried.append(_ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n"))
+    tried.append(_ended(text) + f"\n[notes]\n{lines}")
+    return _replace(path, tried, table | {"notes": there | fresh})
+
+
+def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str, str]) -> str:
+    """Add ``[board]``, where there is none yet, and give the file's text.  remarks: comments, each before the key that it is of."""
+    text, table = _read(path)
+    if "board" in table:
+        return text
+    lines = "".join((f"# {remarks[name]}\n" if name in remarks else "") + line(name, value) for name, value in board.items())
+    return _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
+
+
+def add_exclude(path: Path, row: LeftOut) -> str:
+    """Add a turn that does not count, and give the file's text."""
+    text, table = _read(path)
+    more = {"log": unicode_text(row.log), "at_s": row.at_s}
+    return _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
+
+
+def _ended(text: str) -> str:
+    return text if not text or text.endswith("\n") else text + "\n"
+
+
+def _read(path: Path) -> tuple[str, dict]:
+    text = read_text(path, MOST_TOML, mark=True)  # line ends, and a byte order mark, stay what they are
+    return text, _parsed(text, str(path))
+
+
+def _parsed(text: str, where: str) -> dict:
+    return parse_toml(text.removeprefix("\ufeff").replace("\r\n", "\n"), where)
+
+
+def _replace(path: Path, tried: list[str], wanted: dict) -> str:
+    """The first text that says what is wanted becomes the file, in one step: no reader sees half of it."""
+    for text in tried:
+        try:
+            right = _parsed(text, str(path)) == wanted
+        except FormatError:
+            right = False
+        if right:
+            break
+    else:
+        raise FormatError(f"{path}: its form leaves no place to add to; put what you want to note below [notes] by hand")
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        with fresh.open("w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(fresh, path)
+    except OSError as error:
+        fresh.unlink(missing_ok=True)
+        raise StorageError(f"{path}: {error.strerror or error}; what was to be added is not in it") from None
+    return text

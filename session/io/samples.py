@@ -1,0 +1,406 @@
+"""Samples: the plain record that everything else works on, and the compact store behind it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from session.io.errors import DataError
+from session.io.reader import ERA_NS
+from session.io.units import DEG, NS, SI, G, beyond_any_sensor
+
+# Readings of a whole log in as few bytes as they were written with, and in SI, float64, where they are asked for.
+#
+# A day at 208 Hz is 18 million rows: 24 bytes each as float64, a sixth of that as a sensor's registers.  Decimals are kept as whole numbers
+# of a power of ten where that gives back the very same float64; else as they are.
+
+#: from (K, …) as written to (K, …) in SI, each row by itself; something that can be pickled
+Step = Callable[[np.ndarray], np.ndarray]
+#: decimals that are tried: a register has none, a careful logger nine
+MOST_DECIMALS = 9
+#: rows that are turned into float64 at once where all are looked at
+TOGETHER = 1 << 17
+
+
+class Readings(np.lib.mixins.NDArrayOperatorsMixin):
+    """Acts as the float64 array (N,) or (N, C) that it stands for: rows, columns and operators give plain arrays.
+
+    Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
+    """
+
+    def __init__(
+        self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None
+    ):
+        """packed (N, …) / divisor is what was written; steps from there to SI; put_in: rows (K,), in order, that nobody has written, and
+        what they hold (K, …) in SI."""
+        self._packed, self._divisor, self._steps, self._put_in = packed, divisor, steps, put_in
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array that it stands for."""
+        return self._packed.shape
+
+    @property
+    def ndim(self) -> int:
+        """1 or 2."""
+        return self._packed.ndim
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return self._packed.size
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float64, whatever it is kept as."""
+        return np.dtype(float)
+
+    @property
+    def nbytes(self) -> int:
+        """As it is kept."""
+        return self._packed.nbytes
+
+    @property
+    def T(self) -> np.ndarray:
+        """All of it, transposed."""
+        return self[:].T
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self[:])
+
+    def __getitem__(self, which: Any) -> Any:
+        rows, *columns = which if isinstance(which, tuple) else (which,)
+        one = isinstance(rows, int | np.integer)
+        some: Any = slice(rows, rows + 1 if rows != -1 else None) if one else rows
+        if columns and all(isinstance(step, partial) for step in self._steps):  # of each number by itself
+            found = self._written_or_put_in(some, (*columns,))
+        else:
+            found = self._written_or_put_in(some, ())
+            if columns:
+                found = found[(slice(None), *columns)] if found.ndim == self.ndim else found[(..., *columns)]
+        return found[0] if one else found
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        if copy is False:
+            raise ValueError("readings are kept in another form, and have to be converted")
+        return self[:].astype(dtype or float, copy=False)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **more: Any) -> Any:
+        return getattr(ufunc, method)(*(np.asarray(each) if isinstance(each, Readings) else each for each in inputs), **more)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self[:], name)
+
+    def mapped(self, step: Step) -> Readings:
+        """The same after one more step, which is taken when rows are asked for."""
+        put_in = None if self._put_in is None else (self._put_in[0], step(self._put_in[1]))
+        return Readings(self._packed, self._divisor, (*self._steps, step), put_in)
+
+    def pick(self, which: slice | np.ndarray) -> Readings:
+        """Some of the rows, kept as they are."""
+        put_in = None
+        if self._put_in is not None:
+            taken = np.arange(len(self))[which]
+            mine, place = self._among_put_in(taken)
+            put_in = np.flatnonzero(mine), self._put_in[1][place[mine]]
+        return Readings(self._packed[which], self._divisor, self._steps, put_in)
+
+    def replaced(self, rows: np.ndarray, values: np.ndarray) -> Readings:
+        """With other values (K, …), SI, in rows (K,), in order."""
+        old_rows, old_values = (rows[:0], values[:0]) if self._put_in is None else self._put_in
+        kept = ~np.isin(old_rows, rows)
+        all_rows, all_values = np.concatenate([old_rows[kept], rows]), np.concatenate([old_values[kept], values])
+        order = np.argsort(all_rows, kind="stable")
+        return Readings(self._packed, self._divisor, self._steps, (all_rows[order], all_values[order]))
+
+    def inserted(self, at: np.ndarray, values: np.ndarray) -> Readings:
+        """With values (K, …), SI, before rows (K,), in order, as ``np.insert`` has them."""
+        rows = at + np.arange(len(at))
+        moved = None
+        if self._put_in is not None:
+            old = self._put_in[0]
+            moved = old + np.searchsorted(at, old, side="right"), self._put_in[1]
+        return Readings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
+
+    def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
+        found = self._in_si(self._packed[(rows, *columns)] if columns else self._packed[rows])
+        if self._put_in is None or not len(self._put_in[0]):
+            return found
+        if isinstance(rows, slice) and rows.step in (None, 1):
+            start, stop, _ = rows.indices(len(self))
+            first, last = np.searchsorted(self._put_in[0], (start, max(start, stop)))
+            found[self._put_in[0][first:last] - start] = self._put_in[1][(slice(first, last), *columns)]
+            return found
+        mine, place = self._among_put_in(np.arange(len(self))[rows])
+        found[mine] = self._put_in[1][(place[mine], *columns)]
+        return found
+
+    def _among_put_in(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of rows (…) are none that was written, and where they stand among those."""
+        assert self._put_in is not None
+        known = self._put_in[0]
+        place = np.minimum(np.searchsorted(known, rows), max(len(known) - 1, 0))
+        return (known[place] == rows if len(known) else np.zeros(rows.shape, dtype=bool)), place
+
+    def _in_si(self, packed: np.ndarray) -> np.ndarray:
+        values = packed / self._divisor if self._divisor != 1 else packed.astype(float)
+        for step in self._steps:
+            values = step(values)
+        return values
+
+
+def times(factor: float) -> Step:
+    """Multiplies."""
+    return partial(np.multiply, factor)
+
+
+def mapped(values: np.ndarray, step: Step) -> np.ndarray:
+    """``step`` of each row: of ``Readings`` when rows are asked for, of an array at once."""
+    return cast(np.ndarray, values.mapped(step)) if isinstance(values, Readings) else step(values)
+
+
+def pick(values: np.ndarray, which: slice | np.ndarray) -> np.ndarray:
+    """Some of the rows, kept as they are kept."""
+    return cast(np.ndarray, values.pick(which)) if isinstance(values, Readings) else values[which]
+
+
+def replaced(values: np.ndarray, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """With other values (K, …) in rows (K,), in order."""
+    if isinstance(values, Readings):
+        return cast(np.ndarray, values.replaced(rows, others))
+    values = values.copy()
+    values[rows] = others
+    return values
+
+
+def inserted(values: np.ndarray, at: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """``np.insert`` of rows."""
+    return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, Readings) else np.insert(values, at, others, axis=0)
+
+
+def pieces(values: np.ndarray, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:
+    """(row of the first, rows as float64) of consecutive parts of ``TOGETHER`` rows; each goes on for ``overlap`` rows into the next."""
+    for start in range(0, max(len(values) - overlap, 1), TOGETHER):
+        yield start, values[start : start + TOGETHER + overlap]
+
+
+class Growing:
+    """Rows (N, …) that are added piece by piece, in one array that grows where it lies: never all of them twice."""
+
+    def __init__(self) -> None:
+        self._rows, self._table = 0, np.zeros(0)
+
+    def add(self, rows: np.ndarray) -> None:
+        """The next rows; of a wider type than those before, all are of that type."""
+        if not self._rows:
+            self._table = np.empty((0, *rows.shape[1:]), dtype=rows.dtype)
+        elif (kind := np.result_type(self._table, rows)) != self._table.dtype:
+            self._table = self._table.astype(kind)
+        end = self._rows + len(rows)
+        if end > len(self._table):
+            self._table.resize((end + end // 8, *rows.shape[1:]), refcheck=False)
+        self._table[self._rows : end] = rows
+        self._rows = end
+
+    def change(self, work: Callable[[np.ndarray], np.ndarray | None]) -> bool:
+        """Put what ``work`` makes of all rows so far in their place; False, and as they were, where it makes None of them."""
+        changed = work(self._table[: self._rows])
+        if changed is not None:
+            self._table = changed
+        return changed is not None
+
+    def rows(self) -> np.ndarray:
+        """All of them; nothing can be added then."""
+        table, self._table = self._table, np.zeros(0)
+        table.resize((self._rows, *table.shape[1:]), refcheck=False)
+        return table
+
+
+class Packer:
+    """Takes tables (K, C) of numbers as they were written, piece by piece, and keeps them in as few bytes as give them back."""
+
+    def __init__(self) -> None:
+        self._kept = Growing()
+        self._decimals: int | None = 0  # None: no power of ten gives them back
+
+    def add(self, table: np.ndarray) -> None:
+        """The next rows."""
+        while self._decimals is not None:
+            tried = range(self._decimals, MOST_DECIMALS + 1)
+            found = next(((decimals, whole) for decimals in tried if (whole := _whole(table, decimals)) is not None), None)
+            if found is not None and (found[0] == self._decimals or self._rescaled(found[0])):
+                self._kept.add(found[1])
+                return
+            divisor, self._decimals = 10.0**self._decimals, None
+            self._kept.change(lambda kept, divisor=divisor: kept / divisor)  # type: ignore[misc]
+        self._kept.add(np.array(table, dtype=float))
+
+    def packed(self) -> tuple[np.ndarray, float]:
+        """All rows, and what they are to be divided by."""
+        return self._kept.rows(), 10.0 ** (self._decimals or 0)
+
+    def _rescaled(self, decimals: int) -> bool:
+        """Whether those before can have more decimals, too; then they have."""
+        assert self._decimals is not None
+        divisor = 10.0**self._decimals
+        if not self._kept.change(lambda kept: _whole(kept / divisor, decimals)):
+            return False
+        self._decimals = decimals
+        return True
+
+
+def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
+    """Whole numbers of 10^-decimals that give the table back to the last bit, in 16 or 32 bits; None where none do.
+
+    The quotient of two whole numbers that a float64 holds exactly is rounded once, as a decimal that is read is: the same number.
+    """
+    scaled = np.rint(table * 10.0**decimals) if decimals else table
+    size = np.abs(scaled).max(initial=0)
+    if not size < 2**31:
+        return None
+    whole = scaled.astype(np.int16 if size < 2**15 else np.int32)
+    same = np.array_equal(np.divide(whole, 10.0**decimals) if decimals else whole, table)
+    return whole if same else None
+
+
+# The plain record that everything else works on.  A simulated one cannot be told from a recorded one.
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive readings of one log, in the order of time.
+
+    t_ns (N,) int64, device time, increasing; gyro (N, 3) rad/s, measured rate m; accel (N, 3) m/s^2, specific force as
+    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.  Of a file the last three are
+    ``Readings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
+    """
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp_c: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f"<Samples {len(self)}, {self.duration_s:.1f} s>"
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def dt_s(self) -> np.ndarray:
+        """(N-1,) s between neighbouring samples."""
+        return np.diff(self.t_ns) * NS
+
+    @property
+    def t_s(self) -> np.ndarray:
+        """(N,) s since the first sample."""
+        return (self.t_ns - self.t_ns[0]) * NS if len(self) else np.zeros(0)
+
+    @cached_property
+    def period_s(self) -> float:
+        """The usual time between two samples (median), in s; looked up often, computed once."""
+        return float(np.median(np.diff(self.t_ns))) * NS
+
+    @property
+    def duration_s(self) -> float:
+        """From the first sample to the last, s."""
+        return float(self.t_ns[-1] - self.t_ns[0]) * NS if len(self) else 0.0
+
+    def with_accel(self, accel: np.ndarray) -> Samples:
+        """The same samples with another specific force (N, 3)."""
+        return replace(self, accel=accel)
+
+    def between(self, start: int, stop: int) -> Samples:
+        """Samples start <= i < stop."""
+        part = slice(start, stop)
+        return Samples(self.t_ns[part], self.gyro[part], self.accel[part], None if self.temp_c is None else self.temp_c[part])
+
+    def pick(self, which: np.ndarray) -> Samples:
+        """Some of them, by mask or index, kept as they are kept."""
+        temp_c = None if self.temp_c is None else pick(self.temp_c, which)
+        return Samples(self.t_ns[which], pick(self.gyro, which), pick(self.accel, which), temp_c)
+
+
+def start_times(logs: Iterable[Samples]) -> np.ndarray:
+    """(L + 1,) s of the session at which each log begins, laid one after the other, and at which the last one ends."""
+    return np.cumsum([0.0] + [samples.duration_s for samples in logs])
+
+
+def joined(parts: list[Samples]) -> Samples:
+    """Parts of one log, in their order, as one."""
+    temps = [part.temp_c for part in parts if part.temp_c is not None]
+    temp_c = np.concatenate(temps) if len(temps) == len(parts) else None
+    t_ns, gyro, accel = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t_ns", "gyro", "accel"))
+    return Samples(t_ns, gyro, accel, temp_c)
+
+
+# Plain arrays as samples: checked as a file would be, so that nothing wrong goes further than here.
+
+LAST_S = ERA_NS * NS
+#: full scales that most sensors have, dps and g
+USUAL_DPS, USUAL_G = (125, 250, 500, 1000, 2000, 4000), (2, 4, 8, 16)
+
+
+def samples_from_arrays(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None) -> Samples:
+    """Samples of N readings: t_s (N,) s, increasing; gyro_rps (N, 3) rad/s; accel_mps2 (N, 3) m/s^2; temp_c (N,) degC or None.
+
+    Raises DataError, which names the array, where a shape is another, a value is not finite or beyond any sensor, or time does not go
+    forward.
+    """
+    time = _array(f"{name}: t_s", t_s, (None,))
+    count = len(time)
+    if count < 2:
+        raise DataError(f"{name}: t_s has {count} samples, expected at least 2")
+    gyro, accel = (_array(f"{name}: {what}", values, (count, 3)) for what, values in (("gyro_rps", gyro_rps), ("accel_mps2", accel_mps2)))
+    temperature = None if temp_c is None else _array(f"{name}: temp_c", temp_c, (count,))
+    _refuse_far(f"{name}: gyro_rps", gyro, "gyro")
+    _refuse_far(f"{name}: accel_mps2", accel, "accel")
+    if temperature is not None:
+        _refuse_far(f"{name}: temp_c", temperature, "temp")
+    if not (np.abs(time) < LAST_S).all():
+        raise DataError(f"{name}: t_s reaches {np.abs(time).max():.3g} s; expected seconds")
+    stamps = np.rint(time / NS)
+    if not (np.diff(stamps) > 0).all():
+        row = int(np.argmin(np.diff(stamps))) + 1
+        raise DataError(f"{name}: t_s[{row}] = {time[row]:.9g} s does not go on from the sample before; expected seconds, increasing")
+    return Samples(stamps.astype(np.int64), gyro, accel, temperature)
+
+
+def usual_ranges(samples: Samples) -> tuple[float, float]:
+    """Full scales in dps and g: the smallest of the usual ones that hold what was measured, or what was measured where none does."""
+    rate, force = float(np.abs(samples.gyro).max()) / DEG, float(np.abs(samples.accel).max()) / G
+    return (
+        next((float(fs) for fs in USUAL_DPS if fs > rate), math.ceil(rate)),
+        next((float(fs) for fs in USUAL_G if fs > force), math.ceil(force)),
+    )
+
+
+def _refuse_far(name: str, values: np.ndarray, kind: str) -> None:
+    if (far := beyond_any_sensor(values, 1.0, kind)).any():
+        at = tuple(int(i) for i in np.argwhere(far)[0])
+        raise DataError(f"{name}[{', '.join(map(str, at))}] is {values[at]:g} {SI[kind]}, beyond any sensor; is its unit right?")
+
+
+def _array(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{name} is not made of numbers") from None
+    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("N" if want is None else str(want) for want in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
+    if not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name}[{', '.join(map(str, at))}] is {array[at]}, expected a finite number; leave such samples out")
+    return array

@@ -1,0 +1,79 @@
+"""Text that leaves the tool: names, serial numbers and notes made fit for terminals, comments, JSON and commands."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from os import fspath
+
+# Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
+# stay text, and on one line.  One function for each place: a terminal or a message, a comment in code, a file in UTF-8, a command to copy.
+#
+# Values go through the format's own writer: ``session.io.results.json_text``, ``session.io.toml``, and PyYAML in the exports.
+
+#: bytes of a file's name that were no UTF-8 come as these, one a byte (PEP 383); the rest of the surrogates stand for nothing at all
+BYTES = range(0xDC80, 0xDD00)
+SURROGATE = re.compile("[\ud800-\udfff]")
+#: what ends a comment or begins another in some language, and what makes a compiler join its line to the next one (also as a trigraph)
+MARKS = re.compile(r"(?<=\*)/|(?<=/)\*|(?<=--)>|(?<=<)!|\?(?=\?)|\\(?=\s*$)")
+
+
+def unicode_text(text: str) -> str:
+    r"""Text that UTF-8 can hold: a byte that was none as ``\xe9``, any other surrogate as ``\ud800``."""
+    return text if text.isascii() else SURROGATE.sub(lambda found: _escaped(found[0]), text)
+
+
+def printable(text: str) -> str:
+    r"""One line that a terminal or a page may show: line ends, control and escape characters, signs that turn the writing round, and bytes
+    that were no text, as escapes such as ``\n`` and ``\x1b``."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
+
+
+def comment(text: str, ascii_only: bool = False) -> str:
+    """One line of a comment, after any mark and in any language: it can neither end the comment nor take the next line into it.
+
+    ascii_only: where the compiler may be an old one; what is not ASCII becomes ``?``.
+    """
+    line = printable(text)
+    if ascii_only:
+        line = line.encode("ascii", "replace").decode().replace("\\", "_")
+    return MARKS.sub("_", line)
+
+
+def escaped_json(text: str, ascii_only: bool = False) -> str:
+    """JSON that any reader of UTF-8 takes, and a terminal shows as it is: what is not printable in the strings is escaped, and reads back
+    the same; of bytes that were no text their escapes remain (``unicode_text``)."""
+    if text.isascii() and "\x7f" not in text:
+        return text
+    shown = str.isascii if ascii_only else str.isprintable
+    return "".join(c if c == "\n" or (c != "\x7f" and shown(c)) else _in_json(c) for c in text)
+
+
+def shell_word(path: object) -> str:
+    """A path as a shell takes it from a line that is copied: in quotes where it must be, and in ``$'…'`` what no terminal shows."""
+    text = fspath(path) if hasattr(path, "__fspath__") else str(path)
+    if text.isprintable():
+        return shlex.quote(text)
+    inside = "".join(_in_shell(c) for c in text)
+    return f"$'{inside}'"
+
+
+def _escaped(character: str) -> str:
+    number = ord(character)
+    return f"\\x{number - 0xDC00:02x}" if number in BYTES else repr(character)[1:-1]
+
+
+def _in_json(character: str) -> str:
+    return json.dumps(_escaped(character) if SURROGATE.match(character) else character)[1:-1]
+
+
+def _in_shell(character: str) -> str:
+    if character.isprintable():
+        return f"\\{character}" if character in "\\'" else character
+    return "".join(f"\\{byte:03o}" for byte in character.encode("utf-8", "surrogateescape" if ord(character) in BYTES else "replace"))
+
+
+# Who gave a board's samples, as its frames, the logs' comments and session.toml call it.
+
+STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"

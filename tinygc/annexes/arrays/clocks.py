@@ -1,0 +1,468 @@
+"""A unit's clock against the first unit's: offset and rate, by the likelihood of its rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.interpolate import CubicSpline
+
+from session.detect.events import register_end_dps
+from session.io.errors import CalibrationError
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.numeric import sigma_of
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+
+# Where a unit of an array is in time and space: its clock, its mounting, its position, against the array's first unit.
+
+
+@dataclass(frozen=True, eq=False)
+class UnitClock:
+    """``t_array = t_unit + offset_s + rate (t_unit - about_s)``, all in s; sigmas of offset and rate.
+
+    rate is positive where the unit's own clock is slow.  The array's clock is that of its first unit, whose offset and rate are 0.
+    """
+
+    offset_s: float = 0.0
+    rate: float = 0.0
+    about_s: float = 0.0
+    offset_sigma_s: float = 0.0
+    rate_sigma: float = 0.0
+
+    def array_time(self, t_unit_s: np.ndarray) -> np.ndarray:
+        """(N,) s on the array's clock of moments (N,) s on the unit's."""
+        return t_unit_s + self.offset_s + self.rate * (t_unit_s - self.about_s)
+
+
+@dataclass(frozen=True, eq=False)
+class UnitPlace:
+    """Of one unit: number; clock; mounting (3, 3), the rotation that takes vectors from the unit's body frame (its accelerometer's triad,
+    or what session.toml says) to the array's, and its covariance (3, 3) rad^2, of a turn about the array's axes; position (3,) m of its
+    accelerometer from the first unit's, in the array's frame, and its covariance (3, 3) m^2, both None where the motion does not tell."""
+
+    number: int
+    clock: UnitClock = field(default_factory=UnitClock)
+    mounting: np.ndarray = field(default_factory=lambda: np.eye(3))
+    mounting_covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    position_m: np.ndarray | None = None
+    position_covariance: np.ndarray | None = None
+
+
+# What a unit's gyroscope read, log by log, on its own clock, without what stands at the register's end.
+
+#: samples on either side of a clipped one that a spline through it would bend
+BESIDE = 3
+#: of the usual period: a longer step is a gap, over which nothing is interpolated
+GAP_PERIODS = 1.6
+#: s of one and the same reading on all axes, from which on it is no measurement: a sensor has noise (as in the vote of the fused output)
+STUCK_S = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Rates:
+    """One log of one unit: t_s (N,) s of its own clock, rate (N, 3) rad/s in its gyroscope's axes, good (N,) bool: neither clipped nor
+    stuck, nor beside such a one or a gap; period_s of its stamps."""
+
+    t_s: np.ndarray
+    rate: np.ndarray
+    good: np.ndarray
+    period_s: float
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def shifted(self, t_s: np.ndarray) -> Rates:
+        """The same readings at other moments (N,) s."""
+        return replace(self, t_s=t_s)
+
+    def between_good(self) -> Rates:
+        """From the first good reading to the last: without the end of a log whose sensor had died."""
+        good = np.flatnonzero(self.good)
+        if len(good) < 2:
+            return self
+        part = slice(good[0], good[-1] + 1)
+        return replace(self, t_s=self.t_s[part], rate=self.rate[part], good=self.good[part])
+
+    def spline(self) -> CubicSpline:
+        """The rate as a smooth function of the unit's time."""
+        return CubicSpline(self.t_s, self.rate)
+
+    def covers(self, t_s: np.ndarray) -> np.ndarray:
+        """(M,) bool: which moments lie between two good readings that are neighbours."""
+        after = np.searchsorted(self.t_s, t_s)
+        inside = (after > 0) & (after < len(self))
+        after = np.clip(after, 1, len(self) - 1)
+        return np.asarray(inside & self.good[after] & self.good[after - 1])
+
+
+def rates_of(samples: Samples, end_dps: float) -> Rates:
+    """Of one log; end_dps: from which rate on a reading is no measurement (``register_end_dps``)."""
+    t_s, rate = samples.t_ns * NS, np.asarray(samples.gyro)
+    bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
+    step, period_s = np.diff(t_s), samples.period_s
+    bad |= _stuck(rate, max(round(STUCK_S / period_s), 4))
+    gaps = step > GAP_PERIODS * period_s
+    bad[:-1] |= gaps
+    bad[1:] |= gaps
+    near = np.convolve(bad, np.ones(2 * BESIDE + 1), mode="same") > 0.5 if len(bad) > 2 * BESIDE else np.full(len(bad), bad.any())
+    return Rates(t_s, rate, ~near, period_s)
+
+
+def _stuck(rate: np.ndarray, length: int) -> np.ndarray:
+    """(N,) bool: readings in runs of one and the same value on all axes, as long as that or longer."""
+    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
+    count = np.diff(np.append(begins, len(rate)))
+    return np.repeat(count >= length, count)
+
+
+def session_rates(session: Session) -> tuple[Rates, ...]:
+    """Of every log, then every closure run, of a unit."""
+    return tuple(map(lambda log: log_rates(session, log), (*session.logs, *session.closures)))
+
+
+def log_rates(session: Session, log: Log) -> Rates:
+    """Of one of its logs."""
+    samples = log.samples
+    return rates_of(samples, register_end_dps(session.config.sensor, np.asarray(samples.gyro)))
+
+
+# Where a unit's clock stands, roughly: where its speed of turning goes along best with the first unit's.
+#
+# The speed, ``|rate|``, is the same in any axes, so no mounting need be known.  A clock that runs by up to 1 % fast or slow smears the
+# correlation of a long recording, so rates are tried on a grid that is as fine as the recording is long.
+
+#: how far a clock's rate may be from the first unit's: an RC oscillator's trimming, and half as much again
+MOST_RATE = 0.015
+#: s; a hand's turn has its speed's bends over some tenths of a second
+STEP_S = 0.05
+#: times as long steps, in which all rates are tried first
+COARSER = 4
+#: of the shorter log, that has to lie within the longer one
+LEAST_OVERLAP = 0.5
+#: a speed is looked at on this many grid points at most
+MOST_POINTS = 400_000
+
+
+@dataclass(frozen=True)
+class RoughClock:
+    """Of one log: ``t_array = t_unit + offset_s + rate (t_unit - about_s)``; likeness: the correlation of the speeds there."""
+
+    offset_s: float
+    rate: float
+    about_s: float
+    likeness: float
+
+
+def rough_clock(first: Rates, unit: Rates) -> RoughClock:
+    """The clock of one log of a unit against the first unit's log of the same time."""
+    first, unit = first.between_good(), unit.between_good()
+    length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
+    fine_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
+    best, around, reach = None, 0.0, MOST_RATE
+    for step_s in (COARSER * fine_s, fine_s):
+        # With a step of the grid at the ends of the recording, the smear takes little from the peak.
+        rate_step = min(MOST_RATE, 2 * step_s / max(float(unit.t_s[-1] - unit.t_s[0]), step_s))
+        count = int(np.ceil(reach / rate_step))
+        best = _search(first, unit, step_s, np.clip(around + rate_step * np.arange(-count, count + 1), -MOST_RATE, MOST_RATE))
+        around, reach = best.rate, 2 * rate_step
+    assert best is not None
+    return best
+
+
+def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> RoughClock:
+    """The best of these rates (R,), at any offset; speeds are meaned over steps of so many s."""
+    grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
+    about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
+    count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
+    front = _Front(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
+    best = RoughClock(0.0, 0.0, about_s, -2.0)
+    for rate in rates:
+        moved = about_s + (1 + rate) * (unit.t_s - about_s)
+        theirs = _speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1))
+        likeness, lag = front.best(theirs)
+        if likeness > best.likeness:
+            best = RoughClock(float(grid[0] + lag * step_s - moved[0]), float(rate), about_s, likeness)
+    return best
+
+
+def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """|rate| without the zero-rate offset, meaned over the steps of a grid that lies within the log."""
+    speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
+    turned = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))])
+    edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2] if len(grid) > 1 else 1.0))
+    return np.diff(np.interp(edges, t_s, turned))
+
+
+class _Front:
+    """The first unit's speeds (N,), against which others are laid at every lag."""
+
+    def __init__(self, ours: np.ndarray, size: int):
+        self.count, self.size = len(ours), size
+        ours = ours - ours.mean()
+        self.one, self.value, self.square = (rfft(each, size) for each in (np.ones(self.count), ours, ours**2))
+
+    def best(self, theirs: np.ndarray) -> tuple[float, int]:
+        """Largest correlation coefficient over all lags that overlap by enough, and its lag: theirs[0] beside ours[lag]."""
+        theirs = theirs - theirs.mean()
+        one, value, square = (np.conj(rfft(each, self.size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
+
+        def summed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return np.asarray(irfft(a * b, self.size))
+
+        count = np.round(summed(self.one, one))
+        x, y = summed(self.value, one), summed(self.one, value)
+        xx, yy, xy = summed(self.square, one), summed(self.one, square), summed(self.value, value)
+        enough = count >= max(2, LEAST_OVERLAP * min(self.count, len(theirs)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = (xx - x * x / count) * (yy - y * y / count)
+            likeness = np.where(enough & (spread > 0), (xy - x * y / count) / np.sqrt(spread), -1.0)
+        lag = int(np.argmax(likeness))
+        return float(likeness[lag]), lag - self.size if lag >= self.count else lag
+
+
+# A unit's clock against the first unit's: offset and rate, by the likelihood of its rates given the first unit's.
+#
+# The unit's gyroscope reads ``g(t) = A g_1(tau(t)) + b + noise`` with ``tau = t + offset + rate (t - about)`` and g_1 the first unit's.
+# A is any linear map: mounting, scales and misalignments of both.  So none of them can pull the clock.  All are estimated together, by
+# Gauss and Newton from where the correlation of the speeds has put the clock (``correlation``).
+#
+# The first unit's noise stands in the regressors as well.  What it adds to the normal equations in the mean is taken off again, since an
+# interpolated reading is quieter between two readings than at one, and least squares would move the clock there.
+
+#: s; readings of one block share their errors, as those of one hand's movement do
+BLOCK_S = 2.0
+ROUNDS = 25
+#: s and 1; a step that is smaller ends the search
+ENOUGH_S, ENOUGH_RATE = 1e-8, 1e-10
+#: of the square of a turning unit's rates, that the first unit's have to explain: units of one body 0.99 and more, others 0.4 at most
+#: (benchmarks/array_clocks.py)
+SAME_BODY = 0.9
+#: of a log's own clock against that of all logs, s: more, and the clock was set anew between them
+SET_ANEW_S = 0.5
+#: units of sigma of the unit's noise; a reading that turns by less tells no time
+MOVING_SIGMAS = 20.0
+#: of the map between two units' rates, one sigma: known worse, the body has not turned about all three axes
+KNOWN_MAP = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ClockFit:
+    """clock of a unit; matrix (3, 3): its rates from the first unit's, both in their own gyroscopes' axes, and bias (logs, 3) rad/s;
+    agreement: which share of its turning's mean square that explains; covariance (2, 2) of offset and rate, of ``clock.about_s``."""
+
+    clock: UnitClock
+    matrix: np.ndarray
+    matrix_sigma: np.ndarray
+    bias: np.ndarray
+    agreement: float
+    covariance: np.ndarray
+    rms_rps: float
+
+    @property
+    def map_is_known(self) -> bool:
+        """Whether the body has turned about all three axes, so that the map between the units' rates is one."""
+        return bool(self.matrix_sigma.max() < KNOWN_MAP)
+
+
+def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> ClockFit:
+    """first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
+    fit, likeness = nearest_clock(first, unit, name)
+    if fit is None or fit.agreement < SAME_BODY:
+        found = "no turn that both felt" if fit is None else f"its rates follow the first unit's by {max(fit.agreement, 0.0):.2f} of 1"
+        raise CalibrationError(
+            f"{name} did not feel the motion of the array's first unit: {found}, the correlation of their speeds is {likeness:.2f}; "
+            "an array's units are fixed to one rigid body and recorded together: take that unit out"
+        )
+    return fit
+
+
+def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> tuple[ClockFit | None, float]:
+    """The clock that suits best, be it good or not, and the correlation of the speeds from which it was looked for; None where nothing
+    turns.  Raises CalibrationError for a clock that was set anew between two logs."""
+    rough = _roughly(first, unit, name)
+    about_s = rough.about_s
+    splines = [rates.spline() for rates in first]
+    slopes = [spline.derivative() for spline in splines]
+    noise = np.mean([noise_of(rates.rate) ** 2 for rates in first], axis=0)
+    bar = MOVING_SIGMAS * max(float(np.mean([noise_of(rates.rate).max() for rates in unit])), float(np.sqrt(noise.max())))
+    moving = [rates.good & _moves(rates, bar) for rates in unit]
+    x = np.array([rough.offset_s, rough.rate])
+    solved = None
+    for _ in range(ROUNDS):
+        rows = _Rows(first, unit, moving, splines, slopes, x, about_s)
+        if not rows.enough:
+            break
+        try:
+            solved = rows.solve(noise, None if solved is None else solved.matrix)
+        except np.linalg.LinAlgError:  # no column of the first unit's rates tells of this one's: there is no clock
+            return None, rough.likeness
+        x = x + solved.step
+        if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
+            break
+    return (None if solved is None else _as_fit(solved, x, about_s)), rough.likeness
+
+
+def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
+    sigma = np.sqrt(np.diag(solved.covariance))
+    clock = UnitClock(float(x[0]), float(x[1]), about_s, float(sigma[0]), float(sigma[1]))
+    return ClockFit(clock, solved.matrix, solved.matrix_sigma, solved.bias, solved.agreement, solved.covariance, solved.rms)
+
+
+def _roughly(first: Sequence[Rates], unit: Sequence[Rates], name: str) -> RoughClock:
+    """Of the log that is most alike; CalibrationError where another that is alike too says another clock."""
+    each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
+    best = max(each, key=lambda rough: rough.likeness)
+    for number, rough in enumerate(each):
+        apart_s = abs(best.offset_s + best.rate * (rough.about_s - best.about_s) - rough.offset_s)
+        if rough.likeness > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(rough.about_s - best.about_s):
+            raise CalibrationError(
+                f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
+                "give each log an array's folder of its own"
+            )
+    return best
+
+
+def noise_of(rate: np.ndarray) -> np.ndarray:
+    """(3,) scatter of single readings, by their third differences: what turns smoothly does not count."""
+    if len(rate) < 8:
+        return np.zeros(3)
+    return np.asarray(sigma_of(np.diff(rate, 3, axis=0)) / np.sqrt(20.0))
+
+
+def _moves(rates: Rates, bar: float) -> np.ndarray:
+    """(N,) bool: readings that turn, and what lies within half a second of them."""
+    speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
+    reach = max(1, round(0.25 / rates.period_s))
+    return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    step: np.ndarray
+    covariance: np.ndarray
+    matrix: np.ndarray
+    matrix_sigma: np.ndarray
+    bias: np.ndarray
+    agreement: float
+    rms: float
+
+
+class _Rows:
+    """The first unit's rates and their slopes where the unit's readings stand, at one clock."""
+
+    def __init__(
+        self,
+        first: Sequence[Rates],
+        unit: Sequence[Rates],
+        moving: Sequence[np.ndarray],
+        splines: Sequence[CubicSpline],
+        slopes: Sequence[CubicSpline],
+        x: np.ndarray,
+        about_s: float,
+    ):
+        parts = []
+        for number, (one, other, moves) in enumerate(zip(first, unit, moving, strict=True)):
+            tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
+            rows = np.flatnonzero(moves & one.covers(tau))
+            at = tau[rows]
+            after = np.clip(np.searchsorted(one.t_s, at), 1, len(one) - 1)
+            phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
+            variance, slope = interpolated_variance(phase)
+            parts.append(
+                {
+                    "log": np.full(len(rows), number),
+                    "read": other.rate[rows],
+                    "ours": splines[number](at),
+                    "slope": slopes[number](at),
+                    "since": other.t_s[rows] - about_s,
+                    "block": np.floor(other.t_s[rows] / BLOCK_S) + 1e7 * number,
+                    "variance": variance,
+                    "variance_slope": slope / one.period_s,
+                }
+            )
+        self.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        self.logs = len(parts)
+
+    @property
+    def enough(self) -> bool:
+        """Whether there is something to fit."""
+        return len(self.values["since"]) > 10 * (3 + self.logs)
+
+    def solve(self, noise: np.ndarray, matrix: np.ndarray | None) -> _Solved:
+        """One step of Gauss and Newton; noise (3,): variance of the first unit's readings."""
+        v = self.values
+        ours, read, since = v["ours"], v["read"], v["since"]
+        count, logs = len(since), self.logs
+        design = np.hstack([ours, (v["log"][:, None] == np.arange(logs)).astype(float)])
+        if matrix is None:
+            matrix = np.linalg.lstsq(design, read, rcond=None)[0][:3].T
+        size = 3 + logs
+        whole = np.zeros((3 * size + 2, 3 * size + 2))
+        right = np.zeros(3 * size + 2)
+        gram = design.T @ design
+        gram[:3, :3] -= np.diag(noise) * v["variance"].sum()
+        turned = v["slope"] @ matrix.T  # (N, 3)
+        clock = np.stack([turned, turned * since[:, None]], axis=2)  # (N, 3, 2)
+        for axis in range(3):
+            part = slice(axis * size, (axis + 1) * size)
+            whole[part, part] = gram
+            whole[part, -2:] = design.T @ clock[:, axis]
+            # E[n n'] of an interpolated reading: half the slope of its variance.
+            for column, weight in ((-2, np.ones(count)), (-1, since)):
+                whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (v["variance_slope"] * weight).sum() / 2
+            whole[-2:, part] = whole[part, -2:].T
+            right[part] = design.T @ read[:, axis]
+            right[-2:] += clock[:, axis].T @ read[:, axis]
+        whole[-2:, -2:] = np.einsum("nai,naj->ij", clock, clock)
+        solution = np.linalg.solve(whole, right)
+        coefficients = solution[:-2].reshape(3, size)
+        fitted = design @ coefficients.T + clock @ solution[-2:]
+        residual = read - fitted
+        covariance = self._covariance(whole, design, clock, residual)
+        about = (
+            read
+            - np.array([read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)])[v["log"]]
+        )
+        total = float(np.square(about).sum())
+        return _Solved(
+            step=solution[-2:],
+            covariance=covariance[-2:, -2:],
+            matrix=coefficients[:, :3],
+            matrix_sigma=np.sqrt(np.diag(covariance)[:-2]).reshape(3, size)[:, :3],
+            bias=coefficients[:, 3:].T,
+            agreement=1 - float(np.square(residual).sum()) / total if total > 0 else 0.0,
+            rms=float(np.sqrt(np.mean(np.square(residual)))),
+        )
+
+    def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Of all coefficients, from how the blocks' own scores scatter: whatever the readings of a block share is in it."""
+        blocks, index = np.unique(self.values["block"], return_inverse=True)
+        size = design.shape[1]
+        scores = np.zeros((len(blocks), whole.shape[0]))
+        for axis in range(3):
+            np.add.at(scores[:, axis * size : (axis + 1) * size], index, design * residual[:, axis, None])
+            np.add.at(scores[:, -2:], index, clock[:, axis] * residual[:, axis, None])
+        inverse = np.linalg.inv(whole)
+        few = len(blocks) / max(len(blocks) - whole.shape[0] / 3, 1.0)
+        return inverse @ (scores.T @ scores) @ inverse * few
+
+
+def _cardinal(reach: int = 12, points: int = 101) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of a cubic spline through white noise of variance 1, between two readings, at phases 0 to 1."""
+    knots = np.arange(-reach, reach + 1.0)
+    phase = np.linspace(0, 1, points)
+    weights = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(phase)
+    return phase, np.square(weights).sum(axis=1)
+
+
+_VARIANCE = CubicSpline(*_cardinal())
+_VARIANCE_SLOPE = _VARIANCE.derivative()
+
+
+def interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of an interpolated reading, in units of a reading's own, at phases (N,) 0 to 1 between two; and its slope over the phase."""
+    return _VARIANCE(phase), _VARIANCE_SLOPE(phase)

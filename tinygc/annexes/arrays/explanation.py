@@ -1,0 +1,365 @@
+"""``check`` and ``explain`` of an array: each unit by itself, and what the others say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session import VERSION
+from session.annexes.arrays.recording import ArraySession
+from session.detect.check_references import with_own_accelerometer
+from session.detect.events import find_impacts
+from session.detect.findings import Finding, worst
+from session.detect.first_look import check_session
+from session.detect.stills import SessionStills
+from session.io.errors import CalibrationError
+from session.io.files import result_folder
+from session.io.folder import Session
+from session.io.results import write_whole
+from session.io.texts import printable
+from session.io.units import DEG, NS
+from tinygc.annexes.arrays.clocks import ClockFit
+from tinygc.annexes.arrays.extrinsics import clock_fits
+from tinygc.annexes.arrays.fit import ArrayFit, begins_s, event_to_json, fit_array, split_to_json
+from tinygc.annexes.arrays.joint import OWN_P
+from tinygc.explanation.engine import Explanation, explain_session
+from tinygc.explanation.faulty_readings import FALSE, bridged, proposed
+from tinygc.explanation.result import to_json
+
+# The first look at an array: each unit as a session of its own, then whether they are one body.
+
+WHAT = "one body"
+PPM = 1e6
+
+
+def check_array(array: ArraySession, further: Callable[[Session, SessionStills], list[Finding]]) -> list[Finding]:
+    """Findings of every unit, ``where`` beginning with its number, and of the array; further: a look at a unit's whole session and its
+    stills, that is taken where nothing of it is an error."""
+    findings: list[Finding] = []
+    for number, unit in zip(array.numbers, array.units, strict=True):
+        session, own = with_own_accelerometer(unit)
+        found = SessionStills(session)
+        mine = own + check_session(session, found)
+        if worst(mine) != "error":
+            mine += further(session, found)
+        findings += [replace(finding, where=f"unit {number}: {finding.where}") for finding in mine]
+    return findings + check_one_body(array)
+
+
+def check_one_body(array: ArraySession) -> list[Finding]:
+    """Whether all units felt the same motion, and where their clocks are."""
+    try:
+        fits = clock_fits(array)
+    except CalibrationError as error:
+        return [Finding("error", array.name, WHAT, str(error), "")]
+    return [
+        Finding("ok", f"unit {number}", WHAT, _said(fit, array.numbers[0]), "")
+        for number, fit in list(zip(array.numbers, fits, strict=True))[1:]
+    ]
+
+
+def _said(fit: ClockFit, first: int) -> str:
+    clock = fit.clock
+    way = "slow" if clock.rate > 0 else "fast"
+    rate = f"{abs(clock.rate) * PPM:.1f} ± {clock.rate_sigma * PPM:.1f} ppm {way}"
+    return (
+        f"its rates follow unit {first}'s by {fit.agreement:.4f} of 1; against it its clock is {clock.offset_s * 1e3:+.2f} ± "
+        f"{clock.offset_sigma_s * 1e3:.2f} ms and " + (rate if clock.rate else "as fast")
+    )
+
+
+# Moments at which one unit's register leaps: did the others feel it?  A false reading is in one unit, a knock in all.
+
+FALSE_READING, KNOCK = "false reading", "knock"
+#: of the leap: what the others feel less of, they have not felt (benchmarks/array_fit.py: knocks are felt alike to a tenth)
+FELT = 0.5
+#: samples beside the leap in which the others' clocks may see it
+BESIDE = 1
+#: s around a leap that is read of the others
+NEAR_S = 0.1
+#: a board's impact lasts so long, s: units that jump within it have felt one knock
+TOGETHER_S = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """what: ``false reading`` or ``knock``; at_s of the array's clock; unit: number of the one whose register leaps, or that feels a knock
+    most; size_rps of the leap, 0 of a knock that only accelerometers show; felt: share of it that the other units feel; units: numbers of
+    those in which a detector found it."""
+
+    what: str
+    at_s: float
+    unit: int
+    size_rps: float
+    felt: float
+    units: tuple[int, ...]
+
+    @property
+    def words(self) -> str:
+        """Whose it is."""
+        leap, felt = f"leaps by {self.size_rps / DEG:.3g}°/s", f"{100 * max(self.felt, 0.0):.0f} % of it"
+        if self.what == FALSE_READING:
+            return f"unit {self.unit} alone {leap}, the others feel {felt}: a false reading"
+        if self.size_rps:
+            return f"unit {self.unit} {leap}, and the others feel {felt}: a knock, no false reading"
+        return f"{len(self.units)} units' specific force jumps at once: a knock that all felt"
+
+
+def moments_of(fit: ArrayFit) -> list[Moment]:
+    """Leaps that any unit's detector proposes, and impacts, in order of time."""
+    leaps = []
+    for i, unit in enumerate(fit.prepared):
+        session = unit.problem.session
+        events = [event for event in proposed(session) if event.id == FALSE]
+        calm = bridged(session, events)
+        for event in events:
+            rows = np.arange(event.row, event.row + event.samples)
+            samples, smooth = (each.logs[event.log].samples for each in (session, calm))
+            t_s = samples.t_ns[rows] * NS
+            leap = _in_array(fit, i, np.asarray(samples.gyro)[rows] - np.asarray(smooth.gyro)[rows], bias=False)
+            usual = _in_array(fit, i, np.asarray(smooth.gyro)[rows])
+            felt = _felt(fit, i, event.log, t_s, leap, usual, samples.period_s)
+            if felt is None:
+                continue
+            what = KNOCK if felt > FELT else FALSE_READING
+            size = float(np.linalg.norm(leap, axis=1).max())
+            leaps.append(Moment(what, float(t_s.mean()), unit.number, size, felt, (unit.number,)))
+    leaps = _one_knock_each(leaps)
+    return sorted([*leaps, *_impacts(fit, leaps)], key=lambda moment: moment.at_s)
+
+
+def _one_knock_each(leaps: list[Moment]) -> list[Moment]:
+    """Leaps of several units at once that all felt are one knock: that of the unit which leaps most."""
+    kept: list[Moment] = []
+    for leap in sorted(leaps, key=lambda moment: -moment.size_rps):
+        same = [k for k, one in enumerate(kept) if one.what == leap.what == KNOCK and abs(one.at_s - leap.at_s) < TOGETHER_S]
+        if same:
+            one = kept[same[0]]
+            kept[same[0]] = replace(one, units=tuple(sorted({*one.units, *leap.units})))
+        else:
+            kept.append(leap)
+    return kept
+
+
+def _in_array(fit: ArrayFit, i: int, rate: np.ndarray, bias: bool = True) -> np.ndarray:
+    """Measured rates (K, 3) of the i-th unit, or differences of such, as rates of the body in the array's axes."""
+    unit = fit.units[i]
+    return np.asarray((rate @ unit.model.E.T + (unit.model.B if bias else 0.0)) @ unit.place.mounting.T)
+
+
+def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, usual: np.ndarray, period_s: float) -> float | None:
+    """Share of the leap in the mean of the others; None where none of them was there."""
+    shares = []
+    for late in np.arange(-BESIDE, BESIDE + 1) * period_s / 2:
+        others = []
+        for j, other in enumerate(fit.prepared):
+            if j == i or log >= len(other.problem.session.logs):
+                continue
+            samples = other.problem.session.logs[log].samples
+            theirs = samples.t_ns * NS
+            near = slice(*np.searchsorted(theirs, [t_s[0] - NEAR_S, t_s[-1] + NEAR_S]))
+            if not theirs[near].size or theirs[near][0] > t_s[0] + late or theirs[near][-1] < t_s[-1] + late:
+                continue
+            rate = _in_array(fit, j, np.asarray(samples.gyro[near]))
+            others.append(np.column_stack([np.interp(t_s + late, theirs[near], axis) for axis in rate.T]) - usual)
+        if others:
+            shares.append(float(np.sum(np.median(others, axis=0) * leap) / np.sum(leap**2)))
+    return max(shares) if shares else None
+
+
+def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
+    """Impacts that more than half of the units' accelerometers show at once, and no leap told already."""
+    found: list[tuple[float, int]] = []
+    for unit in fit.prepared:
+        for log in unit.problem.session.logs:
+            found += [(log.samples.t_ns[each.row] * NS, unit.number) for each in find_impacts(log.samples)]
+    moments: list[Moment] = []
+    spans = [(float(a), float(b)) for a, b in fit.same.time_s]
+    for at_s, _ in sorted(found):
+        who = tuple(sorted({number for other_s, number in found if abs(other_s - at_s) < TOGETHER_S}))
+        inside = spans[0][0] <= at_s <= spans[-1][1]
+        told = any(abs(moment.at_s - at_s) < TOGETHER_S for moment in (*leaps, *moments))
+        if inside and not told and len(who) > len(fit.units) / 2:
+            moments.append(Moment(KNOCK, float(at_s), who[0], 0.0, 1.0, who))
+    return moments
+
+
+# ``explain`` of an array: each unit by itself, and what the others say of it.
+#
+# What one unit has and the others have not is its own; what all have is none of the sensors': the motion, the table, the reference.
+
+OWN, SOME, COMMON, ALIKE = "own", "some", "common", "alike"
+#: of effects: what moves or is at rest is the body's, not a sensor's
+OF_THE_BODY = ("motion", "still", "reference", "earth")
+
+
+@dataclass(frozen=True)
+class Trait:
+    """An effect that is named: in which units; whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in
+    all; says: of each unit, in its order; unknown: units that could not be explained, of which nobody knows."""
+
+    id: str
+    units: tuple[int, ...]
+    whose: str
+    says: tuple[str, ...]
+    unknown: tuple[int, ...] = ()
+    instead: tuple[str, ...] = ()  #: effects that a unit's own explanation could not tell from it
+
+    @property
+    def words(self) -> str:
+        """Whose it is, in a sentence."""
+        if self.unknown:
+            plural = "s" * (len(self.unknown) != 1)
+            return f"{self._whose}; unit{plural} {', '.join(map(str, self.unknown))} could not be explained, and may have it too"
+        return self._whose
+
+    @property
+    def _whose(self) -> str:
+        named = ", ".join(map(str, self.units))
+        if self.instead and self.whose in (OWN, SOME):
+            where = f"unit {named} alone" if self.whose == OWN else f"units {named}, not in the others"
+            either = " or ".join((self.id, *self.instead))
+            return f"{either} in {where}: something of their own, and which of these the recording does not tell"
+        if self.whose == OWN:
+            whose = "readings" if self.id.startswith(("data.", "timing.")) else "physics"
+            return f"{self.id} in unit {named} alone: that unit's own {whose} ({self.says[0]})"
+        if self.whose == SOME:
+            return f"{self.id} in units {named}, not in the others: these units' own physics"
+        if self.whose == COMMON:
+            return f"{self.id} in all units: what they have in common (motion, table, reference), no unit's sensor"
+        return f"{self.id} in all units: what they share (motion, table, reference, temperature), or what sensors of this kind have"
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayExplanation:
+    """fit; explanations of the units by number; not_explained: why one has none, by number; traits; moments."""
+
+    fit: ArrayFit
+    explanations: dict[int, Explanation]
+    not_explained: dict[int, str]
+    traits: tuple[Trait, ...]
+    moments: tuple[Moment, ...]
+
+    @property
+    def verdict(self) -> str:
+        """``no_mismatch``, or what the array is: ``common``, ``own``, or ``common_and_own``."""
+        events = self.fit.joint.events
+        at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0, all of them, and several: no unit's own
+        common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits) or bool(at_once - {1})
+        own = any(trait.whose in (OWN, SOME) for trait in self.traits) or 1 in at_once
+        own = own or bool((self.fit.split.own_p < OWN_P).any())
+        if common and own:
+            return "common_and_own"
+        return "common" if common else "own" if own else "no_mismatch"
+
+
+def explain_array(
+    array: ArraySession,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> ArrayExplanation:
+    """Fit the array, explain each unit as a session of its own, and judge with the others what is whose.
+
+    Raises the errors of ``fit_array``; a unit that cannot be explained alone is said, and does not stop the others.
+    """
+    fit = fit_array(array, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
+    explanations: dict[int, Explanation] = {}
+    failed: dict[int, str] = {}
+    for done, unit in enumerate(fit.units):
+        progress(f"explaining unit {unit.number}", done, len(fit.units))
+        try:
+            explanations[unit.number] = explain_session(unit.session, seed=seed, use_earth=use_earth)
+        except CalibrationError as error:
+            failed[unit.number] = printable(str(error))
+    return ArrayExplanation(fit, explanations, failed, _traits(explanations, tuple(failed)), tuple(moments_of(fit)))
+
+
+def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> tuple[Trait, ...]:
+    """unknown: numbers of the units that could not be explained, so that nothing is said to be in all."""
+    named: dict[str, dict[int, str]] = {}
+    kinds: dict[str, str] = {}
+    instead: dict[str, dict[str, None]] = {}
+    for number, e in explanations.items():
+        for claim in e.claimed:
+            named.setdefault(claim.effect.id, {})[number] = claim.says
+            kinds[claim.effect.id] = claim.effect.kind
+            instead.setdefault(claim.effect.id, {}).update(dict.fromkeys(claim.equivalent))
+    found = []
+    for name, by_unit in named.items():
+        if len(by_unit) == len(explanations) and len(by_unit) > 1 and not unknown:
+            whose = COMMON if kinds[name] in OF_THE_BODY or name.split(".")[0] in OF_THE_BODY else ALIKE
+        else:
+            whose = OWN if len(by_unit) == 1 else SOME
+        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values()), unknown, tuple(instead[name])))
+    return tuple(found)
+
+
+# An array's explanation as ``tinygc-array-explain/1`` (docs/formats.md).
+
+SCHEMA = "tinygc-array-explain/1"
+NAME = "array.json"
+
+
+def explained_to_json(found: ArrayExplanation) -> dict:
+    """The whole result, JSON-ready; times in seconds of the array's clock from its first sample."""
+    fit = found.fit
+    return {
+        "schema": SCHEMA,
+        "array": fit.array.name,
+        "verdict": found.verdict,
+        "split": split_to_json(fit.split),
+        "units": [
+            {
+                "number": unit.number,
+                "verdict": found.explanations[unit.number].verdict if unit.number in found.explanations else None,
+                "error": found.not_explained.get(unit.number),
+                "own_rms_deg": unit.own_rad[0] / DEG,
+                "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
+                "own_p_value": float(p),
+                "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
+            }
+            for unit, p in zip(fit.units, fit.split.own_p, strict=True)
+        ],
+        "traits": [
+            {"id": trait.id, "units": list(trait.units), "whose": trait.whose, "says": trait.words, "of_units": list(trait.says)}
+            for trait in found.traits
+        ],
+        "events": [event_to_json(event, fit) for event in fit.joint.events],
+        "moments": [_moment(moment, begins_s(fit)) for moment in found.moments],
+        "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
+        "version": VERSION,
+    }
+
+
+def _moment(moment: Moment, begins: float) -> dict:
+    return {
+        "what": moment.what,
+        "at_s": moment.at_s - begins,
+        "unit": moment.unit,
+        "units": list(moment.units),
+        "size_dps": moment.size_rps / DEG,
+        "felt_by_others": moment.felt,
+        "says": moment.words,
+    }
+
+
+def save_array_explanation(found: ArrayExplanation, folder: Path | None = None) -> Path:
+    """``array.json``, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; returns it.
+
+    CalibrationError where the array was never a folder and none is given.
+    """
+    array = found.fit.array
+    if folder is None and not array.folder.is_dir():
+        raise CalibrationError(f"{array.name}: made of arrays, it has no folder of its own; give one to save to")
+    folder = folder or array.folder / "explain"
+    with result_folder(folder):
+        for number, explanation in found.explanations.items():
+            with result_folder(folder / f"unit{number}"):
+                write_whole(folder / f"unit{number}" / "explain.json", to_json(explanation))
+        write_whole(folder / NAME, explained_to_json(found))
+    return folder

@@ -1,0 +1,236 @@
+"""Where the units of an array are: clock and mounting of each against the first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from session.annexes.arrays.recording import ArraySession
+from session.detect.check_references import with_own_accelerometer
+from session.detect.stills import SessionStills
+from session.io.errors import CalibrationError
+from session.io.folder import Session
+from session.io.units import NS
+from tinygc.annexes.arrays.clocks import ClockFit, Rates, UnitClock, UnitPlace, fit_clock, session_rates
+
+# How a unit is turned against the first one: from gravity in the stills of both, and from the rates of both.
+#
+# Gravity gives the rotation between the accelerometers' triads, which the body frames are, and needs two directions that are not one.  The
+# rates give the rotation between the gyroscopes' triads, about all axes, but a gyroscope's triad is only mounted on the accelerometer's as
+# well as its maker could.  Both are put together by their sigmas (Wahba's problem; Markley, J. Astronaut. Sci. 36, 1988).
+
+#: rad; how far a gyroscope's triad is from the accelerometer's of its chip: cross-axis sensitivities of 2 % stand in data sheets
+TRIADS_RAD = 0.02
+#: rad; a direction of gravity by an accelerometer that nobody has calibrated: zeros of some 30 mg
+DIRECTION_RAD = 0.03
+#: rad; no direction is known better: a 16-bit register of 2 g has steps of 6e-5 g
+LEAST_RAD = 1e-5
+ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
+    scatter_rad: of gravity's directions, NaN with too few of them; stills: how many of them both units have."""
+
+    matrix: np.ndarray
+    covariance: np.ndarray
+    scatter_rad: float
+    stills: int
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that is nearest to a matrix of positive determinant (polar decomposition)."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
+    """first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix
+    (3, 3): the unit's rates from the first unit's.  K may be 0."""
+    from_rates = nearest_rotation(np.linalg.inv(rate_matrix))
+    ours, theirs = (force / np.linalg.norm(force, axis=1, keepdims=True) for force in (first_force, unit_force))
+    count = len(ours)
+    mounting, sigma = from_rates, DIRECTION_RAD
+    for _ in range(ROUNDS):
+        mounting, information = _weighed(ours, theirs, from_rates, sigma)
+        before, freedom = sigma, 2 * count - 3
+        if freedom > 0:
+            sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
+        if abs(sigma - before) <= 1e-6 * before:
+            break
+    return Mounting(mounting, np.linalg.inv(information), sigma if 2 * count > 3 else float("nan"), count)
+
+
+def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """The rotation of the largest likelihood, and its information (3, 3) about the array's axes: gravity's directions of a sigma each, and
+    the rates' three axes, whose directions a turn by TRIADS_RAD moves."""
+    axes = np.eye(3)
+    weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
+    to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
+    matrix = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
+    information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
+    return matrix, information
+
+
+def rotation_vector(matrix: np.ndarray) -> np.ndarray:
+    """(3,) rad of a rotation matrix."""
+    return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
+
+
+# Where the units of an array are: clock and mounting of each, from their rates and from gravity in their stills.
+
+#: of the shorter of two stills, that they have to have in common
+LEAST_COMMON = 0.5
+#: of a period of the readings, by which units that one reader asks in turn may seem apart: sensors sample far oftener than they are read
+ONE_READER = 0.1
+
+
+def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
+    """Clock and mounting of every unit against the first; no positions.
+
+    Raises CalibrationError where a unit did not feel the same motion, or has mirrored axes: it says which.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    fits = clock_fits(array, rates)
+    for number, fit in zip(array.numbers, fits, strict=True):
+        if not fit.map_is_known:
+            raise CalibrationError(
+                f"{array.name}: the motion does not tell how unit {number} is mounted: the body turned about too few axes; turn it about "
+                "all three"
+            )
+    forces = [_forces(unit) for unit in array.units]
+    places = [UnitPlace(array.numbers[0])]
+    for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
+        ours, theirs = _common(forces[0], mine, fit.clock)
+        found = fit_mounting(ours, theirs, fit.matrix)
+        places.append(UnitPlace(number, fit.clock, found.matrix, found.covariance))
+    return tuple(places)
+
+
+def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None) -> list[ClockFit]:
+    """Of every unit, the first one's being exact; rates: of each unit, where they are at hand.  Raises CalibrationError."""
+    rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
+    names = [f"{array.name}: unit {number}" for number in array.numbers]
+    _turned(rates, names)
+    fits = [_own_fit(rates[0])]
+    for mine, name in zip(rates[1:], names[1:], strict=True):
+        try:
+            fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
+        except CalibrationError:
+            _blame_first(rates, names, mine)
+            raise
+        fits.append(fit)
+    _refuse_mirrored(fits, names)
+    return fits
+
+
+def clocks_found(array: ArraySession) -> tuple[dict[int, UnitClock], dict[int, str]]:
+    """Of a recording in which a unit may have failed: clocks by number, and why a unit has none, in one line.
+
+    Raises CalibrationError where no unit follows the first one.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    clocks, why = {array.numbers[0]: UnitClock()}, {}
+    for i, number in list(enumerate(array.numbers))[1:]:
+        pair = replace(array, numbers=(array.numbers[0], number), units=(array.units[0], array.units[i]))
+        try:
+            clocks[number] = clock_fits(pair, [rates[0], rates[i]])[1].clock
+        except CalibrationError as error:
+            why[number] = str(error)
+    if len(clocks) == 1:
+        raise CalibrationError(next(iter(why.values())))
+    return clocks, why
+
+
+def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
+    """CalibrationError of the first one that is; of the array's first unit, where most of the others are mirrored against it."""
+    known = [i for i, fit in enumerate(fits) if i and fit.map_is_known]
+    mirrored = [i for i in known if np.linalg.det(fits[i].matrix) <= 0]
+    if not mirrored:
+        return
+    name, whose = names[mirrored[0]], "the first unit's"
+    if len(mirrored) > 1 and 2 * len(mirrored) > len(known):
+        name, whose = names[0], "most of the others'"
+    raise CalibrationError(f"{name} has mirrored axes (its rates follow {whose} as in a mirror); correct the signs in its log")
+
+
+def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]) -> ClockFit:
+    """Stamps that are the first unit's own, and not told from them by the motion, are one reader's: its clock is exact, and what is left
+    is the age of each reading (``ages``)."""
+    same = all(np.array_equal(one.t_s, other.t_s) for one, other in zip(first, mine, strict=True))
+    apart = max(float(np.abs(fit.clock.array_time(each.t_s[[0, -1]]) - each.t_s[[0, -1]]).max() / each.period_s) for each in mine)
+    if not same or apart > ONE_READER:
+        return fit
+    return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
+
+
+def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:
+    return ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates), 3)), 1.0, np.zeros((2, 2)), 0.0)
+
+
+def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
+    for mine, name in zip(rates, names, strict=True):
+        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
+        if still.all():
+            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+        if still.any():
+            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
+            raise CalibrationError(
+                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
+            )
+
+
+def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:
+    """CalibrationError of the first unit where the others go along with each other, and none of them with it."""
+    others = [each for each in rates[1:] if each is not mine]
+    for other in others:
+        try:
+            fit_clock(other, mine)
+        except CalibrationError:
+            continue
+        try:
+            fit_clock(rates[0], other, names[0])
+        except CalibrationError as error:
+            said = str(error).replace("the array's first unit", "the others").replace("the first unit's", "theirs")
+            raise CalibrationError(said) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Force:
+    """Of one still: from when to when on the unit's clock, s, and its mean specific force (3,) m/s^2."""
+
+    start_s: float
+    stop_s: float
+    mean: np.ndarray
+
+
+def _forces(session: Session) -> list[list[_Force]]:
+    """Of each log, stills that are a reference, under an accelerometer that is calibrated as well as it can be."""
+    found = SessionStills(session)
+    session, _ = with_own_accelerometer(session, looked_at=found)
+    found = found.under(session)
+    forces = []
+    for log in session.logs:
+        begin_s = float(log.samples.t_ns[0]) * NS
+        good = [still for still in found.of(log).stills if still.problem is None]
+        forces.append([_Force(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
+    return forces
+
+
+def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
+    """Mean specific force (K, 3) of both units in the stills that both have."""
+    pairs = []
+    for mine, other in zip(ours, theirs, strict=True):
+        for one in mine:
+            for two in other:
+                start, stop = clock.array_time(np.array([two.start_s, two.stop_s]))
+                shared = min(stop, one.stop_s) - max(start, one.start_s)
+                if shared >= LEAST_COMMON * min(one.stop_s - one.start_s, two.stop_s - two.start_s):
+                    pairs.append((one.mean, two.mean))
+    if not pairs:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    first, second = zip(*pairs, strict=True)
+    return np.array(first), np.array(second)

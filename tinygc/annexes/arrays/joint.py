@@ -1,0 +1,487 @@
+"""All units estimated together, and the closure split into what is common and what is each unit's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import chi2
+
+from session.io.numeric import sigma_of
+from session.io.units import DEG, NS
+from tinygc.annexes.arrays.system import (
+    GYROSCOPE,
+    PER_UNIT,
+    Layout,
+    RowMap,
+    Solution,
+    State,
+    System,
+    UnitRows,
+    array_system,
+    common_earth,
+    start_state,
+    unit_rows,
+    with_earth,
+)
+from tinygc.annexes.arrays.units import ArrayUnit, SameStills
+from tinygc.attitude.earth import EarthRate
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
+
+# What stands beyond an array's usual errors: a reading of one unit that the others contradict, a turn that all miss alike.
+
+#: family-wise, of all blocks of rows of an array
+RARE_P = 0.01
+
+OWN_TURN, OWN_STILL, COMMON_TURN, COMMON_STILL = "turn", "still", "common turn", "common still"
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayEvent:
+    """what: ``turn`` or ``still`` of one unit, ``common turn`` or ``common still`` of all; unit: its place among the units, None of all;
+    rival: of two units, the other one where it contradicts as much, so that nobody knows which of them errs; first, last: the array's
+    stills around it; size: rad or m/s^2; p_value: of one as large by chance, family-wise; rows of the system."""
+
+    what: str
+    unit: int | None
+    first: int
+    last: int
+    size: float
+    p_value: float
+    rows: np.ndarray
+    rival: int | None = None
+
+    def together(self, events: Sequence[ArrayEvent]) -> tuple[ArrayEvent, ...]:
+        """Of these, those of single units in the same turn or still: of more than one unit at once, none is a sensor's own reading."""
+        return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Rows (B, d) that stand or fall together, by whose they are; spans (B, 2) stills."""
+
+    what: str
+    unit: int | None
+    rows: np.ndarray
+    spans: np.ndarray
+
+
+def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Blocks]:
+    """Of every unit's turns and stills, and of what is common."""
+    found = []
+    for i, unit in enumerate(rows):
+        found.append(Blocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
+    for i, unit in enumerate(rows):
+        found.append(Blocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
+    q = np.arange(len(same))
+    found.append(Blocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
+    found.append(Blocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
+    return found
+
+
+def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
+    """Of each block its event, with the probability, of all blocks together, that chance makes one as large.
+
+    A block's part in the estimate of its own component is taken off: F of what it misses by against what the others do.
+    """
+    from scipy.stats import f
+
+    total = sum(len(part.rows) for part in blocks)
+    found = []
+    for part in blocks:
+        chi, error = solution.blocks(part.rows)
+        d = part.rows.shape[1]
+        counted = ~solution.system.out[part.rows].any(axis=1)
+        m = int(counted.sum())
+        for b in range(len(chi)):
+            others = m - counted[b]
+            left = d * m - chi[b] if counted[b] else d * m
+            ratio = (chi[b] / d) / (max(left, 0.05 * d) / (d * max(others, 1)))
+            p = float(f.sf(min(ratio, chi[b] / d * 10), d, d * max(others, 1)))
+            size = float(np.linalg.norm(error[b]))
+            first, last = (int(q) for q in part.spans[b])
+            found.append(ArrayEvent(part.what, part.unit, first, last, size, min(1.0, p * total), part.rows[b]))
+    return found
+
+
+def worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEvent]:
+    """New events, one of each turn or still: what one reading does shows a little in all that share its turn."""
+    best: dict[tuple[bool, int], ArrayEvent] = {}
+    for event in found:
+        if event.p_value > RARE_P or out[event.rows].all():
+            continue
+        key = (event.first == event.last, event.first)
+        if key not in best or event.p_value < best[key].p_value or (event.p_value == best[key].p_value and event.size > best[key].size):
+            best[key] = event
+    units = {event.unit for event in found if event.unit is not None}
+    return [_with_rival(event, found) if len(units) == 2 else event for event in best.values()]
+
+
+def _with_rival(event: ArrayEvent, found: list[ArrayEvent]) -> ArrayEvent:
+    """Of an array of two: in yaw each is the only witness against the other."""
+    same = [e for e in found if e.unit not in (None, event.unit) and (e.what, e.first, e.last) == (event.what, event.first, event.last)]
+    rival = next((other.unit for other in same if other.p_value <= RARE_P), None)
+    return replace(event, rival=rival) if event.unit is not None else event
+
+
+# All units of an array estimated together: one motion, and of each unit its twelve, its nine and its mounting.
+#
+# Rows and unknowns are in ``rows.py``; sizes of what each unit, and all together, miss by are variance components, found by restricted
+# maximum likelihood with the numbers (``system.py``).  A reading of one unit that the others contradict does not count (``events.py``).
+
+ROUNDS = 12
+#: rad, of any attitude or mounting, and share of E: a change below ends the search
+SETTLED = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """state: where it ended; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
+    change is nothing; events; earths by yaw group; missed_rad (Q-1,) tilt that fast motion is predicted to make all miss."""
+
+    state: State
+    start: State
+    rows: list[UnitRows]
+    same: SameStills
+    where: RowMap
+    solution: Solution
+    events: tuple[ArrayEvent, ...]
+    earths: dict[int, EarthRate]
+    missed_rad: np.ndarray
+
+    @property
+    def layout(self) -> Layout:
+        """Of the numbers."""
+        return Layout(len(self.rows), len(self.same))
+
+    @property
+    def models(self) -> tuple[LinearModel, ...]:
+        """Of each unit, for rates as they are measured."""
+        return tuple(
+            model if unit.rest is None else replace(model, B=-model.E @ unit.rest)
+            for model, unit in zip(self.state.models, self.rows, strict=True)
+        )
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(count, count) of the last step's solution, which takes the units' biases to stand still (``parameters.py``)."""
+        return self.solution.covariance
+
+    @property
+    def common_rad(self) -> np.ndarray:
+        """(Q-1, 2) rad: the tilt by which all units miss between two stills."""
+        return np.asarray(self.solution.x[self.layout.common].reshape(-1, 2))
+
+    def component(self, name: str) -> tuple[float, float]:
+        """A component's size and its sigma, as a standard deviation: rad or m/s^2; of ``common.undersampled`` a factor."""
+        k = self.where.names.index(name)
+        t, sigma = float(self.solution.t[k]), float(self.sigmas[k])
+        size = np.sqrt(t)
+        # Of one near zero, the size that its sigma stands for.
+        return float(size), float(sigma / (2 * size)) if t > sigma else float(np.sqrt(sigma) if np.isfinite(sigma) else np.inf)
+
+    @cached_property
+    def sigmas(self) -> np.ndarray:
+        """(G,) of the components, as variances."""
+        return self.solution.sigma()
+
+
+def estimate(
+    units: list[ArrayUnit],
+    same: SameStills,
+    missed_rad: np.ndarray,
+    *,
+    bias: str = "ends",
+    alone: bool = False,
+    use_earth: bool = True,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Joint:
+    """Of all units together.
+
+    missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it;
+    alone: of a single unit, in which what is common cannot be told from its own.
+    """
+    rows = [unit_rows(unit, i, same, bias) for i, unit in enumerate(units)]
+    start = state = start_state(units, rows, same)
+    site = units[0].problem.session.config.site
+    free = all(unit.problem.joint is not None and unit.problem.joint.mode == "fit" for unit in units)
+    gravity_sigma = max(site.gravity_sigma_mps2, KNOWN_MPS2) if free else GRAVITY_SIGMA_MPS2
+    earths = {int(g): units[same.anchor].problem.earths[int(g)] for g in np.unique(same.group)}
+    t: np.ndarray | None = None
+    events: list[ArrayEvent] = []
+    out: np.ndarray | None = None
+    for turn in range(ROUNDS):
+        progress(f"joint estimate, round {turn + 1}")
+        if use_earth and turn < 3:
+            earths = common_earth(units, state, same)
+            rows = [
+                with_earth(unit, model, M, state, same.group, earths)
+                for unit, model, M in zip(rows, state.models, state.mountings, strict=True)
+            ]
+        system, where = array_system(state, start, rows, same, missed_rad, gravity_sigma)
+        blocks = blocks_of(rows, same, where)
+        if out is not None:
+            system = system.without(out)
+        if t is None:
+            t = _first_sizes(system, where, len(rows))
+            t[-3:] *= not alone
+            solution = system.solved(t)
+        else:
+            solution = system.estimated(t, np.arange(len(t)) >= len(t) - 3 if alone else None)
+            t = solution.t
+        out = system.out
+        new = worst_of_each_turn(candidates(solution, blocks), out) if turn else []
+        if new:
+            events += new
+            out = out.copy()
+            for event in new:
+                out[event.rows] = True
+        state = state.moved(solution.x, Layout(len(rows), len(same)))
+        if turn > 1 and not new and np.abs(solution.x[: Layout(len(rows), len(same)).attitudes.stop]).max() < SETTLED * 10:
+            break
+    return Joint(state, start, rows, same, where, solution, tuple(events), earths, missed_rad)
+
+
+def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:
+    """Components (G,) to begin with, from medians, which single wild readings do not move."""
+    usual = np.array([np.median(system.base[v > 0]) for v in system.V[: 2 * units]])
+    t = np.concatenate([usual, [np.mean(usual[:units]), 0.25, 1e-6]])
+    for _ in range(3):
+        found = system.solved(t)
+        for i, rows in enumerate((*where.closure, *where.force)):
+            spare = np.maximum(1 - found.leverage[rows], 0.1)
+            t[i] = max(float(sigma_of((found.residual[rows] / np.sqrt(spare)).ravel())) ** 2 - usual[i], 0.01 * usual[i])
+        spare = np.maximum(1 - found.leverage[where.common], 0.05)
+        t[-3] = max(float(sigma_of((found.residual[where.common] / np.sqrt(spare)).ravel())) ** 2, 0.01 * np.mean(usual[:units]))
+    return t
+
+
+# How well the units' numbers are known: the joint solution's covariance, and what it does not know of, biases that wander.
+
+
+def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
+    """(24 N, 24 N) of all units' numbers in the order of ``state.py``: E, B, accelerometer, mounting; of the models for measured rates.
+
+    A bias that wanders turns the ends of its unit's turns, so it moves what follows them; where biases are from the stills, B = -E b has
+    the stills' own error, and their wander.
+    """
+    layout = joint.layout
+    covariance = joint.covariance[: layout.gravity, : layout.gravity].copy()
+    design = joint.solution.system.design
+    carry = np.eye(layout.gravity)
+    more = np.zeros((layout.gravity, layout.gravity))
+    for i, (unit, rows) in enumerate(zip(units, joint.rows, strict=True)):
+        own, at = layout.unit(i, GYROSCOPE), joint.where.closure[i]
+        instability = unit.problem.instability.rps
+        if rows.rest is None:
+            middle_s = np.array([_middle_s(unit, row) for row in joint.same.turns[i]])
+            wander = wander_covariance(middle_s, instability_rps=instability)
+            bias = design[at][..., own][..., BIAS]  # (S, 3, 3)
+            pull = np.einsum("psd,sdi->psi", _response(joint, at), bias)
+            more += np.einsum("psi,st,qti->pq", pull, wander, pull, optimize=True)
+            continue
+        rest, E = rows.rest, joint.models[i].E
+        block = np.eye(GYROSCOPE.stop)
+        block[BIAS, MATRIX] = -np.kron(np.eye(3), rest)
+        block[BIAS, BIAS] = 0.0
+        carry[own, own] = block
+        rates = unit.problem.still_rates
+        assert rates.middle_s is not None
+        count = len(rates.sigma)
+        white = np.diag(np.sum(rates.sigma**2, axis=0) / count**2)
+        wander = wander_covariance(rates.middle_s, instability_rps=instability).mean() * np.eye(3)
+        place = np.arange(layout.gravity)[own][BIAS]
+        more[np.ix_(place, place)] += E @ (white + wander) @ E.T
+    return carry @ covariance @ carry.T + more
+
+
+def _response(joint: Joint, rows: np.ndarray) -> np.ndarray:
+    """(24 N, S, 3): how the units' numbers follow an error of closure rows (S, 3)."""
+    solution, units = joint.solution, joint.layout.gravity
+    weight = np.where(solution.system.out, 0.0, 1 / solution.variance)[rows.ravel()]
+    found = -joint.covariance[:units] @ (solution.system.design[rows.ravel()] * weight[:, None]).T
+    return np.asarray(found.reshape(units, *rows.shape))
+
+
+def _middle_s(unit: ArrayUnit, row: int) -> float:
+    segment = unit.problem.used[row]
+    samples = unit.problem.logs[segment.log].samples
+    return float(samples.t_ns[0] * NS + segment.start_s + segment.duration_s / 2)
+
+
+def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:
+    """(24, 24) of one unit."""
+    own = slice(index * PER_UNIT, (index + 1) * PER_UNIT)
+    return covariance[own, own]
+
+
+# What the closure misses beyond noise, split: what all units have in common is not the sensors', what one has alone is its own.
+#
+# Common are motion beyond the data rate (of units that are read at the same moments), the reference (a body that is not at rest in a still)
+# and whatever else turned the body without the readings' knowledge.  Its size between two stills is gamma (``rows.py``).
+
+#: -2 log likelihood by which the name "motion beyond the data rate" must better a part of no name, and no part at all
+BORNE_OUT = 2.0
+#: family-wise, of all units: an own excess less probable by chance is that unit's
+OWN_P = 0.01
+#: of what is predicted: less is what a filter lets through (``explanation/noise/components.py``: predicted within a factor of 1.5)
+FILTERED = 1 / 3
+
+
+@dataclass(frozen=True, eq=False)
+class TurnSplit:
+    """Of one turn between stills first and last: common_rad (2,) tilt that all units miss by, sigma_rad of each angle; own_rad (N,) the
+    length of what each unit errs by itself, NaN where it has no such turn; events of it."""
+
+    first: int
+    last: int
+    common_rad: np.ndarray
+    sigma_rad: np.ndarray
+    own_rad: np.ndarray
+    events: tuple[ArrayEvent, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Tilt, both angles together, rms over the turns, rad.
+
+    own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, of all units together; turn (2,): of what
+    is common, equal in all turns; fast (2,): what of it goes as motion beyond the data rate is predicted to, and its sigma;
+    predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood falls with a common part that is equal in all
+    turns, and with one that goes as predicted; minus_mean_rad: unit minus mean; turns.
+    """
+
+    own: np.ndarray
+    own_p: np.ndarray
+    turn: tuple[float, float]
+    fast: tuple[float, float]
+    predicted: float
+    level_mps2: tuple[float, float]
+    gains: dict[str, float]
+    minus_mean_rad: float
+    minus_mean_of: np.ndarray
+    turns: tuple[TurnSplit, ...]
+
+    @property
+    def common(self) -> float:
+        """rad: all that is common to the turns' closure."""
+        return float(np.hypot(self.turn[0], self.fast[0]))
+
+    @property
+    def p_value(self) -> float:
+        """Of there being nothing common, by chance: likelihood ratio, whose part is zero half the time (Self & Liang 1987)."""
+        gain = max(self.gains.values())
+        return float(chi2.sf(max(gain, 0.0), 1)) if gain > 0 else 1.0
+
+    @property
+    def is_fast_motion(self) -> bool:
+        """Whether what is common goes from turn to turn as motion beyond the data rate is predicted to."""
+        return self.p_value < 0.01 and self.gains["undersampled"] > self.gains["turn"] + BORNE_OUT
+
+    @property
+    def words(self) -> str:
+        """What is common, in one sentence."""
+        if self.p_value > 0.01:
+            return "nothing in common beyond noise: what turns miss by is each unit's own"
+        size = f"{self.common / DEG:.2g}° rms a turn in common, which no unit's sensor has made"
+        if self.is_fast_motion:
+            factor, sigma = (part / self.predicted for part in self.fast)
+            why = "; a filter below half the data rate leaves so little" if factor < FILTERED else ""
+            predicted = f"predicted {self.predicted / DEG:.2g}° (found {factor:.2f} ± {sigma:.2f} of it{why})"
+            return f"{size}: motion beyond the data rate, {predicted}"
+        fast = f"; motion beyond the data rate is predicted to make {self.predicted / DEG:.2g}°" if self.predicted > 0 else ""
+        return f"{size}: the motion, the table or the reference{fast}"
+
+
+def split_of(joint: Joint) -> Split:
+    """Of a joint estimate of two units or more."""
+    count = len(joint.rows)
+    predicted = float(np.sqrt(2 * np.mean(joint.missed_rad**2)))
+    both = np.sqrt(2)
+    own = np.array([joint.component(f"turn.{i}") for i in range(count)]) * both
+    turn, fast = (joint.component(f"common.{name}") for name in ("turn", "undersampled"))
+    minus, of_unit = _minus_mean(joint)
+    return Split(
+        own,
+        _own_p(joint),
+        _times(turn, both),
+        _times(fast, predicted),
+        predicted,
+        joint.component("common.level"),
+        _gains(joint),
+        minus,
+        of_unit,
+        _turns(joint),
+    )
+
+
+def _own_p(joint: Joint) -> np.ndarray:
+    """(N,) of each unit's own excess being chance, over all units: likelihood ratio, whose part is zero half the time (Self & Liang 1987).
+
+    A component's size over its sigma tells nothing near zero, where half of all sizes are zero and the others small.
+    """
+    solution, count = joint.solution, len(joint.rows)
+    p = np.ones(count)
+    for i in range(count):
+        if not solution.t[i] > 0:
+            continue
+        begin, held = solution.t.copy(), np.zeros(len(solution.t), dtype=bool)
+        begin[i], held[i] = 0.0, True
+        gain = solution.system.estimated(begin, held).value - solution.value
+        p[i] = min(1.0, count * float(chi2.sf(max(gain, 0.0), 1)) / 2)
+    return p
+
+
+def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
+    """A size and its sigma; nothing where the factor is."""
+    return (factor * size[0], factor * size[1]) if factor > 0 else (0.0, 0.0)
+
+
+def _gains(joint: Joint) -> dict[str, float]:
+    system, t = joint.solution.system, joint.solution.t
+    values = {}
+    for name, held in (("none", (-3, -2)), ("turn", (-2,)), ("undersampled", (-3,))):
+        begin, keep = t.copy(), np.zeros(len(t), dtype=bool)
+        usual = float(np.mean(t[-3]) + t[-2] * np.mean(joint.missed_rad**2)) + float(np.median(system.base[system.V[0] > 0]))
+        begin[-3], begin[-2] = usual, usual / max(float(np.mean(joint.missed_rad**2)), 1e-30)
+        for k in held:
+            begin[k], keep[k] = 0.0, True
+        values[name] = system.estimated(begin, keep).value if name != "undersampled" or joint.missed_rad.any() else np.inf
+    return {name: values["none"] - values[name] for name in ("turn", "undersampled")}
+
+
+def _minus_mean(joint: Joint) -> tuple[float, np.ndarray]:
+    """rad rms of tilt over the turns that all units have, and of each unit: its closure minus the mean of all units'."""
+    same, count = joint.same, len(joint.rows)
+    left: dict[tuple[int, int], dict[int, np.ndarray]] = {}
+    for i in range(count):
+        if not len(joint.where.closure[i]):
+            continue
+        residual = joint.solution.residual[joint.where.closure[i]]
+        for s, (a, b) in enumerate(zip(same.first[i], same.last[i], strict=True)):
+            left.setdefault((int(a), int(b)), {})[i] = residual[s, :2]
+    whole = np.array([[each[i] for i in range(count)] for each in left.values() if len(each) == count]).reshape(-1, count, 2)
+    if not len(whole):
+        return float("nan"), np.full(count, np.nan)
+    square = np.sum((whole - whole.mean(axis=1, keepdims=True)) ** 2, axis=2)
+    return float(np.sqrt(square.mean())), np.sqrt(square.mean(axis=0))
+
+
+def _turns(joint: Joint) -> tuple[TurnSplit, ...]:
+    solution, layout, same = joint.solution, joint.layout, joint.same
+    sigma = np.sqrt(np.diag(joint.covariance)[layout.common].reshape(-1, 2))
+    common = joint.common_rad
+    found = []
+    for a, b in same.spans:
+        own = np.full(len(joint.rows), np.nan)
+        for i in range(len(joint.rows)):
+            row = np.flatnonzero((same.first[i] == a) & (same.last[i] == b))
+            if len(row):
+                own[i] = np.linalg.norm(solution.residual[joint.where.closure[i][row[0]]])
+        events = tuple(e for e in joint.events if e.what in (OWN_TURN, COMMON_TURN) and a <= e.first and e.last <= b)
+        found.append(TurnSplit(int(a), int(b), common[a:b].sum(axis=0), np.sqrt((sigma[a:b] ** 2).sum(axis=0)), own, events))
+    return tuple(found)

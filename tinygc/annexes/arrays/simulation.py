@@ -1,0 +1,350 @@
+"""Simulate an array: one motion of the body, each unit with its own place, clock, errors and noise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from session.io.config import SCHEMA
+from session.io.errors import CalibrationError, FormatError
+from session.io.files import MOST_TOML, naming, read_bytes, result_folder
+from session.io.texts import comment
+from session.io.toml import line
+from session.io.units import DEG, MG
+from tinygc.simulation import movement
+from tinygc.simulation.movement import Plan
+from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
+from tinygc.simulation.simulator import Distort, Recording, Simulation, plan_of, simulate_session, unit_of
+from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
+
+# Rotation of the body beside the table's: short jerks that come back, about one axis each, exact in rate, attitude and acceleration.
+
+#: width (sigma) of a jerk in periods of the data rate: two thirds of its power lie above half the rate
+WIDTH_PERIODS = 0.4
+JERKS_A_TURN = 3
+#: of a turn's length: jerks keep off its ends, where the body comes to rest
+MARGIN = 0.15
+#: widths after which a jerk is over
+OVER = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Jerks:
+    """at_s (J,), size_rad (J,), axis (3,) of unit length, fixed in the body; width_s: a jerk is a Gaussian of the angle."""
+
+    at_s: np.ndarray
+    size_rad: np.ndarray
+    axis: np.ndarray
+    width_s: float
+
+    def angle(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N,) rad, rad/s, rad/s^2 at moments (N,) s, increasing."""
+        angle, rate, acceleration = np.zeros((3, len(t_s)))
+        for at, size in zip(self.at_s, self.size_rad, strict=True):
+            rows = slice(*np.searchsorted(t_s, [at - OVER * self.width_s, at + OVER * self.width_s]))
+            x = (t_s[rows] - at) / self.width_s
+            bell = size * np.exp(-(x**2) / 2)
+            angle[rows] += bell
+            rate[rows] -= bell * x / self.width_s
+            acceleration[rows] += bell * (x**2 - 1) / self.width_s**2
+        return angle, rate, acceleration
+
+    def rate(self, t_s: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Of the jerked body (N, 3) rad/s, in its axes, from that of the table's."""
+        angle, own, _ = self.angle(t_s)
+        return self._seen(rate, angle) + own[:, None] * self.axis
+
+    def force(self, t_s: np.ndarray, force: np.ndarray, lever_m: np.ndarray) -> np.ndarray:
+        """(N, 3) m/s^2 at a lever from the crossing of the gimbals, about which the jerk turns, too."""
+        angle, _, acceleration = self.angle(t_s)
+        return self._seen(force, angle) + acceleration[:, None] * np.cross(self.axis, lever_m)
+
+    def _seen(self, vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Vectors (N, 3) from axes that the body has turned out of by angle (N,), Rodrigues."""
+        along = (vectors @ self.axis)[:, None] * self.axis
+        across = vectors - along
+        return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
+
+
+def jerks_in_turns(plan: Plan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+    """Drawn anew for each turn."""
+    turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
+    at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
+    axis = rng.normal(size=3)
+    return Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+
+
+def knock_in(plan: Plan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+    """One knock in one turn."""
+    start, stop = plan.turns[turn]
+    axis = rng.normal(size=3)
+    return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+
+
+# What a person may choose of a simulated array, beside what each unit's session is made of.
+
+MOST_UNITS = 64
+#: beyond any board, any reader and any hand
+LARGEST = {
+    "mounting_deg": 30.0,
+    "position_mm": 1000.0,
+    "clock_offset_ms": 10_000.0,
+    "clock_rate": 0.05,
+    "jerk_deg": 10.0,
+    "knock_deg": 10.0,
+    "false_reading_dps": 2000.0,
+    "reference_error_mg": 100.0,
+}
+
+
+def _choice(default: Any, meaning: str) -> Any:
+    return field(default=default, metadata={"help": meaning})
+
+
+@dataclass(frozen=True)
+class ArrayOptions:
+    """Several units on one body.  Places and clocks are drawn with the sizes given here (1 sigma), from the session's seed."""
+
+    units: int = _choice(1, "on one rigid body, each with errors, place, clock and noise of its own; 2 or more make an array")
+    mounting_deg: float = _choice(2.0, "deg about each axis, from the first unit's axes to another's")
+    position_mm: float = _choice(20.0, "mm along each axis, from the first unit to another")
+    clock_offset_ms: float = _choice(20.0, "ms, another unit's clock against the first one's")
+    clock_rate: float = _choice(0.002, "fraction, another unit's clock against the first one's")
+    synchronous: bool = _choice(False, "one reader takes all units at one moment, by one clock")
+    jerk_deg: float = _choice(0.0, "deg, jerks quicker than half the data rate, three a turn, felt by all; 0: none")
+    knock_deg: float = _choice(0.0, "deg, of one knock in the middle turn, felt by all; 0: none")
+    false_reading_dps: float = _choice(0.0, "dps, of three readings in a row of the last unit in the second turn; 0: none")
+    reference_error_mg: float = _choice(0.0, "mg, a level acceleration in each still, felt by all; 0: none")
+
+    def __post_init__(self) -> None:
+        for option in fields(self):
+            value, most = getattr(self, option.name), LARGEST.get(option.name)
+            if most is not None and not (isfinite(value) and 0 <= value <= most):
+                raise CalibrationError(f"--{option.name.replace('_', '-')} is {value!r}, expected 0 to {most:g}")
+        if not 1 <= self.units <= MOST_UNITS:
+            raise CalibrationError(f"--units is {self.units}, expected 1 to {MOST_UNITS}")
+
+
+# An array's units, each simulated as a session of its own is, under one motion of the body.
+
+#: where in a turn the false readings are, and how many
+FALSE_AT, FALSE_ROWS, FALSE_TURN = 0.5, 3, 1
+
+
+@dataclass(frozen=True, eq=False)
+class UnitTruth:
+    """Of one unit: mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its
+    clock: ``t_array = t_unit + offset_s + rate t_unit``."""
+
+    mounting: np.ndarray
+    position_m: np.ndarray
+    offset_s: float
+    rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedArray:
+    """units: each unit's session, stamps by its own clock; truths of their places; jerks and knocks that all have felt."""
+
+    options: SimulationOptions
+    array: ArrayOptions
+    plan: Plan
+    units: tuple[Simulation, ...]
+    truths: tuple[UnitTruth, ...]
+    jerks: tuple[Jerks, ...]
+
+
+def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Mapping[int, Distort] | None = None) -> SimulatedArray:
+    """The same arguments give the same registers.  distort: by unit, what it alone conceals, in its own axes."""
+    plan, rng = plan_of(options), np.random.default_rng([options.seed, 16])
+    place_rng, jerk_rng, table_rng = rng.spawn(3)
+    truths = tuple(_placed(array, number, place_rng) for number in range(array.units))
+    jerks = []
+    if array.jerk_deg:
+        jerks.append(jerks_in_turns(plan, array.jerk_deg * DEG, options.odr_hz, jerk_rng))
+    if array.knock_deg:
+        jerks.append(knock_in(plan, len(plan.turns) // 2, array.knock_deg * DEG, options.odr_hz, jerk_rng))
+    level = table_rng.normal(size=(len(plan.turns) + 1, 2)) * array.reference_error_mg * MG
+    heading_deg = unit_of(options).heading_deg
+    units = []
+    for number, truth in enumerate(truths):
+        seed = int(np.random.SeedSequence([options.unit_drawn_from, number]).generate_state(1)[0])
+        x, y, z = (float(length) for length in np.array(options.lever_m) + truth.position_m)
+        own = replace(options, seed=seed, unit_seed=seed, lever_m=(x, y, z), heading_deg=heading_deg)
+        if array.synchronous and options.odr_error is None:
+            own = replace(own, odr_error=0.0)
+        simulation = _unit(own, plan, truth, jerks, level, None if distort is None else distort.get(number))
+        simulation = replace(simulation, log=_by_clock(simulation.log, truth))
+        if simulation.closure is not None:
+            simulation = replace(simulation, closure=_by_clock(simulation.closure, truth))
+        if array.false_reading_dps and number == array.units - 1:
+            simulation = replace(simulation, log=_falsified(simulation, array.false_reading_dps))
+        units.append(simulation)
+    return SimulatedArray(options, array, plan, tuple(units), truths, tuple(jerks))
+
+
+def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitTruth:
+    """Drawn whatever the options say, so that one does not change the others' draws."""
+    mounting, position, offset, rate = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
+    if number == 0:
+        return UnitTruth(np.eye(3), np.zeros(3), 0.0, 0.0)
+    clock = not array.synchronous
+    return UnitTruth(
+        Rotation.from_rotvec(mounting * array.mounting_deg * DEG).as_matrix(),
+        position * array.position_mm * 1e-3,
+        clock * offset * array.clock_offset_ms * 1e-3,
+        clock * rate * array.clock_rate,
+    )
+
+
+def _unit(
+    options: SimulationOptions, plan: Plan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
+) -> Simulation:
+    lever = np.array(options.lever_m)
+    ends = np.array([(start + stop) / 2 for start, stop in plan.turns])
+
+    def turned(t_s: np.ndarray, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
+        for jerk in jerks:
+            rate = jerk.rate(t_s, rate)
+        rate = rate @ truth.mounting
+        return rate if distort is None else distort(t_s, rate, felt(t_s, force), temp_c)
+
+    def felt(t_s: np.ndarray, force: np.ndarray) -> np.ndarray:
+        if level_mps2.any():
+            level = np.column_stack([level_mps2[np.searchsorted(ends, t_s)], np.zeros(len(t_s))])
+            force = force + _in_body(plan, t_s, level)
+        for jerk in jerks:
+            force = jerk.force(t_s, force, lever)
+        return force @ truth.mounting
+
+    return simulate_session(options, turned, plan=plan, disturb=felt)
+
+
+def _in_body(plan: Plan, t_s: np.ndarray, vectors_t: np.ndarray) -> np.ndarray:
+    angles = movement.move(plan, t_s).angles
+    basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
+    return np.asarray(sum(part[:, None] * axis for part, axis in zip(vectors_t.T, basis, strict=True)))
+
+
+def _by_clock(recording: Recording, truth: UnitTruth) -> Recording:
+    """Stamps as the unit's own clock gives them, whole microseconds."""
+    t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
+    return replace(recording, t_us=np.rint(t_us).astype(np.int64))
+
+
+def _falsified(simulation: Simulation, dps: float) -> Recording:
+    """With readings that no body has made, about x."""
+    start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
+    row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
+    gyro = simulation.log.gyro.copy()
+    more = round(dps * DEG / simulation.options.register_units.gyro_rps)
+    gyro[row : row + FALSE_ROWS, 0] = np.clip(gyro[row : row + FALSE_ROWS, 0].astype(int) + more, -32767, 32767)
+    return replace(simulation.log, gyro=gyro)
+
+
+# A simulated array as the folder that recorded ones have (docs/arrays.md), and its truth beside it.
+
+TRUTH_SCHEMA = "tinygc-array-truth/1"
+
+
+def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Path:
+    """``log0001.unit0.csv.gz`` and so on; returns the folder.  FormatError where it holds something: ``force`` replaces an earlier
+    simulation of an array, nothing else."""
+    check_array_folder(folder, force)
+    with result_folder(folder), naming(folder):
+        for path in folder.glob("*.unit*.csv.gz"):
+            path.unlink()
+        (folder / CONFIG).write_text(array_config_text(array), encoding="utf-8")
+        for number, unit in enumerate(array.units):
+            _write_log(folder / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
+            if unit.closure is not None:
+                _write_log(folder / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
+        (folder / TRUTH).write_text(json.dumps(array_truth(array), indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def check_array_folder(folder: Path, force: bool) -> None:
+    """FormatError where a simulated array may not be written there."""
+    present = names_in(folder, force)
+    if not present:
+        return
+    mine = {name for name in present if name in (CONFIG, TRUTH, "fit", "explain") or (".unit" in name and name.endswith(".csv.gz"))}
+    config = folder / CONFIG
+    made = TRUTH in present and CONFIG in present and not config.is_symlink()
+    made = made and read_bytes(config, MOST_TOML).startswith(SIMULATED.encode())
+    if not made or present - mine:
+        what = min(present - mine, default=CONFIG)
+        raise FormatError(f"{folder}: holds {what} beside or instead of a simulated array and is not replaced; give a new folder")
+
+
+def _write_log(path: Path, number: int, unit: Simulation, recording: Recording) -> None:
+    ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
+    said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
+    path.write_bytes(packed_log(said, np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])))
+
+
+def _serial(unit: Simulation, number: int) -> str:
+    return f"SIM-{unit.options.unit_drawn_from}-{number}"
+
+
+def array_config_text(array: SimulatedArray) -> str:
+    """session.toml of the array."""
+    options = array.options
+    units = []
+    for number, each in enumerate(array.units):
+        matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in each.unit.accel_matrix)
+        bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in each.unit.accel_bias)
+        units.append(f"""
+[[array.unit]]
+number = {number}
+sensor.serial = "{_serial(each, number)}"
+accelerometer.matrix = [{matrix}]
+accelerometer.bias_mps2 = [{bias}]
+""")
+    chosen = " ".join(f"{name}={value!r}" for name, value in asdict(array.array).items())
+    return f"""\
+{SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}
+# {comment(chosen)}
+schema = "{SCHEMA}"
+
+[sensor]
+{line("model", options.sensor)}odr_hz = {float(options.odr_hz)!r}
+gyro_fs_dps = {options.gyro_fs_dps:g}
+accel_fs_g = {options.accel_fs_g:g}
+
+[site]
+latitude_deg = {float(options.latitude_deg)!r}
+gravity_mps2 = {float(options.gravity_mps2)!r}
+
+[protocol]
+still_s = {float(options.still_s)!r}
+segment_s = {float(2 * options.still_s + options.turn_s)!r}
+reference = "gravity"
+{"".join(units)}"""
+
+
+def array_truth(array: SimulatedArray) -> dict:
+    """``tinygc-array-truth/1``: what was drawn."""
+    return {
+        "schema": TRUTH_SCHEMA,
+        "array": asdict(array.array),
+        "units": [
+            {
+                "number": number,
+                "mounting_rotvec_deg": (Rotation.from_matrix(truth.mounting).as_rotvec() / DEG).tolist(),
+                "position_m": truth.position_m.tolist(),
+                "clock_offset_s": truth.offset_s,
+                "clock_rate": truth.rate,
+                "session": truth_table(unit, {}),
+            }
+            for number, (unit, truth) in enumerate(zip(array.units, array.truths, strict=True))
+        ],
+        "jerks_s": [float(at) for jerks in array.jerks for at in jerks.at_s],
+    }

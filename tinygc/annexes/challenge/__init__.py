@@ -1,0 +1,1 @@
+"""``calibrate.py challenge``: the tool's own blind examination, for whoever doubts it."""

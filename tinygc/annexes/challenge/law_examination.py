@@ -1,0 +1,340 @@
+"""The examination of the search for laws: hide, seal, search, open, score, tables."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from tinygc.annexes.challenge.cases import STRENGTHS, Case
+from tinygc.annexes.challenge.examination import SESSIONS, Examination, as_table, asked_blind, explained, hide, new_folder, opened
+from tinygc.annexes.challenge.law_cases import ALL, AddedRate, added_by_laws, added_by_names, added_rate, draw_discover_cases
+from tinygc.annexes.challenge.laws import LAWS
+from tinygc.effects import EffectError, Movement, catalogue
+
+# What was said of one session against what is hidden in it: two curves over the recording, compared beyond a linear calibration.
+#
+# Both are asked on the true movement, at the recorded samples: on readings with noise the exact law of a dead zone at rest would differ
+# from itself.
+
+#: correlation from which on two laws are the same over a recording: 14 % of their size are between them
+SAME = 0.99
+#: up to here the law that was said is another one, not a near relative
+FAR = 0.9
+#: of a session that hides a law; of one that hides none
+WITH_LAW = ("found", "catalogue_equal", "ambiguous", "wrong", "missed")
+WITHOUT_LAW = ("silent", "ambiguous", "invented")
+
+
+@dataclass(frozen=True)
+class LawScore:
+    """hidden: ids, law: that of the law or None; strength: the law's, or of what is hidden instead; expression: of a drawn law.
+
+    outcome, with a law: ``found``, its curve is the truth's (correlation > SAME); ``catalogue_equal``: no law, and the catalogue's names
+    give the truth's curve; ``ambiguous``; ``wrong``: a law with another curve; ``missed``: none was said.  Without a law: ``silent``,
+    ``ambiguous`` or ``invented``.  correlation: of all laws that were said, together (of the names, where there is no law); listed: the
+    best of the single ones; why: what is wrong with the files, if anything; misnamed: a law is hidden, none was said, and names of the
+    catalogue that add something else were; removed, p_value, chance_p: what the answer says of its own
+    proof, the least of its laws.
+    """
+
+    name: str
+    hidden: tuple[str, ...]
+    law: str | None
+    strength: float | None
+    expression: str | None
+    outcome: str
+    equations: tuple[str, ...]
+    named: tuple[str, ...]
+    misnamed: bool
+    correlation: float | None
+    listed: float | None
+    removed: float | None
+    p_value: float | None
+    chance_p: float | None
+    seconds: float | None
+    why: str | None
+
+    @property
+    def listed_same(self) -> bool:
+        """Whether one of the laws that were listed is numerically the truth."""
+        return self.listed is not None and self.listed > SAME
+
+    @property
+    def kind(self) -> str:
+        """``law``, ``beside`` (a law beside an effect of the catalogue), ``catalogue`` or ``nothing``."""
+        if self.law is not None:
+            return "law" if len(self.hidden) == 1 else "beside"
+        return "catalogue" if self.hidden else "nothing"
+
+
+def correlation(true: AddedRate, truth: dict, said: np.ndarray) -> float:
+    """Of the law's curve and another (N, 3), after a bias, a 3x3 of the rate and the columns of the concealed effects of the catalogue
+    (truth: id -> parameters) are regressed out of both; 0 where nothing is left of one."""
+    left = [_beyond(true, truth, curve).ravel() for curve in (true.law, said)]
+    sizes = [float(np.linalg.norm(each)) for each in left]
+    whole = float(np.linalg.norm(said))
+    return float(left[0] @ left[1] / (sizes[0] * sizes[1])) if sizes[0] > 0 and sizes[1] > 1e-9 * whole > 0 else 0.0
+
+
+def _beyond(true: AddedRate, truth: dict, curve: np.ndarray) -> np.ndarray:
+    """(N, 3): least squares over all axes, by the normal equations of unit columns."""
+    known = np.column_stack([np.ones(len(curve)), true.movement.rate])
+    blocks = [np.kron(np.eye(3), column[:, None]).reshape(3, -1, 3).transpose(1, 0, 2) for column in known.T]
+    blocks += [one[:, :, None] for one in true.catalogue.values()]
+    blocks += [columns for name in true.catalogue if (columns := _columns(name, truth[name], true.movement)) is not None]
+    design = np.concatenate(blocks, axis=2).reshape(curve.size, -1)
+    design = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    theta, *_ = np.linalg.lstsq(design.T @ design, design.T @ curve.ravel(), rcond=1e-10)
+    return (curve.ravel() - design @ theta).reshape(curve.shape)
+
+
+def _columns(name: str, parameters: dict, movement: Movement) -> np.ndarray | None:
+    """(N, 3, P) of an effect of the catalogue, at its true moment."""
+    effect = catalogue()[name]
+    if effect.kind != "rate":
+        return None
+    if effect.scan is not None and effect.scan.name in parameters:
+        effect = effect.at(float(parameters[effect.scan.name]) * effect.scan.si)
+    return effect.columns(effect.shown(movement))
+
+
+def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path) -> LawScore:
+    """truth: as it was sealed; said: ``tinygc-explain/1`` with ``discovery``; folder: the explain folder with the laws' files."""
+    law = next((each for each in truth["effects"] if each in LAWS), None)
+    discovery = said.get("discovery") or {"verdict": "none", "laws": []}
+    laws, verdict, why = discovery["laws"], discovery["verdict"], None
+    named = tuple(each["id"] for each in said["effects"])
+    together = listed = None
+    if law is not None:
+        try:
+            curves = added_by_laws(laws, folder, true.movement)
+            alone = [correlation(true, truth["effects"], curve) for curve in curves]
+            listed = max(alone, default=None)
+            names = added_by_names(discovery.get("beside", []), true.movement) if curves else None
+            whole = curves if names is None else [*curves, names]
+            together = correlation(true, truth["effects"], sum(whole[1:], whole[0])) if curves else None
+        except EffectError as error:
+            why = str(error)
+        if not laws and (by_names := added_by_names(said["effects"], true.movement)) is not None:
+            together = correlation(true, truth["effects"], by_names)
+    outcome = _outcome(law, verdict, bool(laws), together)
+    proofs = [proof for each in laws for proof in each["held_out"]]
+    strengths = truth.get("strengths", {})
+    return LawScore(
+        name=name,
+        hidden=tuple(truth["effects"]),
+        law=law,
+        strength=truth["strength"] if law is None else strengths.get(law, truth["strength"]),
+        expression=None if law is None else truth["effects"][law].get("expression"),
+        outcome=outcome,
+        equations=tuple(each["equation"] for each in laws),
+        named=named,
+        misnamed=law is not None and outcome == "missed" and bool(set(named) - set(truth["effects"])),
+        correlation=together,
+        listed=listed,
+        removed=min((each["removed"] for each in proofs if each["removed"] is not None), default=None),
+        p_value=max((each["p_value"] for each in proofs), default=None),
+        chance_p=max((each["chance_p"] for each in laws), default=None),
+        seconds=said.get("seconds"),
+        why=why or said.get("why"),
+    )
+
+
+def _outcome(law: str | None, verdict: str, has_laws: bool, together: float | None) -> str:
+    if verdict == "ambiguous":
+        return "ambiguous"
+    same = together is not None and together > SAME
+    if verdict == "found" and has_laws:
+        return "invented" if law is None else "found" if same else "wrong"
+    if law is None:
+        return "silent"
+    return "catalogue_equal" if same else "missed"
+
+
+# The tables of an examination of the search for laws: by strength, by law, and what was said where there is none.
+
+OTHERS = {"nothing": "nothing hidden", "catalogue": "an effect of the catalogue alone"}
+
+
+def law_tables(result: Examination[LawScore]) -> Group:
+    """What ``calibrate.py challenge --discover`` prints."""
+    tables = [_by_strength(result.scores), _by_law(result.scores), _without(result.scores)]
+    return Group(*[part for table in tables for part in (table, Text(""))], Text("\n".join(sentences(result.scores))))
+
+
+def _by_strength(scores: list[LawScore]) -> Table:
+    heads = (outcome.replace("_", " ") for outcome in WITH_LAW)
+    table = Table("strength", "sessions", *heads, "correlation", "excess gone", "s", title="laws that stand in no catalogue, by strength")
+    hidden = [each for each in scores if each.law is not None]
+    for strength in (*STRENGTHS, None):
+        group = hidden if strength is None else [each for each in hidden if each.strength == strength]
+        if group:
+            table.add_row("all" if strength is None else f"× {strength:g}", str(len(group)), *_counts(group), *_proofs(group))
+    return table
+
+
+def _by_law(scores: list[LawScore]) -> Table:
+    heads = [f"× {strength:g}" for strength in STRENGTHS]
+    table = Table("law", *heads, "correlation", "excess gone", "s", title="f found, = catalogue equal, a ambiguous, w wrong, m missed")
+    laws = sorted({each.law for each in scores if each.law is not None})
+    for law in laws:
+        group = [each for each in scores if each.law == law]
+        cells = [" ".join(_letter(each) for each in group if each.strength == strength) for strength in STRENGTHS]
+        table.add_row(law.removeprefix("law."), *cells, *_proofs(group))
+    return table
+
+
+def _letter(score: LawScore) -> str:
+    letter = "=" if score.outcome == "catalogue_equal" else score.outcome[0]
+    return f"{letter}+" if score.kind == "beside" else letter
+
+
+def _without(scores: list[LawScore]) -> Table:
+    table = Table("hidden", "sessions", *WITHOUT_LAW, "s", title="where there is no law")
+    for kind, title in OTHERS.items():
+        group = [each for each in scores if each.kind == kind]
+        if group:
+            table.add_row(title, str(len(group)), *(str(_count(group, outcome)) for outcome in WITHOUT_LAW), _seconds(group))
+    return table
+
+
+def _counts(group: list[LawScore]) -> list[str]:
+    return [str(_count(group, outcome)) for outcome in WITH_LAW]
+
+
+def _count(group: list[LawScore], outcome: str) -> int:
+    return sum(each.outcome == outcome for each in group)
+
+
+def _proofs(group: list[LawScore]) -> tuple[str, str, str]:
+    """Correlation, least and median, and share of the held-out excess that is gone, of those that are found; seconds, median."""
+    found = [each for each in group if each.outcome == "found"]
+    alike = [each.correlation for each in found if each.correlation is not None]
+    gone = [100 * each.removed for each in found if each.removed is not None]
+    return (
+        f"{np.median(alike):.4f} (least {min(alike):.4f})" if alike else "–",
+        f"{np.median(gone):.1f} % (least {min(gone):.1f})" if gone else "–",
+        _seconds(group),
+    )
+
+
+def _seconds(group: list[LawScore]) -> str:
+    seconds = [each.seconds for each in group if each.seconds is not None]
+    return f"{np.median(seconds):.0f}" if seconds else "–"
+
+
+def totals(scores: list[LawScore]) -> dict:
+    """Counts and medians over all sessions, JSON-ready."""
+    hidden = [each for each in scores if each.law is not None]
+    found = [each for each in hidden if each.outcome == "found"]
+    wrong = [each for each in hidden if each.outcome == "wrong"]
+    gone = [each.removed for each in found if each.removed is not None]
+    seconds = [each.seconds for each in scores if each.seconds is not None]
+    return {
+        "sessions": len(scores),
+        "with_law": {outcome: _count(hidden, outcome) for outcome in WITH_LAW} | {"sessions": len(hidden)},
+        "far": sum(each.correlation is None or each.correlation <= FAR for each in wrong),
+        "misnamed": sum(each.misnamed for each in hidden),
+        "ambiguous_with_equal": sum(each.outcome == "ambiguous" and each.listed_same for each in hidden),
+        "strengths": [
+            {"strength": strength, "sessions": len(group)} | {outcome: _count(group, outcome) for outcome in WITH_LAW}
+            for strength in STRENGTHS
+            if (group := [each for each in hidden if each.strength == strength])
+        ],
+        **{
+            kind: {outcome: _count(group, outcome) for outcome in WITHOUT_LAW} | {"sessions": len(group)}
+            for kind in OTHERS
+            for group in [[each for each in scores if each.kind == kind]]
+        },
+        "removed_median": float(np.median(gone)) if gone else None,
+        "removed_least": min(gone, default=None),
+        "seconds_median": float(np.median(seconds)) if seconds else None,
+        "seconds_most": max(seconds, default=None),
+    }
+
+
+def sentences(scores: list[LawScore]) -> list[str]:
+    """The totals in words."""
+    t = totals(scores)
+    w = t["with_law"]
+    lines = [
+        f"{w['sessions']} sessions hide a law: {w['found']} found, {w['catalogue_equal']} given names of the catalogue that are "
+        f"numerically equal, {w['ambiguous']} ambiguous ({t['ambiguous_with_equal']} with a law on the list that is numerically equal), "
+        f"{w['wrong']} wrong ({t['far']} of them far: correlation at most {FAR:g}), {w['missed']} missed ({t['misnamed']} of them under "
+        "other names)",
+        *(
+            f"{t[kind]['sessions']} hide {'nothing' if kind == 'nothing' else title}: {t[kind]['invented']} with an invented law, "
+            f"{t[kind]['ambiguous']} ambiguous"
+            for kind, title in OTHERS.items()
+        ),
+    ]
+    if t["removed_median"] is not None:
+        least, middle = 100 * t["removed_least"], 100 * t["removed_median"]
+        lines.append(f"share of the held-out excess that a found law takes away: median {middle:.1f} %, least {least:.1f} %")
+    if t["seconds_median"] is not None:
+        lines.append(f"seconds for a session: median {t['seconds_median']:.0f}, most {t['seconds_most']:.0f}")
+    return lines
+
+
+# The examination of the search for laws from end to end: hide, seal, let it search blind in copies, open, score.
+
+#: the copies in which the workers search and write, below the sessions; where their laws are kept
+COPIES, EXAMINED_LAWS = "searched", "laws"
+EXPLAIN = "explain"
+Answer = Callable[[Path], dict]
+
+
+def answered(folder: Path) -> dict:
+    """What a process of its own says of a copy of a session folder, where it may write."""
+    return explained(folder, discover=True)
+
+
+def examine_laws(
+    folder: Path,
+    count: int,
+    seed: int,
+    *,
+    segments: int | None = None,
+    answer: Answer = answered,
+    announce: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Examination[LawScore]:
+    """Examine the search for laws on ``count`` sessions in ``folder``, which must be empty or new.
+
+    segments: of every session, instead of drawn; answer: what is asked of each copy; announce: shown the SHA-256 before any is asked.
+    """
+    new_folder(folder)
+    cases = draw_discover_cases(count, seed, segments)
+    closed = hide(folder, cases, progress, ALL)
+    announce(f"truth sealed, SHA-256 {closed.sha256}")
+    copies = [_copy(folder, case.name) for case in cases]
+    said = asked_blind(copies, answer, "searching blind", progress)
+    truth = opened(folder, closed, said)
+    scores: list[LawScore] = []
+    for case, copy in zip(cases, copies, strict=True):
+        progress("scoring", len(scores), count)
+        scores.append(_scored(case, truth[case.name], said[case.name], copy))
+        if (copy / EXPLAIN / "effects").is_dir():
+            shutil.copytree(copy / EXPLAIN / "effects", folder / EXAMINED_LAWS / case.name, ignore=shutil.ignore_patterns("__pycache__"))
+    return Examination(seed, closed.sha256, scores, truth, said)
+
+
+def _copy(folder: Path, name: str) -> Path:
+    """The session once more: what a worker writes stays out of the session that was hidden."""
+    return Path(shutil.copytree(folder / SESSIONS / name, folder / SESSIONS / COPIES / name))
+
+
+def _scored(case: Case, truth: dict, said: dict, copy: Path) -> LawScore:
+    return score_law(case.name, truth, said, added_rate(case), copy / EXPLAIN)
+
+
+def to_json(result: Examination[LawScore]) -> dict:
+    """``tinygc-discover-challenge/1``: every session with its truth, what was said and its score, and the totals."""
+    return as_table("tinygc-discover-challenge/1", result, totals(result.scores))

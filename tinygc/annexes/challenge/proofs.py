@@ -1,0 +1,427 @@
+"""The proof of an effect, part by part: words, columns, C, live use, picture."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.errors import CalibrationError
+from session.io.samples import Samples
+from session.io.units import DEG, MG, NS_PER_S
+from tinygc import models
+from tinygc.annexes.challenge.proof_sessions import (
+    FAILED,
+    NOT_CHECKED,
+    PASSED,
+    SIZE,
+    NotChecked,
+    Part,
+    Report,
+    Trial,
+    Wrong,
+    explanation_of,
+    log,
+    movement,
+    recover,
+    trial,
+)
+from tinygc.deploy.calibration import Calibration
+from tinygc.deploy.embedded.program import Program, program
+from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
+from tinygc.deploy.embedded.stages import Inputs
+from tinygc.effects import Effect, EffectError, FoundAt, NoC
+from tinygc.effects.catalogue import having, tried
+from tinygc.explanation.engine import Explanation
+from tinygc.reporting.pictures.panels import draw_claim
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from tinygc.annexes.challenge.proof_sessions import Found
+
+
+# Words, units and JSON.
+
+#: what the first word of a unit is in SI; what it is divided by is g, s, degC or a power of them, all one here
+UNITS = {
+    **dict.fromkeys(["s", "fraction", "samples", "1", "", "Hz", "rad", "rad/s", "m", "g", "°C", "%/100"], 1.0),
+    **{"dps": DEG, "deg": DEG, "°": DEG, "mdps": 1e-3 * DEG, "mg": MG, "ms": 1e-3, "us": 1e-6, "%": 1e-2, "ppm": 1e-6, "min": 60.0},
+}
+PER = {"g": 1.0, "g²": 1.0, "°C": 1.0, "°C²": 1.0, "s": 1.0, "dps": DEG, "dps²": DEG**2, "Hz": 1.0, "V": 1.0}
+LONGEST = 300
+RESERVED = ("id", "equation", "theta_si")
+
+
+def units(trial: Trial) -> str:
+    """One sentence with a number; a unit that is as large as declared; names and numbers that come back from a model file."""
+    _sentence(trial)
+    said = [_unit(trial.effect.parameter.unit, trial.effect.parameter.si)]
+    if (scan := trial.effect.scan) is not None:
+        said.append(_unit(scan.unit, scan.si))
+    names = [trial.effect.parameter.name, *trial.effect.shape]
+    if clash := [name for name in names if name in RESERVED or names.count(name) > 1 or not name.isidentifier()]:
+        raise Wrong(f"{clash[0]!r} cannot be a parameter's name in the JSON: it is taken, or no name")
+    if trial.effect.kind == "rate":
+        _round_trip(trial)
+        said.append("its model file gives the same numbers back")
+    return "; ".join(said)
+
+
+def _sentence(trial: Trial) -> None:
+    says = trial.effect.says(trial.theta)
+    if not isinstance(says, str) or "\n" in says or not re.search(r"\d", says) or "nan" in says or len(says) > LONGEST:
+        raise Wrong(f"says gives {says!r:.120}, expected one sentence with a number")
+
+
+def _unit(unit: str, si: float) -> str:
+    """That si is the size of the unit; a unit that is not known is taken at its word."""
+    first, *per = unit.split(" ")[0].split("/")
+    if unit.split(" ")[0] in UNITS:
+        size = UNITS[unit.split(" ")[0]]
+    elif first in UNITS and all(word in PER for word in per):
+        size = UNITS[first] / float(np.prod([PER[word] for word in per]))
+    else:
+        return f"unit {unit!r} is not known here and taken at its word, {si:g} SI"
+    if not np.isclose(si, size, rtol=1e-9):
+        raise Wrong(f"unit {unit!r} is {size:.6g} in SI, and si says {si:.6g}")
+    return f"unit {unit!r} is {si:.6g} SI"
+
+
+def _round_trip(trial: Trial) -> None:
+    parameter = trial.effect.parameter
+    text = json.dumps(models.to_dict(trial.model()), allow_nan=False)
+    with having(trial.original):
+        try:
+            (claim,) = models.from_dict(json.loads(text)).undone
+        except Exception as error:
+            raise Wrong(f"its model file cannot be read again: {error}") from None
+    (entry,) = json.loads(text)["effects"]
+    shown = np.ravel(entry[parameter.name]) * parameter.si
+    if not (np.array_equal(claim.theta, trial.theta) and np.allclose(shown, trial.theta, rtol=1e-12)):
+        raise Wrong(f"its model file gives {claim.theta.tolist()}, {shown.tolist()} back for {trial.theta.tolist()}")
+    if claim.effect.shape != trial.effect.shape or any(entry[name] != value for name, value in trial.effect.shape.items()):
+        raise Wrong(f"its model file gives the shape {claim.effect.shape} back for {trial.effect.shape}")
+
+
+# Columns, ``distort`` and ``correct`` say the same.
+
+#: Hz: a lag far below the sampling period is a backward difference
+FINE_HZ, USUAL_HZ = 3332.0, 833.0
+#: shares of the greatest that may differ: one-sided differences, and a derivative by central differences at 2 Hz
+COLUMNS_WITHIN, UNDONE_WITHIN = 5e-3, 5e-3
+STEP = 1e-4
+ENDS = 50
+#: rad/s: above the rounding of a rate at full scale, a millionth of what a step of any parameter of the catalogue does
+ROUNDING = 1e-12
+
+
+def columns(trial: Trial) -> str:
+    """Against finite differences of ``distort`` at zero: for a rate effect; none for what bends something else."""
+    effect, moved = trial.effect, movement(FINE_HZ, trial.at, 10.0)
+    size = effect.parameter.size
+    found = effect.columns(effect.shown(moved))
+    if np.shape(found) != (*moved.rate.shape, size):
+        raise Wrong(f"columns give shape {np.shape(found)}, expected (N, 3, {size})")
+    if effect.kind != "rate":
+        if np.any(found):
+            raise Wrong(f"columns add to the rate, which an effect of kind {effect.kind} does not")
+        return f"none, as of kind {effect.kind}"
+    step = STEP * effect.parameter.plausible
+    numeric = np.stack([(effect.distort(moved, step * e) - moved.rate) / step for e in np.eye(size)], axis=-1)
+    greatest = np.abs(numeric).max(axis=(0, 1))
+    if not (step * greatest > ROUNDING).all():
+        raise Wrong(f"parameter {int(np.argmin(greatest))} changes nothing on a hand's movement")
+    off = float((np.abs(numeric - found)[ENDS:-ENDS].max(axis=(0, 1)) / greatest).max())
+    if not off < COLUMNS_WITHIN:
+        raise Wrong(f"columns differ from the finite differences of distort by {100 * off:.2g} % (at most {100 * COLUMNS_WITHIN:g} %)")
+    return f"within {100 * off:.2g} % of the finite differences of distort"
+
+
+def undo(trial: Trial) -> str:
+    """``correct`` gives the true rate back, and does nothing without parameters."""
+    effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
+    if effect.kind != "rate":
+        raise NotChecked(f"of kind {effect.kind}: it is not undone in the rate")
+    distorted = effect.distort(moved, trial.theta)
+    done = float(np.abs(distorted - moved.rate).max())
+    back = effect.correct(distorted, moved.with_rate(distorted), trial.theta)
+    left = float(np.abs(back - moved.rate)[ENDS:-ENDS].max()) / done if done > 0 else np.inf
+    if not left < UNDONE_WITHIN:
+        raise Wrong(f"correct leaves {100 * left:.2g} % of what distort did (at most {100 * UNDONE_WITHIN:g} %)")
+    zero = np.zeros_like(trial.theta)
+    if np.abs(effect.correct(moved.rate, moved, zero) - moved.rate).max() > 1e-12:
+        raise Wrong("correct changes the rate although all parameters are zero")
+    return f"correct leaves {100 * left:.2g} % of what distort did"
+
+
+# In use: whole logs, pieces, sample by sample; and that it looks no farther than it declares.
+#
+# Live, the temperature is taken as it comes; so it is in the whole log that live use is compared with.
+
+RATE_HZ = 100.0  #: whose period is whole nanoseconds: no stamp is rounded
+PIECE = 300
+#: rad/s: a hundred-thousandth of a sensor's noise
+WITHIN = 1e-9
+
+
+def live(trial: Trial) -> str:
+    """Sample by sample as whole, or refused in one line where it looks ahead; and no farther around than declared."""
+    if trial.effect.kind != "rate":
+        raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
+    samples, calibration = log(RATE_HZ, trial.at), Calibration(trial.model(), RATE_HZ)
+    began_s = 0.0 if trial.effect.of_one_session else None
+    whole = calibration(samples.gyro, samples.accel, samples.temp_c, began_s=began_s)
+    if not np.isfinite(whole).all():
+        raise Wrong("the rate is not finite")
+    stream, pieces = calibration.stream(began_s), []
+    for start in range(0, len(samples), PIECE):
+        part = samples.between(start, start + PIECE)
+        pieces.append(stream.push(part.gyro, part.accel, part.temp_c))
+    _same(np.concatenate([*pieces, stream.flush()]), whole, "in pieces")
+    _looks_no_farther(trial, samples)
+    if calibration.looks_ahead:
+        return f"refused live, since it looks ahead: {_refusal(calibration, trial.effect.id, 'looks ahead')}"
+    if trial.effect.of_one_session:
+        return f"refused live, since it follows its session's time: {_refusal(calibration, trial.effect.id, 'follows its session')}"
+    assert samples.temp_c is not None  # as ``log`` makes them
+    try:
+        one_at_a_time = calibration.live()
+        one_by_one = np.array([one_at_a_time(*sample) for sample in zip(samples.gyro, samples.accel, samples.temp_c, strict=True)])
+    except CalibrationError as error:
+        raise Wrong(f"cannot go live: {error}") from None
+    _same(one_by_one, trial.model().calibrate(samples, live=True), "sample by sample")
+    return "sample by sample, in pieces and whole agree"
+
+
+def _refusal(calibration: Calibration, name: str, why: str) -> str:
+    """The one line that refuses to go live, before any sample, and names the effect."""
+    try:
+        calibration.live()
+    except CalibrationError as error:
+        says = str(error)
+        if name not in says or "\n" in says:
+            raise Wrong(f"the refusal to go live is not one line that names {name}: {' '.join(says.split())}") from None
+        return says
+    raise Wrong(f"it {why}, and yet goes live")
+
+
+def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
+    off = np.abs(one - whole).max(axis=1)
+    if not off.max() < WITHIN:
+        at = int(np.argmax(off))
+        raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach say all that it looks at?")
+
+
+def _looks_no_farther(trial: Trial, samples: Samples) -> None:
+    """What lies beyond the declared reach of a sample does not move its rate."""
+    middle = len(samples) // 2
+    behind, ahead = trial.effect.looks(trial.theta).rows(RATE_HZ)
+    model, rng = trial.model(), np.random.default_rng(0)
+    base = model.calibrate(samples, live=True)[middle]
+    beyond = np.ones(len(samples), dtype=bool)
+    beyond[max(middle - behind, 0) : middle + ahead + 1] = False
+    if not beyond.any():
+        return
+    shake = beyond[:, None] * rng.normal(size=(len(samples), 3))
+    assert samples.temp_c is not None
+    other = replace(samples, gyro=samples.gyro + 0.3 * shake, accel=samples.accel + shake, temp_c=samples.temp_c + 3 * beyond)
+    off = float(np.abs(model.calibrate(other, live=True)[middle] - base).max())
+    if not off < WITHIN:
+        raise Wrong(f"samples farther than {behind} before and {ahead} after move the rate by {off:.2g} rad/s: declare a larger reach")
+
+
+# Its C against the NumPy that is declared for it, bit for bit, and both against the model in double precision.
+
+RANDOM = 2000
+#: of the rate, or of 1 rad/s
+DOUBLE_WITHIN = 1e-5
+
+
+def c(trial: Trial) -> str:
+    """Compiled with the host's gcc; a stated reason where there is no C."""
+    code = trial.effect.device
+    if isinstance(code, NoC):
+        if not code.why.strip() or "\n" in code.why:
+            raise Wrong("there is no C, and no reason in one line")
+        return f"none: {code.why}"
+    model = trial.model()
+    chosen = program(model)
+    samples = _samples(trial.at)
+    inputs = Inputs.of(samples.gyro, samples.accel, samples.temp_c)
+    single = chosen.run(inputs)
+    if single.dtype != np.float32 or single.shape != (len(samples), 3):
+        raise Wrong(f"its NumPy gives {single.dtype} of shape {single.shape}, expected float32 of {(len(samples), 3)}")
+    double = model.calibrate(samples, live=True)
+    off = float((np.abs(single - double) / (1 + np.abs(double))).max())
+    if not off < DOUBLE_WITHIN:
+        raise Wrong(f"its NumPy in single precision differs from correct by {off:.2g} of the rate (at most {DOUBLE_WITHIN:g})")
+    if shutil.which("gcc") is None:
+        raise NotChecked(f"no gcc on this machine; its NumPy is within {off:.2g} of correct")
+    differ = int(np.count_nonzero(_compiled(chosen, inputs).view(np.uint32) != single.view(np.uint32)))
+    if differ:
+        raise Wrong(f"its C differs from its NumPy in {differ} of {single.size} rates")
+    return f"its C is its NumPy bit for bit over {len(samples)} samples, and within {off:.2g} of correct"
+
+
+def _samples(at: FoundAt) -> Samples:
+    """A hand's movement, then readings that have nothing to do with one another."""
+    moved, rng = log(RATE_HZ, at), np.random.default_rng(0)
+    assert moved.temp_c is not None  # as ``log`` makes it
+    rate, force = rng.uniform(-at.fs_rps, at.fs_rps, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
+    stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (NS_PER_S / RATE_HZ)).astype(np.int64)
+    temp_c = np.concatenate([moved.temp_c, at.first_temp_c + rng.uniform(-15, 15, RANDOM)])
+    t_ns, gyro, accel = (np.concatenate(pair) for pair in ((moved.t_ns, stamps), (moved.gyro, rate), (moved.accel, force)))
+    return Samples(t_ns, gyro, accel, temp_c)
+
+
+def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
+    """(N, 3) float32, sample after sample."""
+    files = source_files(chosen, None, "A check of an effect.", {})
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text, encoding="ascii")
+        library = Path(folder) / "model.so"
+        command = ["gcc", *FLAGS.split(), "-O2", "-shared", "-fPIC", str(Path(folder) / SOURCE), "-o", str(library)]
+        made = subprocess.run(command, capture_output=True, text=True, check=False)
+        if made.returncode:
+            raise Wrong(f"its C does not compile: {' '.join(made.stderr.split())[:200]}")
+        loaded = ctypes.CDLL(str(library))
+    told = re.search(r"state_is_(\d+)_bytes", files[SOURCE])
+    assert told is not None  # ``source_files`` writes it
+    size = int(told[1])
+    state = ctypes.create_string_buffer(b"\xa5" * size, size)  # what was in memory before must not matter
+    loaded.tinygc_start(state)
+    table = np.ascontiguousarray(np.column_stack([inputs.rate, inputs.force, inputs.temp_c]), dtype=np.float32)
+    rates = np.zeros((len(table), 3), np.float32)
+    for n in range(len(table)):
+        loaded.tinygc_step(state, ctypes.c_void_p(table.ctypes.data + 28 * n), ctypes.c_void_p(rates.ctypes.data + 12 * n))
+    return rates
+
+
+# A picture is drawn, and it shows something.
+
+#: of a panel's pixels that must be ink, beyond those of its empty frame
+INK = 0.002
+
+
+def picture(effect: Effect, e: Explanation | None) -> str:
+    """Both panels hold data, and ink, with their axes labelled."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise NotChecked("no matplotlib on this machine") from None
+    if e is None:
+        raise NotChecked("no explanation shows it: give one with explanation=")
+    claim = next((claim for claim in [*e.claimed, *e.findings] if claim.effect.id == effect.id), None)
+    if claim is None:
+        raise Wrong(f"the explanation that was given claims no {effect.id}")
+    figure = Figure(figsize=(13, 4), layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    panels = figure.subplots(1, 2)
+    draw_claim(e, claim, *panels)
+    shares = []
+    for name, panel in zip(("left", "right"), panels, strict=True):
+        if not panel.has_data():
+            raise Wrong(f"the {name} panel is empty")
+        if not (panel.get_xlabel() and panel.get_ylabel()):
+            raise Wrong(f"the {name} panel has an axis without a label")
+        shares.append(_ink(canvas, panel))
+        if shares[-1] < INK:
+            raise Wrong(f"the {name} panel shows nothing: {100 * shares[-1]:.2g} % of it is ink")
+    return f"both panels drawn, {100 * min(shares):.1f} % ink"
+
+
+def _ink(canvas: FigureCanvasAgg, panel: Axes) -> float:
+    """Share of the panel's inner pixels that are not white."""
+    canvas.draw()
+    image = np.asarray(canvas.buffer_rgba())[..., :3]
+    box = panel.get_window_extent()
+    height = len(image)
+    inner = image[height - int(box.y1) + 3 : height - int(box.y0) - 3, int(box.x0) + 3 : int(box.x1) - 3]
+    return float((inner < 250).any(axis=-1).mean())
+
+
+# All parts of the proof of an effect, in order.
+
+PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
+
+
+def check(
+    effect: Effect,
+    *,
+    size: float | None = None,
+    value: float | None = None,
+    seeds: int = 3,
+    explanation: Explanation | None = None,
+    parts: Sequence[str] = PARTS,
+) -> Report:
+    """See ``tinygc.effects.testing.check``."""
+    if unknown := [name for name in parts if name not in PARTS]:
+        raise EffectError(f"{unknown[0]!r} is no part of a check; choose among {', '.join(PARTS)}")
+    tried(effect, "check")
+    if size is not None and not (size > 0 and isfinite(size)):
+        raise EffectError(f"size is {size!r}, expected more than 0, in SI units: the size of the injected parameters")
+    if seeds < 1:
+        raise EffectError(f"seeds is {seeds!r}, expected 1 or more: the number of simulated sessions")
+    size = SIZE * effect.parameter.plausible if size is None else size
+    strong = trial(effect, size, 1, value)
+    found = []
+
+    def recovered() -> str:
+        says, first = recover(effect, size, seeds, value)
+        found.append(first)
+        return says
+
+    def drawn() -> str:
+        shown = explanation
+        if shown is None and effect.kind in ("rate", "force", "earth"):
+            if not found:
+                found.append(recover_one(effect, size, value))
+            shown = explanation_of(found[0])
+        return picture(effect, shown)
+
+    run: dict[str, Callable[[], str]] = {
+        "columns": lambda: columns(strong),
+        "undo": lambda: undo(strong),
+        "recover": recovered,
+        "units": lambda: units(strong),
+        "picture": drawn,
+        "live": lambda: live(strong),
+        "c": lambda: c(strong),
+    }
+    return Report(effect.id, tuple(_part(name, run[name]) for name in PARTS if name in parts))
+
+
+def recover_one(effect: Effect, size: float, value: float | None) -> Found:
+    """One session with the effect, fitted, whatever comes of it."""
+    import tempfile
+    from pathlib import Path
+
+    from tinygc.annexes.challenge.proof_sessions import fitted, inject
+
+    with tempfile.TemporaryDirectory() as folder:
+        return fitted(effect, inject(effect, Path(folder) / "1", size, 1, value))
+
+
+def _part(name: str, run: Callable[[], str]) -> Part:
+    try:
+        return Part(name, PASSED, run())
+    except NotChecked as why:
+        return Part(name, NOT_CHECKED, str(why))
+    except (Wrong, CalibrationError) as wrong:
+        return Part(name, FAILED, str(wrong))
+    except Exception as error:  # the effect's own code is on trial: whatever it raises is a failure of this part
+        return Part(name, FAILED, f"{type(error).__name__}: {' '.join(str(error).split())}")

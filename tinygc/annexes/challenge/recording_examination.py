@@ -1,0 +1,271 @@
+"""Examine a user's own recording: from what size on each effect is named."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from session.io.errors import DataError
+from tinygc.annexes.challenge.examination import SEALED, SESSIONS, Seal, asked_blind, explained, new_folder, opened, seal
+from tinygc.annexes.challenge.other_effects import OUTSIDERS
+from tinygc.annexes.challenge.recording import STRONG, Recording, Trial, draw_trials, inject, recording_of, write_spoilt
+from tinygc.annexes.challenge.score import NAMELESS, score
+
+# From what size on a recording names each effect that was concealed in it, beside the size that ``explain`` promised.
+
+#: a promise holds within the step between two sizes that are tried
+AGREES = 2.0
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One size: whether the effect was found (named, or among the equivalents of a name; what has no name: seen); ids that were named,
+    those of them that are wrong, and the untouched recording's own that are gone."""
+
+    size: float
+    found: bool
+    named: tuple[str, ...]
+    wrong: tuple[str, ...]
+    lost: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Power:
+    """Of one effect: sizes that were tried, rising, in ``unit``; seen_from, or None."""
+
+    id: str
+    unit: str
+    seen_from: float | None
+    tried: tuple[Tried, ...]
+
+    @property
+    def told_from(self) -> float | None:
+        """The smallest size from which on it was found at every size; None where the largest was not."""
+        smallest = None
+        for each in reversed(self.tried):
+            if not each.found:
+                break
+            smallest = each.size
+        return smallest
+
+    @property
+    def ratio(self) -> float | None:
+        """Told from over seen from."""
+        return None if self.told_from is None or not self.seen_from else self.told_from / self.seen_from
+
+    @property
+    def not_told_at(self) -> float | None:
+        """The largest size at which it was not found; None where it was found at every size that was tried."""
+        return max((each.size for each in self.tried if not each.found), default=None)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the size from which on it is told, which lies between ``not_told_at`` and ``told_from``, is within a factor of two of
+        seen from; None where these two do not decide it, or nothing was promised."""
+        if not self.seen_from:
+            return None
+        above, least, most = self.not_told_at or 0.0, self.seen_from / AGREES, self.seen_from * AGREES
+        at_most = math.inf if self.told_from is None else self.told_from
+        if at_most <= least or above >= most:
+            return False
+        return True if least <= above and at_most <= most else None
+
+
+def own_names(untouched: dict) -> set[str]:
+    """Names that a recording gets without anything concealed, with their equivalents."""
+    claims = [*untouched["effects"], *untouched.get("findings", ())]
+    return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
+
+
+def powers(trials: list[Trial], said: dict[str, dict], untouched: dict) -> list[Power]:
+    """By effect.  What the untouched recording is said to have is neither right nor wrong."""
+    own = own_names(untouched)
+    groups: dict[tuple[str, str, float | None], list[Tried]] = {}
+    for trial in sorted(trials, key=lambda trial: trial.size):
+        groups.setdefault((trial.id, trial.unit, trial.seen_from), []).append(_tried_sizes(trial, said[trial.name], own, untouched))
+    ordered = sorted(groups.items(), key=lambda group: (group[0][0] in OUTSIDERS, group[0][1] == STRONG, group[0][0]))
+    return [Power(name, unit, seen_from, tuple(tried)) for (name, unit, seen_from), tried in ordered]
+
+
+def _tried_sizes(trial: Trial, said: dict, own: set[str], untouched: dict) -> Tried:
+    result = score(trial.name, {"effects": {trial.id: {}}, "strength": trial.size}, said)
+    wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
+    found = bool(result.found)
+    if trial.id in OUTSIDERS:
+        nameless = {name for name in own_names(said) if name.startswith(NAMELESS)}
+        found = bool(nameless - own) or (untouched["verdict"] == "no_mismatch" and result.alarmed and said["verdict"] != "refused")
+    lost = tuple(claim["id"] for claim in untouched["effects"] if claim["id"] not in own_names(said))
+    return Tried(trial.size, found, result.claimed, wrong, lost)
+
+
+def agreement(found: list[Power]) -> dict:
+    """Of the effects with a ``seen_from``: how many were told at some size; of how many it holds within a factor of two, of how many not,
+    and of how many that is not decided; the median ratio of those that were not found at some size: of others it is an upper bound."""
+    promised = [each for each in found if each.seen_from is not None]
+    answers = [each.agrees for each in promised]
+    ratios = [each.ratio for each in promised if each.ratio is not None and each.not_told_at is not None]
+    return {
+        "promised": len(promised),
+        "told": sum(each.told_from is not None for each in promised),
+        "agree": answers.count(True),
+        "disagree": answers.count(False),
+        "not_decided": answers.count(None),
+        "median_ratio": float(np.median(ratios)) if ratios else None,
+    }
+
+
+# A recording examined from end to end: explain it, conceal, seal, explain blind, open, count.
+
+UNTOUCHED = "untouched"
+
+
+@dataclass(frozen=True, eq=False)
+class OwnExamination:
+    """session: its name; sha256 of the truth as it was printed before; verdict, own names: what the untouched recording gets; powers: by
+    effect."""
+
+    session: str
+    seed: int
+    sha256: str
+    verdict: str
+    own: tuple[str, ...]
+    powers: list[Power]
+
+
+def examine_recording(
+    session: Path,
+    folder: Path,
+    count: int | None,
+    seed: int,
+    *,
+    announce: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> OwnExamination:
+    """What the recording in ``session`` can tell; ``folder`` must be empty or new; count: at most so many trials, None for all.
+
+    Raises what ``recording_of`` raises, and FormatError for the folder.
+    """
+    recording = recording_of(session)
+    new_folder(folder)
+    sessions = folder / SESSIONS
+    progress("explaining it untouched", 0, 1)
+    write_spoilt(recording.session, tuple(log.samples for log in recording.session.logs), sessions / UNTOUCHED)
+    untouched = explained(sessions / UNTOUCHED)
+    if untouched["verdict"] == "refused":
+        raise DataError(f"{session}: explain refuses it: {untouched['why']}")
+    seen_from = {name: entry["size"] for name, entry in untouched["seen_from"].items() if entry["size"]}
+    own = own_names(untouched)
+    trials = draw_trials(seen_from, own, recording.has_temperature, count, seed)
+    trials, closed = _write(recording, trials, folder, progress)
+    announce(f"truth sealed, SHA-256 {closed.sha256}")
+    said = asked_blind([sessions / trial.name for trial in trials], explained, "explaining blind", progress)
+    opened(folder, closed, {UNTOUCHED: untouched} | said)
+    found = powers(trials, said, untouched)
+    return OwnExamination(recording.session.name, seed, closed.sha256, untouched["verdict"], tuple(sorted(own)), found)
+
+
+def _write(recording: Recording, trials: list[Trial], folder: Path, progress: Callable[[str, int, int], None]) -> tuple[list[Trial], Seal]:
+    """The session folders of the trials that this recording allows, and the truth beside them, sealed."""
+    written, truth = [], {}
+    for done, trial in enumerate(trials):
+        progress("concealing", done, len(trials))
+        spoilt = inject(recording, trial)
+        if not all(np.isfinite(log.gyro).all() for log in spoilt.logs):
+            continue  # it reads what this recording lacks
+        write_spoilt(recording.session, spoilt.logs, folder / SESSIONS / trial.name)
+        truth[trial.name] = {"effects": {trial.id: spoilt.truth}, "size": trial.size, "unit": trial.unit, "seen_from": trial.seen_from}
+        written.append(trial)
+    return written, seal(truth, folder / SEALED)
+
+
+def to_json(result: OwnExamination) -> dict:
+    """``tinygc-power/1``."""
+    return {
+        "schema": "tinygc-power/1",
+        "session": result.session,
+        "seed": result.seed,
+        "sha256": result.sha256,
+        "verdict": result.verdict,
+        "own": list(result.own),
+        "effects": [
+            {
+                "id": each.id,
+                "unit": each.unit,
+                "seen_from": each.seen_from,
+                "told_from": each.told_from,
+                "ratio": each.ratio,
+                "agrees": each.agrees,
+                "tried": [_tried(one) for one in each.tried],
+            }
+            for each in result.powers
+        ],
+        "agreement": agreement(result.powers),
+    }
+
+
+def _tried(one: Tried) -> dict:
+    return {"size": one.size, "found": one.found, "named": list(one.named), "wrong": list(one.wrong), "lost": list(one.lost)}
+
+
+# What a recording can tell, as ``calibrate.py challenge --on`` prints it.
+
+FOUND, NOT_FOUND = "✓", "–"
+
+
+def power_tables(result: OwnExamination) -> Group:
+    """A row for each effect, and what it comes to."""
+    heads = ("concealed", "unit", "seen from", "told from", "ratio", "sizes that were tried", "wrong names")
+    table = Table(*heads, title=f"from what size on {result.session} tells")
+    for each in result.powers:
+        sizes = "  ".join(f"{one.size:.2g} {FOUND if one.found else NOT_FOUND}" for one in each.tried)
+        ratio = "" if each.ratio is None else _at_most(each) + f"{each.ratio:.2g}"
+        wrong = ", ".join(sorted({name for one in each.tried for name in one.wrong}))
+        table.add_row(each.id, each.unit, _number(each.seen_from), _told(each), ratio, sizes, wrong)
+    return Group(table, Text(""), Text("\n".join(sentences(result))))
+
+
+def sentences(result: OwnExamination) -> list[str]:
+    """The whole in words."""
+    found, t = result.powers, agreement(result.powers)
+    tried = [one for each in found for one in each.tried]
+    lines = [f"untouched: {result.verdict}" + (f"; its own, neither right nor wrong: {', '.join(result.own)}" if result.own else "")]
+    lines.append(
+        f"{len(tried)} concealed: {sum(one.found for one in tried)} found, {sum(bool(one.wrong) for one in tried)} with a wrong name"
+    )
+    if t["promised"]:
+        ratio = "" if t["median_ratio"] is None else f"; told from over seen from, where no ≤ stands: median {t['median_ratio']:.2g}"
+        lines.append(
+            f"of the {t['promised']} effects with a seen_from it holds within a factor of 2 for {t['agree']}, not for {t['disagree']}, and "
+            f"for {t['not_decided']} the sizes do not decide it; {t['promised'] - t['told']} were not told at the largest size{ratio}"
+        )
+    if lost := Counter(name for one in tried for name in one.lost):
+        gone = ", ".join(f"{name} in {count}" for name, count in sorted(lost.items()))
+        lines.append(f"its own that are gone beside what was concealed: {gone}")
+    if blind := _blind(found):
+        lines.append(f"not told at any size that was tried: {', '.join(blind)}")
+    return lines
+
+
+def _told(power: Power) -> str:
+    return _at_most(power) + _number(power.told_from)
+
+
+def _at_most(power: Power) -> str:
+    """A sign before what is only known to be no more, because no smaller size was tried."""
+    return "≤ " if power.told_from is not None and power.not_told_at is None else ""
+
+
+def _blind(found: list[Power]) -> list[str]:
+    return [each.id for each in found if not any(one.found for one in each.tried)]
+
+
+def _number(value: float | None) -> str:
+    return NOT_FOUND if value is None else f"{value:.2g}"

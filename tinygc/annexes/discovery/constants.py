@@ -1,0 +1,220 @@
+"""Refine a form's constants where its linear columns take up most, one for all axes or one for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.projections import Look, basis_of, seen_basis
+from tinygc.annexes.discovery.responses import Responses
+from tinygc.effects import Movement
+from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.whitening import Whitener
+
+# A form's constants where its linear columns take up most, and how well that tells them.
+
+#: a constant is looked for up to so many times its value, where its neighbours on a grid are not known
+REACH = 2.5
+#: columns of one form that may be made, all in all, and those of each constant that are spread over its reach before
+MOST_EVALUATIONS, SCANNED = 40, 9
+#: those of a constant on which a few moments hang: with thirty turns its gain stands level over a fifteenth of it or so
+DECIDED_SCANNED = 81
+#: ln of a constant: a peak is found to this, which is a tenth of a sigma for constants that are known to a per cent
+PRECISION = 1e-3
+#: a curvature is taken where the gain has fallen by one, a sigma; how near is near enough, and steps towards it
+FALLEN, STEPS = (0.3, 3.0), 5
+#: ln of a constant: the first step, and those that are sensible
+FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-5, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sharpened:
+    """form with its best constants; gain: chi-square; constants_sigma: of each, in its unit, one sigma with all others free; inf where the
+    gain does not tell."""
+
+    form: Form
+    gain: float
+    constants_sigma: tuple[float, ...]
+
+
+def sharpened(form: Form, whiten: Whitener, fit: Refit, replay: Replay, reach: float | np.ndarray = REACH) -> Sharpened:
+    """Beside one hypothesis; reach (constants,): how far each may go, as a factor either way: to its neighbours on a grid."""
+    return sharpened_in(form, Responses(replay), Look(replay.twin, whiten, fit), reach)
+
+
+def sharpened_in(form: Form, responses: Responses, look: Look, reach: float | np.ndarray = REACH) -> Sharpened:
+    """The same, of a look that is there already."""
+    begin = np.log(form.constants)
+
+    def gain(logs: np.ndarray) -> float:
+        basis = basis_of(form.with_constants(np.exp(logs)), responses, look)
+        return float(np.sum((basis.T @ look.residual) ** 2))
+
+    if not len(begin):
+        return Sharpened(form, gain(begin), ())
+    scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
+    at = _highest(gain, begin, np.broadcast_to(np.log(reach), begin.shape), scanned)
+    sigma = _sigmas(gain, at) * np.exp(at)
+    return Sharpened(form.with_constants(np.exp(at)), gain(at), tuple(sigma.tolist()))
+
+
+def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
+    """(constants,) ln: each is scanned over its reach, then all are followed uphill together."""
+    from scipy.optimize import minimize, minimize_scalar
+
+    at, highest = begin.copy(), gain(begin)
+    spacing = 2 * reach / (scanned - 1)
+    for number in range(len(begin)):
+        for shift in np.linspace(-reach[number], reach[number], scanned):
+            trial = at.copy()
+            trial[number] = begin[number] + shift
+            found = gain(trial)
+            if found > highest:
+                at, highest = trial, found
+    low, high = np.maximum(at - spacing, begin - reach), np.minimum(at + spacing, begin + reach)
+    left = MOST_EVALUATIONS - 1 - SCANNED * len(begin)
+    if len(begin) == 1:
+        options = {"maxiter": left, "xatol": PRECISION}
+        found = minimize_scalar(lambda x: -gain(np.array([x])), bounds=(low[0], high[0]), method="bounded", options=options)
+        end = np.array([found.x])
+    else:
+        simplex = np.vstack([at, at + np.diag(np.where(at + spacing / 2 < high, spacing, -spacing) / 2)])
+        simplex_options = {"maxfev": max(left, len(begin) + 1), "xatol": PRECISION, "fatol": PRECISION, "initial_simplex": simplex}
+        found = minimize(lambda x: -gain(x), at, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)), options=simplex_options)
+        end = found.x
+    return end if -found.fun >= highest else at
+
+
+def _sigmas(gain: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
+    """(constants,) ln: one sigma of each, where chi-square has risen by one, from the curvature there."""
+    top, count = gain(at), len(at)
+    steps = np.array([_step(gain, at, top, unit) for unit in np.eye(count)])
+    moves = np.diag(steps)
+    fallen = np.zeros((count, count))
+    for i in range(count):
+        fallen[i, i] = 2 * top - gain(at + moves[i]) - gain(at - moves[i])
+        for j in range(i):
+            corners = (gain(at + a * moves[i] + b * moves[j]) * a * b for a in (1, -1) for b in (1, -1))
+            fallen[i, j] = fallen[j, i] = -sum(corners) / 4
+    # In steps: chi-square rises by x' fallen x / 2.
+    if np.linalg.eigvalsh(fallen)[0] <= 0:
+        return np.full(count, np.inf)
+    return np.sqrt(2 * np.diag(np.linalg.inv(fallen))) * steps
+
+
+def _step(gain: Callable[[np.ndarray], float], at: np.ndarray, top: float, unit: np.ndarray) -> float:
+    """How far along one constant the gain falls by one or so."""
+    step = FIRST_STEP
+    for _ in range(STEPS):
+        fallen = top - (gain(at + step * unit) + gain(at - step * unit)) / 2
+        if FALLEN[0] < fallen < FALLEN[1]:
+            break
+        step = float(np.clip(step / np.sqrt(max(fallen, 1e-2)), LEAST_STEP, MOST_STEP))
+    return step
+
+
+# A form one of whose constants differs by axis: the grammar has one for all, and a gyroscope has three structures.
+
+#: how far the constant of an axis may be from that of all, as a factor either way
+AXIS_REACH = 5.0
+#: columns that are made for the constant of one axis, and how often each axis has its turn: what one axis has hardly moves another's
+EVALUATIONS, ROUNDS = 16, 2
+#: ln of a constant: near enough
+AXIS_PRECISION = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class ByAxis:
+    """constant: its number in ``Form.constants``; values (3,): of x, y, z; more: chi-square that it takes up beyond what one constant
+    for all does; forms: of each axis; axes (P,): whose constant each coefficient has; theta (P,) SI, seen linearly."""
+
+    constant: int
+    values: np.ndarray
+    more: float
+    forms: tuple[Form, Form, Form]
+    axes: np.ndarray
+    theta: np.ndarray
+
+    def added(self, movements: Sequence[Movement]) -> np.ndarray:
+        """(N, 3) rad/s over all logs, one after the other, as ``judge.added`` has it."""
+        own = [added_by(form, np.where(self.axes == axis, self.theta, 0.0), movements) for axis, form in enumerate(self.forms)]
+        return np.sum(own, axis=0)
+
+
+def by_axis(form: Form, responses: Responses, look: Look) -> list[ByAxis]:
+    """Each of a form's constants in its turn, the others as they are; none of a quantity without an axis."""
+    return [
+        _best(form, number, axes, responses, look)
+        for number, factor in enumerate(_factors(form))
+        if form.factors[factor].vector and len(np.unique(axes := _axes(form, factor))) > 1
+    ]
+
+
+def linear(form: Form, responses: Responses, look: Look) -> np.ndarray:
+    """(P,) the coefficients of a form, as a look sees them linearly."""
+    return _theta(responses.columns(form), look)
+
+
+def added_by(form: Form, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
+    """(N, 3) rad/s that a form adds over all logs."""
+    effect = as_effect(form)
+    return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
+
+
+def _factors(form: Form) -> list[int]:
+    """Number of the factor of each of a form's constants."""
+    pairs = ((number, value) for number, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s))
+    return [number for number, value in pairs if value is not None]
+
+
+def _axes(form: Form, factor: int) -> np.ndarray:
+    """(P,) the axis of a factor's component in each term."""
+    return np.array([term.parts[factor][1] // form.factors[factor].each for term in form.terms()])
+
+
+def _best(form: Form, number: int, axes: np.ndarray, responses: Responses, look: Look) -> ByAxis:
+    def of(ln: float) -> Form:
+        values = list(form.constants)
+        values[number] = float(np.exp(ln))
+        return form.with_constants(tuple(values))
+
+    def with_axes(of_these: np.ndarray, ln: float) -> np.ndarray:
+        return np.where(of_these, responses.columns(of(ln)), columns)
+
+    def highest(of_these: np.ndarray) -> tuple[float, float]:
+        return _highest_of_one(lambda ln: _gain(with_axes(of_these, ln), look), begin)
+
+    begin, columns = float(np.log(form.constants[number])), responses.columns(form)
+    alone = _gain(columns, look)
+    # The one for all is as good as it can be seen here, or what it lacks would count for the axes.
+    ln, found = highest(axes >= 0)
+    if found > alone:
+        begin, alone, columns = ln, found, with_axes(axes >= 0, ln)
+    at, top = [begin] * 3, alone
+    for _ in range(ROUNDS):
+        for axis in range(3):
+            ln, found = highest(axes == axis)
+            if found > top:
+                at[axis], top, columns = ln, found, with_axes(axes == axis, ln)
+    return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, _theta(columns, look))
+
+
+def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float, float]:
+    """ln of a constant, within ``REACH`` of where it begins, and its gain."""
+    from scipy.optimize import minimize_scalar
+
+    bounds, options = (begin - np.log(AXIS_REACH), begin + np.log(AXIS_REACH)), {"maxiter": EVALUATIONS, "xatol": AXIS_PRECISION}
+    found = minimize_scalar(lambda ln: -gain(ln), bounds=bounds, method="bounded", options=options)
+    return float(found.x), -float(found.fun)
+
+
+def _gain(columns: np.ndarray, look: Look) -> float:
+    return float(np.sum((seen_basis(columns, look).T @ look.residual) ** 2))
+
+
+def _theta(columns: np.ndarray, look: Look) -> np.ndarray:
+    return np.linalg.lstsq(look.seen(columns), look.residual, rcond=None)[0]

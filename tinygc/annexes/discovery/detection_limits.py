@@ -1,0 +1,152 @@
+"""From what size on this very search would have found a law here: the law's response is put into draws of this recording's own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.projections import Look, basis_of, promise, seen_directions
+from tinygc.annexes.discovery.quantities import QUANTITIES
+from tinygc.annexes.discovery.responses import Responses, planned
+from tinygc.annexes.discovery.screening import Screening, passed
+from tinygc.noise.whitening import Whitener
+
+#: draws of noise that a law is put into, and the share of them that must show it: nineteen of twenty, which is then known to 3 %
+DRAWS, SURE = 64, 0.95
+#: a form has found the law if it can say so much of its response, squared: correlation 0.99
+SAID = 0.98
+#: forms that may stand in a law's place: those that promise most here, or have its quantities; and those that say most of a plain law's
+NEAR_LAW, NEAR_PROBE = 300, 40
+#: chi-square of a plain law at which its rivals are looked for
+RIVALS_AT = 60.0
+#: factors on a law's size that are tried, either way, and halvings between them: to 2 %
+MOST_FACTOR, HALVINGS = 64.0, 9
+#: rad/s rms: a law that adds more than this is no error of a gyroscope that works
+PLAUSIBLE_RPS = 5 * DEG
+#: and less than this, none that anybody looks for: a tenth of a degree an hour
+LEAST_RPS = 5e-7
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """basis (m, r) of what a look sees of a form, its price, and whether it is the law itself."""
+
+    basis: np.ndarray
+    price: float
+    own: bool = False
+
+
+def learnable_from(screening: Screening, form: Form, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
+    """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
+
+    Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and noise alone does as much in no
+    more than the share ``chance`` of searches.  Linear, beside the last look; whiten: the noise as it is where the law is named: without
+    the name it stands in for the law.  The form has the price of those of the screening that differ from it by constants alone.
+    """
+    responses, look = screening.all_responses, screening.all_looks[-1]
+    look = look if whiten is None else look.with_noise(whiten)
+    basis = basis_of(form, responses, look)
+    if not basis.shape[1]:
+        return None
+    response = responses.columns(form) @ theta
+    near = np.union1d(screening.order[:NEAR_LAW], _kin(screening, form))
+    own = _Form(basis, screening.price_of(form), own=True)
+    forms = [own, *_forms(screening, near, responses, look).values()]
+    trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0, chance)
+    return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
+
+
+def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
+    """Of each quantity, the size from which a plain law of it would be found in 95 % of all cases, as ``learnable_from`` has it, and takes
+    up ``least`` of chi-square: rad/s rms of what it adds beside a calibration.  None: at no plausible size, as of a quantity that is not
+    there.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
+    found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
+    responses, look = screening.responses, screening.looks[-1]
+    near = [_rivals(screening, number) for number in range(len(screening.probes))]
+    if not near:
+        return found
+    forms = _forms(screening, np.unique(np.concatenate(near)), responses, look)
+    for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
+        some = [forms[rival] for rival in own.tolist() if rival in forms]
+        trial = _Trial(screening, look, probe.whitened, probe.unit, some, 1 + number, chance, least)
+        factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
+        found[probe.quantity] = None if factor is None else factor * probe.rms
+    return found
+
+
+def _kin(screening: Screening, form: Form) -> np.ndarray:
+    """Numbers of the cheapest forms of the same quantities."""
+    own = {factor.quantity for factor in form.factors}
+    kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= own]
+    return np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int)
+
+
+def _rivals(screening: Screening, probe: int) -> np.ndarray:
+    """Numbers of the forms that promise most of a plain law without noise, itself among them."""
+    rank = screening.rank[-1]
+    expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
+    expected[rank == 0] = -np.inf
+    return np.argsort(-expected, kind="stable")[:NEAR_PROBE]
+
+
+def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look: Look) -> dict[int, _Form]:
+    """Of some of the forms, by number."""
+    found = {}
+    for some in passed(planned([screening.forms[number] for number in numbers]), responses, [look], [np.zeros((look.free, 0))]):
+        weights, rank, _ = seen_directions(some.free, some.length)
+        for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
+            found[form] = _Form(basis[:r].T, float(screening.price[form]))
+    return found
+
+
+class _Trial:
+    """A law's response, whitened (n,) and free (m,), among forms; noise is drawn anew, the same for every size."""
+
+    def __init__(
+        self,
+        screening: Screening,
+        look: Look,
+        whitened: np.ndarray,
+        free: np.ndarray,
+        forms: Sequence[_Form],
+        number: int,
+        chance: float,
+        least: float = 0.0,
+    ):
+        generator = np.random.default_rng([screening.seed, number])
+        self._look, self._level, self._least = look, max(screening.chance.level(chance), 0.0), least
+        self._law, self._noise = look.beside(whitened), look.beside(generator.standard_normal((len(whitened), DRAWS)))
+        # What all other forms would have made of noise.
+        self._others = generator.choice(screening.drawn, DRAWS)
+        self._rank = np.array([form.basis.shape[1] for form in forms])
+        self._price = np.array([form.price for form in forms])
+        self._starts = np.concatenate([[0], np.cumsum(self._rank)[:-1]]).astype(int)
+        basis = np.concatenate([form.basis for form in forms], axis=1)
+        self._along_law, self._along_noise = basis.T @ free, basis.T @ look.free_of(self._noise)
+        said = np.add.reduceat(self._along_law**2, self._starts) / float(free @ free)
+        self._says = (said > SAID) | np.array([form.own for form in forms])
+
+    def found(self, factor: float) -> bool:
+        """Whether ``SURE`` of the draws show the law at this many times its size."""
+        gains = np.add.reduceat((factor * self._along_law[:, None] + self._along_noise) ** 2, self._starts, axis=0)
+        scatter = self._look.scatters(factor * self._law[:, None] + self._noise)
+        tested = promise(self._look.studentised(gains, self._rank, scatter), self._rank, self._price)
+        best = np.argmax(tested, axis=0)
+        ahead = tested[best, np.arange(DRAWS)] > np.maximum(self._others, self._level)
+        enough = gains[best, np.arange(DRAWS)] >= self._least
+        return bool(np.mean(self._says[best] & ahead & enough) >= SURE)
+
+
+def _threshold(trial: _Trial, least: float, most: float) -> float | None:
+    """The smallest factor that is found, by halving its logarithm; None where not even the largest is."""
+    if not trial.found(most):
+        return None
+    low, high = np.log(least), np.log(most)
+    for _ in range(HALVINGS + int(np.log2(max((high - low) / np.log(MOST_FACTOR**2), 1.0)))):
+        middle = (low + high) / 2
+        low, high = (low, middle) if trial.found(float(np.exp(middle))) else (middle, high)
+    return float(np.exp(high))

@@ -1,0 +1,333 @@
+"""The search for an equation, from an explanation to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tinygc.annexes.discovery.constants import ByAxis
+from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
+from tinygc.annexes.discovery.enumeration import bits, enumerated
+from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.quantities import largest_of
+from tinygc.annexes.discovery.search_state import (
+    ALL_OF_IT,
+    CHANCE,
+    EQUAL,
+    FEWEST,
+    MOST_OF_IT,
+    Beside,
+    Discovery,
+    HeldOut,
+    Law,
+    Rival,
+    RunnerUp,
+    Searched,
+    Unseen,
+    differing,
+    leaves_something,
+    parted,
+    refused,
+    rivals,
+    taken,
+)
+from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, Found, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.words import constant_of, equation, splits, what
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.claims import readable
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.evidence import Hypothesis, candidates
+from tinygc.explanation.search import STAND_IN, exchanged, search, without_idle
+from tinygc.explanation.unknown import slow_candidates
+from tinygc.noise.twin import Twin, claim_slice
+
+# What of a search is said: which laws stand, and what else each could be.
+
+#: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
+#: the other would leave, whether the grammar can say the other or not
+DECISIVE = STAND_IN / (1 - EQUAL**2)
+#: sigmas, one-sided, that a chi-square's root is below its mean in one case of twenty: what ``learnable.SURE`` of cases have
+SURE_SIGMAS = 1.645
+#: runners-up that are told
+MOST_RUNNERS_UP = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same; axes: its constants, where
+    those of the axes differ."""
+
+    law: Effect
+    form: Form
+    round: Found
+    better: float
+    chance_p: float
+    held_out: tuple[HeldOut, ...]
+    others: list[Rival]
+    same: list[Rival]
+    axes: ByAxis | None
+
+
+def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
+    """The answer of a search."""
+    first = searched.rounds[0].screening
+    common: dict[str, Any] = {
+        "forms": len(searched.forms),
+        "distinct": first.distinct,
+        "chance_promise": first.chance.level(0.05),
+        "best_promise": first.best_beside_last,
+    }
+    share = taken(searched)
+    if not searched.laws or share < MOST_OF_IT:
+        progress("what could have been found")
+        names = _beside(searched.catalogue)
+        beside = f", beside {', '.join(name.id for name in names)}" if names else ""
+        none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
+        why = _too_little(searched, share) or searched.why or none
+        # Of chi-square, what the turns that are screened have of it.
+        screened = len(first.responses.segments) / len(explanation.twin.segments)
+        limits = learnable(first, CHANCE, DECISIVE * screened)
+        return Discovery("none", why, (), names, learnable=limits, **common)
+    progress("rivals")
+    judged = [_judged(searched, law) for law in searched.laws]
+    whole = _on_all(explanation, searched)
+    names = _beside(whole.have, frozenset(whole.evidence.forms))
+    progress("from what size it could have been found")
+    ids = list[str]()
+    for each in judged:
+        ids.append(_free_id(each.form, ids))
+    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(judged))
+    why = _undecided(judged, laws, share)
+    return Discovery("ambiguous" if why else "found", why, laws, names, **common)
+
+
+def _too_little(searched: Searched, share: float) -> str:
+    """Why the laws that stand are not said, if there are any."""
+    said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+    return f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
+
+
+def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> str:
+    """Why the laws are not found and no more is said than which they could be; empty where they are."""
+    several = next((each for each in judged if each.others), None)
+    if several is not None:
+        return f"{len(several.others) + 1} forms of equal worth add different rates"
+    for each in judged:
+        if each.axes is not None:
+            return _by_axis(each.form, each.axes)
+    faint = min(laws, key=lambda law: law.gain)
+    if faint.gain < DECISIVE:
+        return (
+            f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
+            f"and {DECISIVE:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
+        )
+    if share < ALL_OF_IT:
+        rest = "the rest is no noise: a near relative of it is left out, or something else beside it"
+        return f"{100 * share:.1f} % of the excess goes with it, and {rest}"
+    return ""
+
+
+def _by_axis(form: Form, axes: ByAxis) -> str:
+    word, own = constant_of(form, axes.constant)
+    values = ", ".join(f"{value:.3g}" for value in axes.values * own)
+    return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
+
+
+def _judged(searched: Searched, law: Effect) -> _Judged:
+    evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
+    without = searched.without(law)
+    weighed = sorted(rivals(evidence, best, law, searched.tried), key=lambda rival: rival.nearest)
+    near = [rival for rival in weighed if rival.nearest < STAND_IN]
+    return _Judged(
+        law,
+        evidence.forms[law.id],
+        round_,
+        without.score - best.score,
+        searched.chance_p(law),
+        searched.held_out_of(law),
+        [rival for rival in near if rival.correlation <= EQUAL],
+        [rival for rival in near if rival.correlation > EQUAL],
+        differing(searched, law),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """What was judged, refitted on all that was recorded: laws in the order of the judged, their constants for all."""
+
+    evidence: FormEvidence
+    have: Hypothesis
+    laws: list[Effect]
+
+
+def _on_all(explanation: Explanation, searched: Searched) -> _Whole:
+    evidence = FormEvidence(explanation.twin)
+    laws = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
+    names = [effect for effect in searched.best.effects if effect not in searched.laws]
+    have = evidence.of((*names, *laws), evidence.nothing)
+    for number, law in enumerate(laws):
+        have, laws[number] = exact(evidence, have, law)
+    return _Whole(evidence, have, laws)
+
+
+def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
+    """The catalogue's effects of a hypothesis."""
+    claims = [(number, claim) for number, claim in enumerate(have.fit.state.claims) if claim.effect.id not in laws]
+    return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
+
+
+def _free_id(form: Form, taken: Sequence[str]) -> str:
+    """``discovered.…``, with the first number that no other has, where the name alone is one of the catalogue's or of those taken."""
+    name, number, others = f"{FORM}{what(form)}", 1, {*catalogue(), *taken}
+    while (found := name if number == 1 else f"{name}_{number}") in others:
+        number += 1
+    return found
+
+
+def _law(searched: Searched, judged: _Judged, whole: _Whole, ids: list[str], number: int) -> Law:
+    evidence, own = searched.evidence, whole.laws[number]
+    form, fit = whole.evidence.forms[own.id], whole.have.fit
+    at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
+    theta, part = fit.state.claims[at].theta, claim_slice(fit.state.claims, at)
+    held, constants = fit.covariance, Constants.of(whole.evidence.twin, whole.have, own, form) if form.constants else None
+    covariance = (held if constants is None else constants.widened(held))[part, part]
+    sigmas = () if constants is None else constants.sigmas(form)
+    gain = float(theta @ np.linalg.solve(held[part, part], theta))
+    shown = learnable_from(judged.round.screening, form, theta, CHANCE, searched.best.whiten)
+    effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
+    return Law(
+        form,
+        effect,
+        theta,
+        covariance,
+        sigmas,
+        bits(form),
+        gain,
+        judged.better,
+        judged.chance_p,
+        judged.held_out,
+        _same(judged, evidence),
+        tuple(_runner_up(evidence, rival, ids) for rival in judged.others[:MOST_RUNNERS_UP]),
+        None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
+    )
+
+
+def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
+    """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
+    weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
+    found: dict[Form, Form] = {}  # of those that differ by their constants alone the first
+    for form in [*judged.round.screening.same_as(judged.form), *weighed]:
+        if form.shape != judged.form.shape:
+            found.setdefault(form.shape, form)
+    return tuple(found.values())
+
+
+def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp:
+    form = evidence.forms.get(rival.effect.id)
+    if form is None:
+        return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.splits)
+    effect = replace(rival.effect, id=_free_id(form, ids), equation=equation(form), splits=splits(form))
+    return RunnerUp(form, effect, rival.nearest, rival.correlation, splits(form))
+
+
+# The search for an equation, from an explanation to an answer.
+#
+# 1. A third of the turns and stills is put away (``parts``); what follows sees the rest alone.
+# 2. The catalogue has its say first: the hypothesis of its effects with the most evidence.
+# 3. All forms of the grammar are screened beside it, and beside nothing at all: a name may have stood in for the law (``search``).
+# 4. The best are sharpened, weighed with the noise estimated anew, and refitted exactly, the constants of the best, too (``exact``); names
+#    that the law has made idle go.
+# 5. A second law may stand beside the first.
+# 6. Each law is judged (``verdict``); what is left is refitted on all that was recorded.
+
+#: laws of one answer: each is a pass over all forms
+MOST_LAWS = 2
+#: names that a law may uncover
+MOST_NAMES = 2
+#: forms that take a law's place, one after the other
+MOST_EXCHANGES = 3
+#: shapes without a name that are tried in the place of a law
+MOST_SHAPES = 2
+#: what is told of progress: steps of the whole
+STEPS = 7
+
+
+def discover(
+    explanation: Explanation,
+    *,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Discovery:
+    """Search a session's remainder for the equation that was left out; the explanation says what its catalogue names.
+
+    seed: of what is put away, and of what chance draws.
+    """
+    whole = explanation.twin
+    if len(whole.segments) < 3 * FEWEST:
+        few = f"a third of {len(whole.segments)} turns is too few to judge an equation by: record {3 * FEWEST} or more"
+        return Discovery("none", few, (), (), forms=0, distinct=0, chance_promise=0.0, best_promise=0.0)
+    split = parted(whole.problem, seed)
+    twin = Twin(split.seen)
+    progress("discover: the catalogue on what is seen", 0, STEPS)
+    evidence, tried = FormEvidence(twin), candidates(twin)
+    # What is named, but for those whose shape, as the moment of a step, has been found with the turns that are put away.
+    named = [one.effect for one in explanation.naming.named if one.effect.scan is None]
+    begin = evidence.of(tuple(named), evidence.nothing)
+    start = min(begin, evidence.nothing, key=lambda h: h.score)
+    catalogue = exchanged(evidence, tried, search(evidence, tried, start))
+    shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
+    forms = enumerated(largest_of(twin.movements))
+    bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
+    rounds: list[Found] = []
+    searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
+    while len(rounds) < MOST_LAWS:
+        step = 1 + 2 * len(rounds)
+        found = with_a_form(evidence, forms, bases, seed, _told(progress, step))
+        rounds.append(found)
+        if found.best is None or found.best.score >= searched.best.score:
+            break
+        progress("discover: refitting the constants", step, STEPS)
+        further = _exactly(searched, _settled(evidence, tried, found, searched.laws))
+        why = next((why for law in further.laws if (why := refused(further, law))), None)
+        if why is not None:
+            searched = replace(searched, why=searched.why or why)
+            break
+        searched = further
+        if not leaves_something(searched):
+            break
+        bases = [searched.best]
+    return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+
+
+def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str], None]:
+    return lambda what: progress(f"discover: {what}", step, STEPS)
+
+
+def _exactly(searched: Searched, have: Hypothesis) -> Searched:
+    """With all laws of a hypothesis, their constants where it is most probable; what is new among them the last round has brought."""
+    evidence, last, entered = searched.evidence, len(searched.rounds) - 1, dict[str, int]()
+    for law in [effect for effect in have.effects if effect.id in evidence.forms]:
+        have, own = exact(evidence, have, law)
+        entered[own.id] = searched.entered.get(law.id, last)
+    return replace(searched, best=have, entered=entered)
+
+
+def _settled(evidence: FormEvidence, tried: list[Effect], found: Found, before: list[Effect]) -> Hypothesis:
+    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
+    forms that linear columns have misjudged the best takes the law's place; before: laws of earlier rounds, which stay."""
+    assert found.best is not None
+    have = without_idle(evidence, found.best)
+    have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
+    for _ in range(MOST_EXCHANGES):
+        law = next((effect for effect in have.effects if effect.id in evidence.forms and effect not in before), None)
+        if law is None:
+            break
+        nearest = next((rival for rival in rivals(evidence, have, law, found.tried) if rival.hypothesis is not None), None)
+        if nearest is None or nearest.hypothesis is None or nearest.worse >= 0:
+            break
+        have = without_idle(evidence, nearest.hypothesis)
+    return have

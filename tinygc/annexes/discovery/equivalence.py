@@ -1,0 +1,239 @@
+"""Forms that are the same whatever the movement; a form as an effect of the catalogue's kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.words import equation as equation_of
+from tinygc.annexes.discovery.words import regime, splits
+from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
+
+# A drawn movement, of no recording: by it, forms are told apart that any movement would tell apart.
+#
+# Every quantity takes values all over its range and of both signs, independent of the others, so that steps at neighbouring thresholds
+# differ in a few samples.
+
+SAMPLES, RATE_HZ, FULL_SCALE = 2400, 10.0, 500 * DEG
+#: of a sampling period, by which samples stray, so that no time is a multiple of it; samples of the shortest and the longest turn or rest
+STRAY, SHORTEST, LONGEST = 0.2, 10, 240
+#: of a turn's size: 1 to 10 dps is slower than what ends a rest, and faster than noise
+CREEP = 0.015
+
+
+def some_movement(seed: int) -> Movement:
+    """Four minutes of turns, rests and creeps of many lengths, warming up and cooling down, vibrated."""
+    rng = np.random.default_rng(seed)
+    t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
+    force = _wandering(rng, 3)
+    return Movement(
+        t_s=rng.uniform(0.1, 0.5) + t_s,
+        dt_s=1 / RATE_HZ,
+        rate=0.8 * FULL_SCALE * _turning(rng)[:, None] * _wandering(rng, 3),
+        force_g=force / np.linalg.norm(force, axis=1, keepdims=True) * rng.uniform(0.8, 1.2, (SAMPLES, 1)),
+        temp_c=25 + 10 * _wandering(rng, 1)[:, 0],
+        vibration_g2=rng.uniform(0.0, 0.2, SAMPLES),
+        duration_s=SAMPLES / RATE_HZ + 1.0,
+        fs_rps=FULL_SCALE,
+        first_temp_c=25.0,
+    )
+
+
+def _turning(rng: np.random.Generator) -> np.ndarray:
+    """(SAMPLES,) a swell up to 1 in turns and to ``CREEP`` in every other rest, 0 in the others.
+
+    It begins in a turn, soon over, and with the longest rest: what settles with time is not yet settled there.
+    """
+    found, first, number = np.zeros(SAMPLES), 0, 0
+    while first < SAMPLES:
+        length = (SHORTEST, LONGEST)[number] if number < 2 else int(np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST))))
+        phase = (np.arange(length) + 0.5) / length
+        swell = np.cos(np.pi / 2 * phase) if number == 0 else np.sin(np.pi * phase)
+        found[first : first + length] = ((1.0, 0.0, 1.0, CREEP)[number % 4] * swell)[: SAMPLES - first]
+        first, number = first + length, number + 1
+    return found
+
+
+def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
+    """(SAMPLES, axes) smooth over a second or so, even over −1 to 1."""
+    noise = rng.standard_normal((SAMPLES + 20, axes))
+    smooth = np.stack([np.convolve(column, np.hanning(22)[1:], mode="valid") for column in noise.T], axis=1)
+    return 2 * np.argsort(np.argsort(smooth, axis=0), axis=0) / (SAMPLES - 1) - 1
+
+
+# Forms that are the same whatever the movement: on a drawn one their columns span the same, beside what a calibration holds.
+#
+# A bias and a matrix hold a constant and the three rates: what differs by these alone is one form (a rate held within a limit, and what it
+# has beyond that), and what is made of these alone is none.
+
+#: rows that are looked at first: a form has up to 36 columns of an axis beside the four of a calibration
+ROWS = 96
+#: of a column's size, from which on what a calibration leaves is more than rounding; likewise of its neighbours
+LEFT = 1e-9
+#: of a look's size, which is about one for every row, within which two are the same: rounding leaves less of all but the faintest columns
+SAME = 1e-6
+#: the axes of a first look, and of a second: a threshold that one axis never reaches another may
+FIRST, EVERY = (0,), (0, 1, 2)
+#: that columns of forms have at once
+MOST_NUMBERS = 2_000_000
+
+
+def told_apart(forms: Sequence[Form], movements: Sequence[Movement]) -> list[Form]:
+    """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out.
+
+    All are looked at in some rows of the first movement, on one axis.  Those that are there like others, or like nothing, are looked at in
+    every row of every movement, on all three: few samples pass a high threshold, and what they have in common may be chance.
+    """
+    values = [Values(movement) for movement in movements]
+    groups = _groups(looked_at(forms, values[0], ROWS, FIRST))
+    found = [group[0] for group in groups if len(group) == 1]
+    doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
+    left = [forms[number] for number in doubtful]
+    again = np.concatenate([looked_at(left, every, len(every.calibration), EVERY) for every in values], axis=1)
+    found += [int(doubtful[group[0]]) for group in _groups(again)]
+    return [forms[number] for number in sorted(found)]
+
+
+def _groups(looks: np.ndarray) -> list[list[int]]:
+    """Numbers, rising, of looks (F, R) that are the same; those that are nothing are in none."""
+    there = np.flatnonzero(np.linalg.norm(looks, axis=1) > SAME)
+    order = there[np.argsort(looks[there, 0], kind="stable")]
+    edges = np.flatnonzero(np.diff(looks[order, 0]) > SAME) + 1
+    found: list[list[int]] = []
+    for near in np.split(order, edges):
+        own: list[list[int]] = []
+        for number in np.sort(near).tolist():
+            home = next((group for group in own if np.abs(looks[group[0]] - looks[number]).max() < SAME), None)
+            if home is None:
+                own.append([number])
+            else:
+                home.append(number)
+        found += own
+    return found
+
+
+class Values:
+    """Of factors in a movement, each computed once."""
+
+    def __init__(self, movement: Movement):
+        self.movement = movement
+        # The rate as forms have it: slower than what counts as a turn it is noise, which is no form's.
+        rate = signals.moving_rate(movement) / movement.fs_rps
+        self.calibration = np.concatenate([rate, np.ones((len(rate), 1))], axis=1)
+        self._values: dict[Factor, np.ndarray] = {}
+
+    def of(self, factor: Factor) -> np.ndarray:
+        """(components, N)."""
+        if factor not in self._values:
+            self._values[factor] = np.ascontiguousarray(factor.values(self.movement).T)
+        return self._values[factor]
+
+
+def looked_at(forms: Sequence[Form], values: Values, count: int, axes: Sequence[int]) -> np.ndarray:
+    """(F, axes · count): a drawn vector, in so many rows, as the span of each axis' columns projects it.
+
+    It is zero where a calibration holds all.
+    """
+    rng = np.random.default_rng(count)
+    rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
+    drawn = rng.standard_normal(count) * np.sqrt(count)
+    return np.concatenate([projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
+
+
+def projections(forms: Sequence[Form], values: Values, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+    """(F, R): drawn (R,), in these rows (R,) of a movement, as the span of an axis' columns projects it beside what a calibration holds."""
+    held = np.linalg.qr(values.calibration[rows])[0]
+    own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
+    found = np.zeros((len(forms), len(rows)))
+    for members, parts in _alike_built(forms, axis):
+        at_once = max(MOST_NUMBERS // (len(parts[0]) * len(rows)), 1)
+        for first in range(0, len(members), at_once):
+            some = members[first : first + at_once]
+            columns = np.ones((len(some), len(parts[0]), len(rows)))
+            for place, components in enumerate(parts):
+                columns *= np.stack([own[forms[number].factors[place]][components] for number in some])
+            found[some] = _projected(columns, held, drawn)
+    return found
+
+
+def _alike_built(forms: Sequence[Form], axis: int) -> list[tuple[list[int], list[list[int]]]]:
+    """Numbers of forms whose terms are the same components, and these of each factor, of one axis."""
+    groups: dict[tuple, list[int]] = {}
+    for number, form in enumerate(forms):
+        key = (form.pattern, *((factor.of.components, factor.through.phases) for factor in form.factors))
+        groups.setdefault(key, []).append(number)
+    found = []
+    for members in groups.values():
+        terms = [term for term in forms[members[0]].terms() if term.axis == axis]
+        found.append((members, [[term.parts[place][1] for term in terms] for place in range(len(terms[0].parts))]))
+    return found
+
+
+def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """(F, R), of columns (F, P, R), beside held (R, 4)."""
+    size = np.linalg.norm(columns, axis=2, keepdims=True)
+    for _ in range(2):  # the second takes off what rounding left of the first
+        columns = columns - (columns @ held) @ held.T
+    left = np.linalg.norm(columns, axis=2, keepdims=True)
+    unit = np.divide(columns, left, out=np.zeros_like(columns), where=left > LEFT * np.maximum(size, 1e-300))
+    if columns.shape[1] == 1:
+        return unit[:, 0] * (unit @ drawn)
+    weight, turn = np.linalg.eigh(unit @ unit.transpose(0, 2, 1))
+    along = turn.transpose(0, 2, 1) @ (unit @ drawn)[:, :, None]
+    share = np.divide(along[:, :, 0], weight, out=np.zeros_like(weight), where=weight > LEFT * weight[:, -1:])
+    return ((turn @ share[:, :, None]).transpose(0, 2, 1) @ unit)[:, 0]
+
+
+# A form as an effect of the catalogue's kind, so that all that weighs, fits and draws effects takes it as one of them.
+
+#: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
+PLAUSIBLE_RPS = 5 * DEG
+
+
+def columns_of(form: Form, movement: Movement) -> np.ndarray:
+    """(N, 3, P): what one rad/s of each coefficient adds."""
+    values = {factor: factor.values(movement) for factor in form.factors}
+    terms = form.terms()
+    found = np.zeros((len(movement.rate), 3, len(terms)))
+    for number, term in enumerate(terms):
+        product = np.ones(len(movement.rate))
+        for factor, component in term.parts:
+            product = product * values[factor][:, component]
+        found[:, term.axis, number] = product
+    return found
+
+
+def distorted(form: Form, movement: Movement, theta: np.ndarray) -> np.ndarray:
+    """(N, 3) rad/s: the rate with the law; as ``columns_of`` times theta (P,), without the zeros."""
+    values = {factor: factor.values(movement) for factor in form.factors}
+    found = movement.rate.copy()
+    for term, coefficient in zip(form.terms(), theta, strict=True):
+        product = coefficient * values[term.parts[0][0]][:, term.parts[0][1]]
+        for factor, component in term.parts[1:]:
+            product *= values[factor][:, component]
+        found[:, term.axis] += product
+    return found
+
+
+def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
+    """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
+    reach = sum((factor.reach for factor in form.factors), Reach())
+    inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.inputs))
+    unit, said = form.coefficient_unit, equation or equation_of(form)
+    return Effect(
+        id=name,
+        equation=said,
+        parameter=Parameter("coefficients", (form.size,), unit, DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
+        seen_in=("still", "turn"),
+        columns=lambda movement: columns_of(form, movement),
+        says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
+        splits=splits(form),
+        regime=regime(form),
+        inputs=inputs,
+        reach=reach,
+        exact_distort=lambda movement, theta: distorted(form, movement, theta),
+        device=NoC("no C has been written for it"),
+    )

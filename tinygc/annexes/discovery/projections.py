@@ -1,0 +1,236 @@
+"""Projections: the channels as one hypothesis sees them, and forms that are the same in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.responses import Responses
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, UNSEEN, orthonormal
+from tinygc.noise.refit import Refit
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
+
+# A look: the channels as one hypothesis sees them, its noise white, its calibration and its names taken out.
+#
+# What is taken out is p directions of n.  Householder's reflections turn them onto the first p axes, so that the other n - p coordinates
+# are what is beside them: n p numbers, where a basis of the rest is n^2 of them, and n^3 of work.
+
+#: of the recording's scatter, what a form leaves at least: of one that takes up all, a logarithm is asked for
+LEAST_LEFT = 1e-2
+
+
+class Look:
+    """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all.
+
+    n rows in all, m of them free: beside the nuisance, which is what the fit has already.
+    """
+
+    def __init__(self, twin: Twin, whiten: Whitener, fit: Refit, rows: np.ndarray | None = None):
+        self._made_of = twin, whiten, fit, rows
+        total = sum(whiten.sizes)
+        r, J, allowances = fit.r, fit.J, whiten.allowances
+        known = np.concatenate([np.ravel(twin.batch.known), np.ones(whiten.sizes[1], bool), np.zeros(whiten.sizes[2], bool)])
+        if rows is None:
+            rows, own = np.arange(total), whiten
+        else:
+            own = whiten.only(rows)
+            r, J, allowances = own(whiten.back(r)), own(whiten.back(J)), own(whiten.back(allowances))
+        self._own = own
+        self.q = orthonormal(J)
+        n, p = self.q.shape
+        self.free = n - p
+        self._reflections = _reflections(self.q)
+        beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
+        self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
+        #: directions that tell the noise's scale
+        self.freedom = float(self._scale_rows.sum() - np.sum(self._wide[self._scale_rows] ** 2))
+        #: (free,) of the recording, and its scatter
+        self.residual, (self.scatter,) = self.free_of(r[:, None])[:, 0], self.scatters(r[:, None])
+
+    def with_noise(self, whiten: Whitener) -> Look:
+        """The same hypothesis under other noise."""
+        twin, own, fit, rows = self._made_of
+        return Look(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
+
+    def matrix(self) -> np.ndarray:
+        """(n, rows) single precision: whitening and turning as one, for many columns; the first ``free`` rows see what the nuisance leaves.
+
+        Made where it is asked for and kept by nobody: of a thousand turns 150 MB.
+        """
+        turned = self._turned(self._own.matrix())
+        return np.concatenate([turned[len(turned) - self.free :], turned[: len(turned) - self.free]], dtype=np.float32, casting="same_kind")
+
+    def free_of(self, whitened: np.ndarray) -> np.ndarray:
+        """(free, …) of whitened channels (n, …), beside the nuisance."""
+        return self._turned(whitened)[len(whitened) - self.free :]
+
+    def seen(self, stacked: np.ndarray) -> np.ndarray:
+        """(free, …) of stacked channels (n, …)."""
+        return self.free_of(self.whitened(stacked))
+
+    def whitened(self, stacked: np.ndarray) -> np.ndarray:
+        """(n, …) of stacked channels (n, …)."""
+        return self._own.own(stacked)
+
+    def _turned(self, whitened: np.ndarray) -> np.ndarray:
+        """(n, …) of whitened channels (n, …): first along the nuisance, then beside it."""
+        from scipy.linalg.lapack import dormqr
+
+        factored, tau = self._reflections
+        columns = np.asfortranarray(whitened.reshape(len(whitened), -1))
+        if not columns.shape[1] or not len(tau):
+            return whitened
+        room = int(dormqr("L", "T", factored, tau, columns, -1)[1][0])
+        return dormqr("L", "T", factored, tau, columns, room)[0].reshape(whitened.shape)
+
+    def beside(self, whitened: np.ndarray) -> np.ndarray:
+        """Whitened channels (n, …) without what the nuisance takes of them."""
+        return whitened - self.q @ (self.q.T @ whitened)
+
+    def scatters(self, whitened: np.ndarray) -> np.ndarray:
+        """(…,) sums of squares of residuals (n, …) over the rows that tell the noise's scale, as ``Selection`` takes them."""
+        left = (whitened - self._wide @ (self._wide.T @ whitened))[self._scale_rows]
+        return np.sum(left**2, axis=0)
+
+    def studentised(self, gain: np.ndarray, rank: np.ndarray, scatter: np.ndarray | float) -> np.ndarray:
+        """Gains (F, …) of forms of rank (F,) as they would be if the noise's scale were what the scatter says.
+
+        For a normal law of unknown scale, twice the logarithm of how much likelier it is with a form than without, with Bartlett's factor,
+        which makes a chi-square of it.  The scatter is that of some rows; the gain is of all, so it is held against as many as there are.
+        """
+        rank = np.minimum(rank, self.free / 2).reshape(-1, *(1,) * (gain.ndim - 1))
+        share = gain / (np.asarray(scatter) * self.free / self.freedom)
+        return -(self.free - (rank + 2) / 2) * np.log(np.maximum(1 - share, LEAST_LEFT))
+
+
+def _reflections(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Householder's, that turn orthonormal columns (n, p) onto the first p axes, as LAPACK keeps them: (n, p) and (p,)."""
+    from scipy.linalg.lapack import dgeqrf
+
+    if not q.shape[1]:
+        return q, np.zeros(0)
+    factored, tau, *_ = dgeqrf(q)
+    return factored, tau
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(columns, axis=0)
+    return columns[:, size > 0] / size[size > 0]
+
+
+# From a form's columns to what it promises.
+
+#: a direction that the nuisance leaves less of than this is not seen.  What is left of a rate that a calibration takes up is the noise of
+#: the rate itself, 2e-4, which is in the residuals, too; of the faintest law beside it, a dead zone of a hundredth of the range, 2e-2
+FAINT = 5e-3
+
+
+def price(bits: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Twice the logarithm of what forms cost before they are looked at, as ``evidence.price``: bits (F,), sizes (F,) coefficients."""
+    return 2 * (np.log(2) * bits + np.log(SCALES / PRIOR_ODDS)) + sizes
+
+
+def promise(gain: np.ndarray, rank: np.ndarray, price: np.ndarray) -> np.ndarray:
+    """Twice the logarithm of the evidence that forms would add, as ``search.promises``: gain (F, …), rank (F,), price (F,)."""
+    rank, price = (each.reshape(-1, *(1,) * (gain.ndim - 1)) for each in (np.maximum(rank, 1), price))
+    return gain - rank * np.log(np.maximum(gain / rank, 1.0)) - price
+
+
+def seen_directions(free: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """weights (F, P, P), rank (F,) and left (F,) of forms' columns: free (F, P, m) beside the nuisance, length (F, P) with it.
+
+    ``weights @ free`` are orthonormal rows, then zeros: a direction is dropped that the nuisance leaves less than ``FAINT`` of, as
+    ``selection.left_of`` drops one; left: the share of the columns' squared length that is seen.
+    """
+    length = np.where(length > 0, length, 1.0).astype(float)
+    unit = free / length[:, :, None]
+    size, turn = np.linalg.eigh(unit @ unit.transpose(0, 2, 1))
+    size, turn = size[:, ::-1], turn[:, :, ::-1]
+    kept = size > FAINT**2
+    scale = np.where(kept, 1 / np.sqrt(np.where(kept, size, 1.0)), 0.0)
+    weights = (turn * scale[:, None, :] / length[:, :, None]).transpose(0, 2, 1)
+    return weights, kept.sum(axis=1), np.sum(size * kept, axis=1) / size.shape[1]
+
+
+# Forms that are the same in this recording: their columns, as a look sees them, span the same directions.
+#
+# Gains in draws of noise hang on the span alone.  Of two forms of one rank, the mean square of their gains' difference is four times the
+# sum of the squared sines of the angles between them, so a few dozen draws tell which forms are near, whatever their columns.
+
+#: cosine of the largest angle between two forms that are the same
+SAME = 0.99
+#: mean square of the difference of their gains
+NEAR = 4 * (1 - SAME**2)
+#: of draws, which miss that by a quarter or so: how much farther is worth a closer look
+SLACK = 3.0
+#: forms that are compared at once, and those that are looked at closely
+AT_ONCE, MOST_CLOSE = 1024, 400
+
+
+def leaders(marks: np.ndarray, rank: np.ndarray, bits: np.ndarray) -> np.ndarray:
+    """(F,) of each form the simplest that is near it; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
+    found = np.full(len(marks), -1)
+    for own_rank in np.unique(rank[rank > 0]):
+        members = np.flatnonzero(rank == own_rank)
+        members = members[np.argsort(bits[members], kind="stable")]
+        led = np.zeros(0, dtype=int)
+        for first in range(0, len(members), AT_ONCE):
+            some = members[first : first + AT_ONCE]
+            if len(led):
+                distance = _distances(marks[some], marks[led])
+                nearest = np.argmin(distance, axis=1)
+                near = distance[np.arange(len(some)), nearest] < NEAR
+                found[some[near]] = led[nearest[near]]
+                some = some[~near]
+            close = _distances(marks[some], marks[some]) < NEAR
+            new = []
+            for number, form in enumerate(some.tolist()):
+                if found[form] < 0:
+                    new.append(form)
+                    free = close[number] & (found[some] < 0)
+                    found[some[free]] = form
+            led = np.concatenate([led, np.array(new, dtype=int)])
+    return found
+
+
+def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(A, B) mean squares of the differences of rows."""
+    squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1)
+    return (squares - 2 * one @ other.T) / one.shape[1]
+
+
+def basis_of(form: Form, responses: Responses, look: Look) -> np.ndarray:
+    """(m, r) orthonormal: what a look sees of a form."""
+    return seen_basis(responses.columns(form), look)
+
+
+def seen_basis(columns: np.ndarray, look: Look) -> np.ndarray:
+    """(m, r) orthonormal, of stacked columns (n, P)."""
+    whitened = look.whitened(columns)
+    length = np.linalg.norm(whitened, axis=0)
+    return orthonormal(look.free_of(whitened[:, length > 0] / length[length > 0]), FAINT, scaled=False)
+
+
+def alike(
+    form: Form, responses: Responses, look: Look, noise: np.ndarray, marks: np.ndarray, rank: np.ndarray, forms: Sequence[Form]
+) -> list[int]:
+    """Numbers of the forms that span what this one does; noise (n, D): of which marks (F, ≤ D) are the gains."""
+    basis = basis_of(form, responses, look)
+    if not basis.shape[1]:
+        return []
+    own = np.sum((basis.T @ look.free_of(noise[:, : marks.shape[1]])) ** 2, axis=0)
+    distance = np.mean((marks - own) ** 2, axis=1)
+    near = np.flatnonzero((rank == basis.shape[1]) & (distance < SLACK * NEAR))
+    near = near[np.argsort(distance[near], kind="stable")][:MOST_CLOSE]
+    return [number for number in near.tolist() if overlap(basis, basis_of(forms[number], responses, look)) > SAME]
+
+
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Cosine of the largest principal angle between orthonormal bases (m, r); 0 where they differ in rank."""
+    if one.shape != other.shape or not one.shape[1]:
+        return 0.0
+    return float(np.linalg.svd(one.T @ other, compute_uv=False)[-1])

@@ -1,0 +1,186 @@
+"""A discovery written out: effect files, table, page, picture."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Group
+from rich.text import Text
+
+from session import VERSION
+from session.io.errors import FormatError
+from session.io.files import MB, naming, read_bytes, result_folder
+from session.io.folder import file_key, hash_of_log
+from session.io.results import write_text_whole
+from session.io.texts import printable
+from session.io.units import DEG
+from tinygc.annexes.discovery.effect_file import Where, written
+from tinygc.annexes.discovery.law_fits import Pair, is_open, next_of, pairs_of
+from tinygc.annexes.discovery.pictures import figure_of
+from tinygc.annexes.discovery.result import discovery_page, to_json
+from tinygc.annexes.discovery.search_state import Discovery, Law
+from tinygc.annexes.discovery.selection import FORM
+from tinygc.effects.catalogue import loaded_folders
+from tinygc.explanation import result
+from tinygc.explanation.engine import Explanation
+from tinygc.reporting.explanation_text import explanation_page, save_explanation
+from tinygc.reporting.pictures.canvas import save as save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+# Laws as effect files in a folder, where a person may have edited what an earlier run wrote: no edit is ever lost.
+#
+# A file's last line has the hash of what stands above it.  A file whose hash is right is this tool's own: the next run replaces it, or
+# takes it away where its law was not found again.  Any other file is a person's, and stays; a law that would have its name gets another.
+
+#: folder of a session's ``explain``
+FOLDER = "effects"
+SEAL = "# Written by calibrate.py explain --discover.  Edit it as you like: an edited file is never replaced.  sha256 of the lines above: "
+LAST = re.compile(re.escape(SEAL) + r"([0-9a-f]{64})\n")
+#: of a file that is looked at; ours have some kB
+MOST_EFFECT = MB
+
+
+@dataclass(frozen=True)
+class Saved:
+    """files: of each law, in order; says: a line for each thing that a person should know."""
+
+    files: tuple[Path, ...]
+    says: tuple[str, ...]
+
+
+def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
+    """Write each law into the folder, and take away what an earlier run wrote there and this one did not find.
+
+    Without a law the folder is not made, and left only with what is a person's.  Raises StorageError, or an OSError with the file's name,
+    where it cannot be written.
+    """
+    own = sorted(path for path in folder.glob("discovered_*.py") if is_own(path)) if folder.is_dir() else []
+    # What was named with --effects was a name of the catalogue for this search: it looked for other laws.
+    named = folder.resolve() in [each.resolve() for each in loaded_folders()]
+    earlier = [] if named else own
+    files: list[Path] = []
+    says = [f"{printable(str(path))} was named with --effects, and is kept" for path in own if named]
+    if laws:
+        with result_folder(folder):
+            for law in laws:
+                first = law.effect.id.removeprefix(FORM)
+                name = _free(folder, first, earlier, files)
+                files.append(folder / f"discovered_{name}.py")
+                write_text_whole(files[-1], sealed(written(law, where, name)))
+                if name != first and folder / f"discovered_{first}.py" not in files:
+                    kept = printable(f"{folder / f'discovered_{first}.py'}")
+                    now = f"the law that was found now is in {files[-1].name}; move one of the two away before --effects"
+                    says.append(f"{kept} is not as it was written, and is kept; {now}")
+    for path in earlier:
+        if path not in files:
+            with naming(path):
+                path.unlink()
+            says.append(f"{printable(str(path))} of an earlier run is taken away: its law was not found again")
+    if not laws:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+    return Saved(tuple(files), tuple(says))
+
+
+def _free(folder: Path, name: str, earlier: list[Path], taken: list[Path]) -> str:
+    """The first of name, name_2, name_3, … that is no person's file and none of this run's."""
+    number, tried = 1, name
+    while True:
+        path = folder / f"discovered_{tried}.py"
+        if path not in taken and (path in earlier or not os.path.lexists(path)):
+            return tried
+        number += 1
+        tried = f"{name}_{number}"
+
+
+def sealed(text: str) -> str:
+    """The text with its hash in a last line."""
+    return f"{text}\n{SEAL}{_digest(text)}\n"
+
+
+def is_own(path: Path) -> bool:
+    """Whether a file is as this tool wrote it; a link, and what cannot be read, is not."""
+    try:
+        if path.is_symlink():
+            return False
+        text = read_bytes(path, MOST_EFFECT).decode().replace("\r\n", "\n")  # as Windows writes it
+    except (FormatError, UnicodeDecodeError):
+        return False
+    above, _, last = text.removesuffix("\n").rpartition("\n")
+    found = LAST.fullmatch(f"{last}\n")
+    return found is not None and found[1] == _digest(above) and text.endswith("\n")
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+# An explanation and the discovery beside it, told: one table, the page of the terminal, the picture, the files.
+
+
+class Told:
+    """What is made of both, each once."""
+
+    def __init__(self, explanation: Explanation, discovery: Discovery):
+        self.explanation, self.discovery = explanation, discovery
+        #: of each law, relative to the folder of the explanation; None until they are saved
+        self._files: list[str | None] = [None for _ in discovery.laws]
+        #: lines for whoever looks for the files
+        self.says: tuple[str, ...] = ()
+
+    @cached_property
+    def pairs(self) -> list[Pair]:
+        """Each law refitted, beside its runner-up."""
+        return pairs_of(self.explanation, self.discovery)
+
+    @cached_property
+    def _following(self) -> str | None:
+        pairs = self.pairs if any(map(is_open, self.discovery.laws)) else []
+        return next_of(self.explanation, self.discovery, pairs)
+
+    @property
+    def table(self) -> dict:
+        """``tinygc-explain/1``.  What to do next is what the search asks for."""
+        return result.to_json(self.explanation) | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
+
+    @property
+    def page(self) -> Group:
+        """What the terminal shows: the explanation, then the search, which has the last word on what to do next."""
+        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.table))
+
+    def figure(self) -> Figure:
+        """``discover.png``, of an answer with laws.  CalibrationError without matplotlib."""
+        return figure_of(self.explanation, self.discovery, self.pairs)
+
+    def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
+        """``save_explanation`` with the whole table, an effect file for each law, and the picture of them; returns the folder.
+
+        A file that somebody has edited stays; ``says`` tells what was done instead.  Raises what ``save_explanation`` raises.
+        """
+        folder = folder or self.explanation.session.own_folder("explain")
+        saved = save_laws(self.discovery.laws, self._where(), folder / FOLDER)
+        self._files, self.says = [f"{FOLDER}/{path.name}" for path in saved.files], saved.says
+        save_explanation(self.explanation, folder, pictures, self.table)
+        if pictures and self.discovery.laws:
+            save_figure(self.figure(), folder / "discover.png")
+        else:  # that of an earlier run shows another answer
+            with naming(folder / "discover.png"):
+                (folder / "discover.png").unlink(missing_ok=True)
+        return folder
+
+    def _where(self) -> Where:
+        session = self.explanation.session
+        logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
+        movement = self.explanation.twin.movements[0]
+        return Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)

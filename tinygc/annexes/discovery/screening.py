@@ -1,0 +1,461 @@
+"""Screen all forms by their linear columns, and what chance makes of so many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tinygc.annexes.discovery.constants import Sharpened, sharpened_in
+from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.projections import FAINT, Look, alike, basis_of, leaders, price, promise, seen_directions
+from tinygc.annexes.discovery.responses import Block, Plan, Responses, Values, planned
+from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
+
+# Plain laws, one of each quantity: what a recording that shows no law is asked for.
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A law with all coefficients alike: quantity, form; whitened (n,): its response in the look's whitened channels, unit (m,) the same
+    beside the nuisance, of length one, at the size rms: rad/s of the rate that it adds beside what a calibration takes up."""
+
+    quantity: str
+    form: Form
+    whitened: np.ndarray
+    unit: np.ndarray
+    rms: float
+
+
+def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[Probe, ...]:
+    """Of each quantity, that law of one function of it, without a constant, the same for each axis, which shows at the smallest rate."""
+    best: dict[str, Probe] = {}
+    for form in forms:
+        (factor, *others) = form.factors
+        if others or form.constants or form.pattern != "each":
+            continue
+        response = responses.columns(form).sum(axis=1)
+        whitened = look.whitened(response)
+        free = look.free_of(whitened)
+        length = float(np.linalg.norm(free))
+        if not length > FAINT * float(np.linalg.norm(whitened)):  # or no number
+            continue
+        rms = beside_calibration(form, np.ones(form.size), responses.values) / length
+        if factor.quantity not in best or rms < best[factor.quantity].rms:
+            best[factor.quantity] = Probe(factor.quantity, form, whitened / length, free / length, rms)
+    return tuple(best.values())
+
+
+def beside_calibration(form: Form, theta: np.ndarray, values: Values) -> float:
+    """rad/s rms over samples and axes: the rate that a law of coefficients theta (P,) adds, less what a bias and a matrix take up."""
+    found = {factor: values.of(factor) for factor in form.factors}
+    added = np.zeros((3, values.samples))
+    for term, size in zip(form.terms(), theta, strict=True):
+        product = np.array(size)
+        for factor, component in term.parts:
+            product = product * found[factor][component]
+        added[term.axis] += product
+    left = added - (added @ values.calibration) @ values.calibration.T
+    return float(np.sqrt(np.mean(left**2)))
+
+
+# Of a long session, the turns by which all forms are screened.
+
+#: turns: screening grows with their square (benchmarks/discover_speed.py)
+MOST_TURNS = 120
+#: neighbours that are taken together, so that they share the stills between them
+TURN_NEIGHBOURS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Numbers of segments and of stills, and where they are (n,) among the stacked channels."""
+
+    segments: np.ndarray
+    stills: np.ndarray
+    rows: np.ndarray
+
+
+def spread(twin: Twin) -> Part | None:
+    """Groups of neighbouring turns, evenly over the session, with the stills beside them; None where there are few enough for all."""
+    count, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
+    if count <= MOST_TURNS:
+        return None
+    groups = MOST_TURNS // TURN_NEIGHBOURS
+    first = np.round(np.linspace(0, count - TURN_NEIGHBOURS, groups)).astype(int)
+    segments = np.unique(first[:, None] + np.arange(TURN_NEIGHBOURS))
+    stills = np.unique(np.concatenate([twin.first[segments], twin.last[segments]]))
+    stills = stills[stills >= 0]
+    rows = [
+        (segments[:, None] * d + np.arange(d)).ravel(),
+        count * d + (stills[:, None] * 3 + np.arange(3)).ravel(),
+        count * d + 3 * q + stills,
+    ]
+    return Part(segments, stills, np.concatenate(rows))
+
+
+# What the best of all forms promises in noise alone, for this very recording.
+
+#: share of the draws that tell the tail
+TAIL = 0.2
+#: the tail's scale in promise, where nothing else is known: that of the chi-square's, e^(-gain/2)
+USUAL_SCALE = 2.0
+#: draws that this is worth: a scale from so few exceedances is no better
+WORTH = 20
+
+
+class Chance:
+    """drawn: the best studentised promise of all forms, of each draw.
+
+    Beyond the upper fifth of them the tail is exponential: the promise is a logarithm of odds, whose tail is e^(-promise/2) whatever the
+    forms (Markov's bound; Gumbel's law for the largest of many), so the scale that the draws show is held near that.
+    """
+
+    def __init__(self, drawn: np.ndarray):
+        self.drawn = np.sort(drawn)
+        count = max(int(TAIL * len(drawn)), 1)
+        self._from = float(self.drawn[-count])
+        self._share = count / (len(drawn) + 1)
+        beyond = self.drawn[-count:] - self._from
+        self._scale = float((beyond.sum() + WORTH * USUAL_SCALE) / (count - 1 + WORTH))
+
+    def p(self, promise: float) -> float:
+        """Probability that noise alone promises as much, over the whole search."""
+        if promise < self._from:
+            return float((1 + np.sum(self.drawn >= promise)) / (len(self.drawn) + 1))
+        return self._share * float(np.exp(-(promise - self._from) / self._scale))
+
+    def level(self, share: float) -> float:
+        """The promise that noise alone exceeds in this share of cases."""
+        if share <= self._share:
+            return self._from + self._scale * float(np.log(self._share / share))
+        return float(np.quantile(self.drawn, 1 - share))
+
+
+# One pass over all forms: their columns as each look sees them, block by block, so that memory does not grow with them.
+
+#: bytes of partners' values at once, and products of components that are seen through a look at once (benchmarks/discover_speed.py)
+TILE_BYTES, TOGETHER = 1 << 26, 1536
+#: partners between two that are wanted, which are computed for nothing rather than apart (benchmarks/discover_speed.py)
+GAP = 16
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """Some forms of one size P beside one look, single precision, each column of an arbitrary length: forms (F,), their numbers; free
+    (F, P, m): columns beside the nuisance; length (F, P): with it; along (F, P, T): free times the look's targets."""
+
+    look: int
+    forms: np.ndarray
+    free: np.ndarray
+    length: np.ndarray
+    along: np.ndarray
+
+
+def passed(
+    plan: Plan, responses: Responses, looks: Sequence[Look], targets: Sequence[np.ndarray], progress: Progress = lambda what, done, of: None
+) -> Iterator[Passed]:
+    """Every form that is not zero or no number throughout, beside each look; targets (m, T): of each look."""
+    matrices = [look.matrix() for look in looks]
+    goals = [each.astype(np.float32) for each in targets]
+    order = np.lexsort([plan.wiring, plan.partner, plan.hub])
+    keys = plan.hub[order] * len(plan.factors) + plan.partner[order]
+    done = 0
+    for tile in plan.tiles(max(TILE_BYTES // (4 * responses.values.samples), 1)):
+        for hub, partners, block, alive in _blocks(plan, responses, tile):
+            wanted = hub * len(plan.factors) + partners
+            firsts, stops = np.searchsorted(keys, wanted), np.searchsorted(keys, wanted, side="right")
+            forms_of, rows_of = _rows(plan, [order[a:b] for a, b in zip(firsts, stops, strict=True)], partners, block, alive)
+            done += int(np.sum(stops - firsts))
+            if rows_of:
+                yield from _through(block, forms_of, rows_of, matrices, goals)
+            progress("screening forms", done, len(keys))
+
+
+def _blocks(plan: Plan, responses: Responses, tile: np.ndarray) -> Iterator[tuple[int, np.ndarray, Block, np.ndarray]]:
+    """hub, partners of this tile (K,), their block, and whether it is other than zero (K,)."""
+    parts = [responses.values.single(plan.factors[partner]) for partner in tile]
+    values = np.concatenate([part for part, _ in parts])
+    alive = np.array([size > 0 for _, size in parts])
+    ends = np.cumsum(plan.width[tile])
+    place = np.full(len(plan.factors), -1)
+    place[tile] = np.arange(len(tile))
+    own = place[plan.partner] >= 0
+    for hub in np.unique(plan.hub[own]):
+        wanted = np.unique(place[plan.partner[own & (plan.hub == hub)]])
+        hub_values, hub_size = responses.values.single(plan.factors[hub])
+        for run in _runs(wanted, ends, plan.width[tile], TOGETHER // len(hub_values)):
+            first, stop = ends[run[0]] - plan.width[tile[run[0]]], ends[run[-1]]
+            inside = slice(run[0], run[-1] + 1)
+            yield int(hub), tile[inside], responses.block(hub_values, values[first:stop]), alive[inside] & (hub_size > 0)
+
+
+def _runs(wanted: np.ndarray, ends: np.ndarray, width: np.ndarray, most: int) -> Iterator[list[int]]:
+    """Neighbours among the wanted partners, so many components at once."""
+    run: list[int] = []
+    for number in wanted.tolist():
+        if run and (ends[number] - ends[run[0]] + width[run[0]] > most or number - run[-1] > GAP):
+            yield run
+            run = []
+        run.append(number)
+    yield run
+
+
+def _rows(
+    plan: Plan, forms: list[np.ndarray], partners: np.ndarray, block: Block, alive: np.ndarray
+) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
+    """By size P: numbers (F,) of the forms of each partner, and where their columns (F, P) are among ``axis * products + product``."""
+    _, _, _, h, k = block.closure.shape
+    begins = np.concatenate([[0], np.cumsum(plan.width[partners])])
+    numbers: dict[int, list[int]] = {}
+    rows: dict[int, list[np.ndarray]] = {}
+    for own, begin, is_alive in zip(forms, begins[:-1], alive, strict=True):
+        for form in own.tolist() if is_alive else ():
+            wiring = plan.wirings[plan.wiring[form]]
+            numbers.setdefault(wiring.size, []).append(form)
+            rows.setdefault(wiring.size, []).append((wiring.axis * h + wiring.hub) * k + begin + wiring.partner)
+    return {size: np.array(each) for size, each in numbers.items()}, {size: np.array(each) for size, each in rows.items()}
+
+
+def _through(
+    block: Block, forms: dict[int, np.ndarray], rows: dict[int, np.ndarray], matrices: list[np.ndarray], targets: list[np.ndarray]
+) -> Iterator[Passed]:
+    s, d, _, h, k = block.closure.shape
+    used = np.unique(np.concatenate([each.ravel() for each in rows.values()]))
+    closure = [block.closure[:, :, axis].reshape(s * d, h * k) for axis in range(3)]
+    still = block.still.reshape(len(block.still), h * k)
+    for look, (matrix, goal) in enumerate(zip(matrices, targets, strict=True)):
+        seen = _seen(matrix, closure, still, used)
+        free = np.ascontiguousarray(seen[:, : len(goal)])
+        length, along = np.linalg.norm(seen, axis=1), free @ goal
+        for size, each in rows.items():
+            at = np.searchsorted(used, each)
+            yield Passed(look, forms[size], free[at], length[at], along[at])
+
+
+def _seen(matrix: np.ndarray, closure: list[np.ndarray], still: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """(U, n) columns, ``axis * products + product``, through a look's matrix."""
+    turns, products = len(closure[0]), still.shape[1]
+    found = np.empty((len(used), len(matrix)), dtype=np.float32)
+    for axis in range(3):
+        first, stop = np.searchsorted(used, [axis * products, (axis + 1) * products])
+        own = used[first:stop] - axis * products
+        np.matmul(closure[axis][:, own].T, matrix[:, :turns].T, out=found[first:stop])
+        if len(still):
+            found[first:stop] += still[:, own].T @ matrix[:, turns + axis : turns + 3 * len(still) : 3].T
+    return found
+
+
+# All forms by their linear columns beside each look, and what chance makes of so many.
+
+#: draws of noise alone: a level of 5 % is then known to 1.5 % (binomial)
+DRAWS = 200
+#: draws whose gains are kept of each form: what tells apart forms that differ in nothing else
+MARKS = 48
+#: of a session that is screened by part of its turns: forms that are weighed with all of them
+FINALISTS = 2000
+#: forms of other constants that a law is asked with: of one constant those within a factor of five on the coarsest grid, of two a ring
+NEIGHBOURS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """forms (F); bits, sizes, price (F,): of each, sizes in coefficients; of every look (L, F): gain in chi-square, promise, rank:
+    directions that are seen, left: the share of the columns' length, squared, that the nuisance leaves.
+
+    tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; best_beside_last: the largest of them
+    beside the last look, the likeliest hypothesis as it is; drawn (D,): the largest of these of each
+    draw of noise alone; marks (F, MARKS): gains in draws, beside the last look; probes: plain laws of each quantity, shares (F, probes): of
+    each one's response what a form can say; responses, looks: of the turns that all forms are screened by; noise (n, D): the draws, white;
+    all_responses, all_looks: of all turns; seed: of whatever else is drawn.
+    """
+
+    forms: Sequence[Form]
+    bits: np.ndarray
+    sizes: np.ndarray
+    price: np.ndarray
+    gain: np.ndarray
+    promise: np.ndarray
+    rank: np.ndarray
+    left: np.ndarray
+    tested: np.ndarray
+    best_beside_last: float
+    drawn: np.ndarray
+    marks: np.ndarray
+    probes: tuple[Probe, ...]
+    shares: np.ndarray
+    responses: Responses
+    looks: tuple[Look, ...]
+    noise: np.ndarray
+    all_responses: Responses
+    all_looks: tuple[Look, ...]
+    seed: int
+
+    @cached_property
+    def order(self) -> np.ndarray:
+        """(F,) numbers of the forms, the most promising first, each by the look that shows most."""
+        return np.argsort(-self.promise.max(axis=0), kind="stable")
+
+    @cached_property
+    def chance(self) -> Chance:
+        """Of the best of all forms in noise alone."""
+        return Chance(self.drawn)
+
+    def chance_p(self, promise: float) -> float:
+        """Probability that noise alone gives the best of all forms such a studentised promise."""
+        return self.chance.p(promise)
+
+    def price_of(self, form: Form) -> float:
+        """As ``price``, of any form: that of those which differ from it by their constants alone, the dearest's where there are none."""
+        return self._prices.get(form.shape, float(self.price.max()))
+
+    @cached_property
+    def _prices(self) -> dict[Form, float]:
+        return {form.shape: float(cost) for form, cost in zip(self.forms, self.price, strict=True)}
+
+    def neighbours(self, form: Form, most: int = NEIGHBOURS) -> list[Form]:
+        """Forms that differ from one by their constants alone, the nearest first; itself where there are none."""
+        own = np.log(form.constants)
+        return sorted(self._shapes.get(form.shape, [form]), key=lambda other: np.sum((np.log(other.constants) - own) ** 2))[:most]
+
+    @cached_property
+    def _shapes(self) -> dict[Form, list[Form]]:
+        found: dict[Form, list[Form]] = {}
+        for form in self.forms:
+            found.setdefault(form.shape, []).append(form)
+        return found
+
+    def sharpened(self, form: Form, look: int = -1) -> Sharpened:
+        """Its constants at their best beside one of the looks."""
+        return sharpened_in(form, self.all_responses, self.all_looks[look])
+
+    @cached_property
+    def leaders(self) -> np.ndarray:
+        """(F,) of each form the simplest that this recording hardly tells from it; -1: nothing of it is seen."""
+        return leaders(self.marks, self.rank[-1], self.bits)
+
+    @property
+    def distinct(self) -> int:
+        """How many of the forms differ in this recording."""
+        return len(np.unique(self.leaders[self.leaders >= 0]))
+
+    def same_as(self, form: Form, most: int = 8) -> list[Form]:
+        """Forms whose columns span what this one's do (cosine of every principal angle above ``alike.SAME``), the simplest first."""
+        numbers = alike(form, self.responses, self.looks[-1], self.noise, self.marks, self.rank[-1], self.forms)
+        numbers = sorted(numbers, key=lambda number: (self.bits[number], self.sizes[number], number))
+        return [self.forms[number] for number in numbers if self.forms[number] != form][:most]
+
+
+def screened(
+    replay: Replay,
+    forms: Sequence[Form],
+    bits: np.ndarray,
+    looks: Sequence[tuple[Whitener, Refit]],
+    seed: int,
+    draws: int = DRAWS,
+    progress: Progress = lambda what, done, of: None,
+) -> Screening:
+    """Every form beside each look (whiten, fit); they share the signals of one replay.  bits (F,) of each form among all.
+
+    A session of many turns is screened by some of them, spread over it (``spread.MOST_TURNS``), and the most promising forms are weighed
+    with all; what chance does is drawn for the former, whose best promise is as large: it hangs on how many forms differ, hardly on how
+    many rows there are.
+    """
+    bits, plan = np.asarray(bits, dtype=float), planned(forms)
+    every = Responses(replay)
+    all_looks = tuple(Look(replay.twin, whiten, fit) for whiten, fit in looks)
+    part = spread(replay.twin)
+    responses, seen = every, all_looks
+    if part is not None:
+        responses = Responses(replay, part.segments, part.stills, every.values)
+        seen = tuple(Look(replay.twin, whiten, fit, part.rows) for whiten, fit in looks)
+    noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
+    probes = probes_of(forms, responses, seen[-1])
+    work = _Work(plan, price(bits, plan.sizes), seen, noise, probes)
+    work.over(plan, responses, progress)
+    if part is not None:
+        best = np.argsort(-work.promise.max(axis=0), kind="stable")[:FINALISTS]
+        some = planned([forms[number] for number in best])
+        final = _Work(some, work.price[best], all_looks, np.zeros((every.channels, 0)), ())
+        final.over(some, every, progress)
+        for name in ("gain", "promise", "rank", "left", "tested"):
+            getattr(work, name)[:, best] = getattr(final, name)
+    return Screening(
+        forms=forms,
+        bits=bits,
+        sizes=plan.sizes,
+        price=work.price,
+        gain=work.gain,
+        promise=work.promise,
+        rank=work.rank,
+        left=work.left,
+        tested=work.tested.max(axis=0),
+        best_beside_last=float(work.tested[-1].max()),
+        drawn=work.best.max(axis=0),
+        marks=work.marks,
+        probes=probes,
+        shares=work.shares,
+        responses=responses,
+        looks=seen,
+        noise=noise,
+        all_responses=every,
+        all_looks=all_looks,
+        seed=seed,
+    )
+
+
+class _Work:
+    """What is gathered of forms of these prices (F,), beside each look."""
+
+    def __init__(self, plan: Plan, price: np.ndarray, looks: tuple[Look, ...], noise: np.ndarray, probes: tuple[Probe, ...]):
+        shape, draws = (len(looks), len(price)), noise.shape[1]
+        self.price, self.looks = price, looks
+        self.gain, self.left, self.rank = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
+        self.promise, self.tested = np.full(shape, -np.inf), np.full(shape, -np.inf)
+        self.best = np.full((len(looks), draws), -np.inf)
+        self.marks = np.zeros((len(price), min(MARKS, draws)), dtype=np.float32)
+        self.shares = np.zeros((len(price), len(probes)), dtype=np.float32)
+        self._draws = slice(1, 1 + draws)
+        # A column for the recording, one for each draw, and one for each probe.
+        responses = np.stack([probe.unit for probe in probes], axis=1) if probes else np.zeros((looks[-1].free, 0))
+        self._targets, self._scatter = [], []
+        for look in looks:
+            asked = responses if look is looks[-1] else np.zeros((look.free, 0))
+            self._targets.append(np.concatenate([look.residual[:, None], look.free_of(noise), asked], axis=1))
+            self._scatter.append(np.concatenate([[look.scatter], look.scatters(look.beside(noise))]))
+
+    def over(self, plan: Plan, responses: Responses, progress: Progress) -> None:
+        """One pass."""
+        for some in passed(plan, responses, self.looks, self._targets, progress):
+            look, forms = some.look, some.forms
+            weights, rank, left = seen_directions(some.free, some.length)
+            gains = np.sum((weights.astype(np.float32) @ some.along) ** 2, axis=1)
+            cost, unseen = self.price[forms], rank == 0
+            self.gain[look, forms], self.rank[look, forms], self.left[look, forms] = gains[:, 0], rank, left
+            self.promise[look, forms] = np.where(unseen, -np.inf, promise(gains[:, 0].astype(float), rank, cost))
+            own = gains[:, : self._draws.stop]
+            tested = promise(self.looks[look].studentised(own, rank, self._scatter[look]), rank, cost)
+            tested[unseen] = -np.inf
+            self.tested[look, forms] = tested[:, 0]
+            np.maximum(self.best[look], tested[:, self._draws].max(axis=0), out=self.best[look])
+            if look == len(self.looks) - 1:
+                self.marks[forms] = gains[:, 1 : 1 + self.marks.shape[1]]
+                self.shares[forms] = gains[:, self._draws.stop :]
+
+
+# What one form promises beside a hypothesis that was not screened: the rest of what stands, in the noise as it is with the form.
+
+
+def promised_beside(screening: Screening, form: Form, look: Look) -> float:
+    """Studentised, as ``Screening.tested``; -inf where nothing of it is seen.  look: of all turns, at the rest."""
+    basis = basis_of(form, screening.all_responses, look)
+    if not basis.shape[1]:
+        return -np.inf
+    gain, rank = np.array([np.sum((basis.T @ look.residual) ** 2)]), np.array([basis.shape[1]])
+    return float(promise(look.studentised(gain, rank, look.scatter), rank, np.array([screening.price_of(form)]))[0])

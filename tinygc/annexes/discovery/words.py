@@ -1,0 +1,223 @@
+"""A form in words: its equation, a sentence, a name for files, what would show it best, and the variable that it is drawn against."""
+
+from __future__ import annotations
+
+from tinygc.annexes.discovery.form import Factor, Form
+
+#: what a symbol of an equation stands for, where it is no symbol of the catalogue's
+SYMBOLS = {
+    "rate": "u = ω / FS",
+    "rate_size": "u = ω / FS",
+    "acceleration": "u = ω / FS",
+    "acceleration_size": "u = ω / FS",
+    "jerk": "u = ω / FS",
+    "force": "f in g",
+    "temperature": "T in °C",
+    "temperature_rate": "T′ in °C/s",
+    "time": "t since the session began",
+    "rest": "t_r since the last turn",
+    "vibration": "v² the mean square of the vibration in g²",
+    "turned": "α the angle turned",
+    "sense": "s the sense of the last turn",
+    "level": "n two level directions fixed in the world",
+    "world": "e three directions fixed in the world",
+}
+#: a quantity in a sentence
+SHORT = {
+    "rate": "the rate",
+    "rate_size": "the size of the whole rate",
+    "acceleration": "the angular acceleration",
+    "acceleration_size": "the size of the whole angular acceleration",
+    "jerk": "the angular jerk",
+    "temperature": "the temperature since the session's beginning",
+    "time": "the time since the session began",
+}
+#: of constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
+PEOPLES = {
+    "rate": ("", " of full scale", 1.0),
+    "rate_size": ("", " of full scale", 1.0),
+    "acceleration": ("/s", " full scales a second", 1.0),
+    "acceleration_size": ("/s", " full scales a second", 1.0),
+    "jerk": ("/s²", " full scales a second squared", 1.0),
+    "turned": ("°", "°", 57.29577951308232),
+}
+#: a quantity in a name
+NAMES = {"rate_size": "speed", "acceleration_size": "jolt", "temperature_rate": "warming"}
+#: a function and a quantity in a name that would be too long
+BRIEF = {
+    **{"signed_square": "ssq", "size_cube": "acube", "signed_root": "sroot", "root_cube": "r32", "size_root_cube": "a32"},
+    **{"dead_zone": "dz", "signed_beyond": "sstep", "beyond": "step", "square": "sq", "excess": "over"},
+    **{"temperature": "temp", "acceleration": "accel", "vibration": "vib", "warming": "warming"},
+}
+LONGEST = 40
+#: what to change on purpose, for each quantity
+SPLITS = {
+    "rate": "turn about each axis slowly and fast, in both senses",
+    "rate_size": "turn slowly and fast, and look at the axes that do not turn",
+    "force": "hold each axis up, down and level, and turn it there",
+    "acceleration": "start and stop turns softly and briskly",
+    "acceleration_size": "start and stop turns softly and briskly, and look at the axes that do not turn",
+    "jerk": "start and stop turns softly and briskly",
+    "temperature": "let the sensor warm up, and cool, while you record",
+    "temperature_rate": "change the temperature fast, then hold it",
+    "time": "record again, begun at another time after switch-on",
+    "rest": "rest for a second, for ten, and for a minute between turns",
+    "vibration": "repeat the same turns with and without the vibration",
+    "turned": "turn one axis on and on in one sense, then back",
+    "sense": "come to the same rest from either sense of turning",
+    "level": "hold the same attitudes at four headings",
+    "world": "hold the same attitudes at four headings",
+}
+#: the catalogue's variables, their units; of what stands beside another, the one that is named first here is drawn against
+REGIMES = {
+    "temperature": ("temperature", "°C"),
+    "temperature_rate": ("temperature", "°C"),
+    "vibration": ("vibration", "g²"),
+    "time": ("time", "s"),
+    "rest": ("time", "s"),
+    "turned": ("time", "s"),
+    "sense": ("time", "s"),
+    "level": ("attitude", "g"),
+    "world": ("attitude", "g"),
+    "force": ("attitude", "g"),
+    "jerk": ("angular acceleration", "rad/s²"),
+    "acceleration": ("angular acceleration", "rad/s²"),
+    "acceleration_size": ("angular acceleration", "rad/s²"),
+    "rate_size": ("rate", "dps"),
+    "rate": ("rate", "dps"),
+}
+NEIGHBOURS = "i, j, k = x, y, z in turn"
+#: what an equation abbreviates -> what that is
+ABBREVIATIONS = {
+    "lag": "lag(x, τ) first-order",
+    "dz": "dz(x, c) = x beyond ±c",
+    "clip": "clip(x, ±c) = x held within ±c",
+    "saw": "saw(x, c) = x / c less its nearest whole number",
+    "play": "play(x, c) = x followed with a play of ±c",
+    "latch": "latch(x, c) = the sign of x when it was last beyond ±c",
+}
+
+
+def equation(form: Form) -> str:
+    """One line, as the catalogue's: constants in people's units, then what its symbols are."""
+    indices = {"each": "ii", "full": "jj", "cross": "jj", "next": "jk", "last": "kj", "leant": "ij"}[form.pattern]
+    shown = [_shown(factor, index) for factor, index in zip(form.factors, indices, strict=False)]
+    waves = [factor for factor in form.factors if factor.through.phases > 1]
+    weight = "c_i" if indices[0] == "i" or form.pattern in ("next", "last") else "C_ij"
+    weight = "" if waves else f"{weight} "
+    own = " ".join(shown)
+    if form.pattern == "leant":
+        first, second = shown
+        law = f"{first} Σ_j {weight and 'C_ij '}{second}"
+    else:
+        law = {"full": "Σ_j ", "cross": "Σ_j≠i "}.get(form.pattern, "") + weight + own
+    notes = [SYMBOLS[factor.quantity] for factor in form.factors]
+    notes += [NEIGHBOURS] if form.pattern in ("next", "last") else []
+    notes += abbreviations(law)
+    return ", ".join([f"ω_i += {law}", *dict.fromkeys(notes)])
+
+
+def abbreviations(text: str) -> list[str]:
+    """What the abbreviations of an equation are, of those that it uses."""
+    return [meaning for name, meaning in ABBREVIATIONS.items() if f"{name}(" in text]
+
+
+def _shown(factor: Factor, index: str) -> str:
+    symbol = factor.of.symbol.replace("{i}", index)
+    text = factor.through.shown
+    if factor.of.positive:
+        text = text.replace("|{x}|", "{x}")
+    if symbol.endswith("²") and ("{x}²" in text or "{x}√" in text):
+        symbol = f"({symbol})"
+    if symbol.startswith("(") and "({x}" in text and "({x})" in text:
+        symbol = symbol.strip("()")
+    unit = PEOPLES.get(factor.quantity, (f" {factor.of.unit}", "", 1.0))
+    constant = "" if factor.constant is None else f"{_number(factor.constant * unit[2])}{unit[0]}"
+    if factor.function in ("wave", "clock"):
+        matrix = "ij" if index == "j" else "i"
+        argument = f"{symbol} / {constant}"
+        if factor.function == "wave":
+            return f"(a_{matrix} cos 2π{argument} + b_{matrix} sin 2π{argument})"
+        return f"Σ_n (a_{matrix}n cos 2πn{argument} + b_{matrix}n sin 2πn{argument}) with n = 1, 3, 5"
+    text = text.replace("{x}", symbol).replace("{c}", constant)
+    return text if factor.lag_s is None else f"lag({text}, {_number(factor.lag_s)} s)"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+
+
+def constant_of(form: Form, number: int) -> tuple[str, float]:
+    """One of ``Form.constants`` in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
+    found: list[tuple[str, float]] = []
+    for factor in form.factors:
+        _, unit, times = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
+        found += [] if factor.constant is None else [(f"{factor.through.constant} ({unit.strip() or 'a share'})", times)]
+        found += [] if factor.lag_s is None else [("lag (s)", 1.0)]
+    return found[number]
+
+
+def in_words(form: Form) -> str:
+    """A sentence that a person at the bench understands."""
+    words = [_words(factor) for factor in form.factors]
+    late = [_late(factor) for factor in form.factors]
+    waved = any(factor.through.phases > 1 or factor.of.directions > 1 for factor in form.factors)
+    follows = "follows" if waved else "is proportional to"
+    product = ", times ".join(map(str.__add__, words, late))
+    if not any(factor.vector for factor in form.factors):
+        return f"The error of every axis {follows} {product}, each axis with a factor of its own."
+    if form.pattern == "each":
+        return f"The error of each axis {follows} {product}, all of that axis."
+    if form.pattern in ("full", "cross"):
+        which = "all three axes" if form.pattern == "full" else "the other two axes"
+        return f"The error of each axis is a weighted sum, over {which}, of {product}."
+    if form.pattern == "leant":
+        own = f"{words[0]} of that axis{late[0]}"
+        return f"The error of each axis is {own}, times a weighted sum over all three axes of {words[1]}{late[1]}."
+    one, other = ("the next axis", "the one after that") if form.pattern == "next" else ("the axis after the next", "the next one")
+    return (
+        f"The error of each axis {follows} {words[0]} of {one}{late[0]}, times {words[1]} of {other}{late[1]} "
+        "(after x comes y, after y z, after z x)."
+    )
+
+
+def _late(factor: Factor) -> str:
+    return "" if factor.lag_s is None else f" (through a first-order lag of {_number(factor.lag_s)} s)"
+
+
+def _words(factor: Factor) -> str:
+    text = factor.through.words
+    if factor.of.positive:
+        text = text.replace("the size of {x}", "{x}").replace("its size", "it")
+    unit = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
+    constant = "" if factor.constant is None else f"{_number(factor.constant * unit[2])}{unit[1]}"
+    return text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", constant)
+
+
+def what(form: Form) -> str:
+    """A name for an id and a file: snake case, at most ``LONGEST`` characters; forms that differ by constants alone share it."""
+    for brief in (False, True):
+        words = [word for factor in form.factors for word in _named(factor, brief)]
+        words += [] if form.pattern == "each" else [form.pattern]
+        name = "_".join(words)
+        if len(name) <= LONGEST:
+            return name
+    return name[:LONGEST].rstrip("_")
+
+
+def _named(factor: Factor, brief: bool) -> list[str]:
+    found = ["late"] if factor.lag_s is not None else []
+    found += [] if factor.function == "itself" else [factor.function]
+    found.append(NAMES.get(factor.quantity, factor.quantity))
+    return [BRIEF.get(word, word) for word in found] if brief else found
+
+
+def splits(form: Form) -> str:
+    """The movements or conditions that would show it best: a phrase for each quantity."""
+    return "; ".join(dict.fromkeys(SPLITS[factor.quantity] for factor in form.factors))
+
+
+def regime(form: Form) -> tuple[str, str]:
+    """Variable and unit that it is drawn against: of a product, the condition rather than the rate that it multiplies."""
+    order = list(REGIMES)
+    return REGIMES[min((factor.quantity for factor in form.factors), key=order.index)]

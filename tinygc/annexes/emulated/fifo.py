@@ -1,0 +1,256 @@
+"""The FIFO: words of seven bytes, what each time slot brings, its status, the interrupt."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+from tinygc.annexes.emulated import readings
+from tinygc.annexes.emulated.readings import (
+    ACCEL,
+    BDR_GY_COEFFICIENTS,
+    COEFFICIENTS,
+    CONFIG_CHANGE,
+    GYRO,
+    TEMPERATURE,
+    TEMPERATURE_TICKS,
+    TIMESTAMP,
+    TIMESTAMP_DECIMATION,
+    WORD_KINDS,
+    Fault,
+    Outputs,
+    tag_byte,
+    with_even_parity,
+)
+from tinygc.annexes.emulated.readings import ACCEL_OUT as ACCEL_BYTES
+from tinygc.annexes.emulated.readings import GYRO_OUT as GYRO_BYTES
+from tinygc.annexes.emulated.readings import TEMP as TEMP_BYTES
+
+# The FIFO: words of seven bytes, a tag and six of data.
+
+WORDS = 512
+EMPTY = bytes(7)
+BYPASS, UNTIL_FULL, TO_FIFO, CONTINUOUS = 0, 1, 3, 6
+
+
+class Fifo:
+    """words: unread, oldest first; mode, limit (words that it may hold): as the registers set them.
+
+    lost: words that nobody read in time; overrun: one was lost and no room has been made since; latched: since it was last asked.
+    """
+
+    def __init__(self) -> None:
+        self.words: deque[bytes] = deque()
+        self.mode, self.limit = BYPASS, WORDS
+        self.slot = 0
+        self._begun = b""
+        self.lost = 0
+        self.overrun = self.latched = False
+
+    @property
+    def collects(self) -> bool:
+        """Whether words are kept at all."""
+        return self.mode in (UNTIL_FULL, TO_FIFO, CONTINUOUS)
+
+    def set_mode(self, mode: int) -> None:
+        """Bypass, or a mode that is taken for it, empties the FIFO."""
+        self.mode = mode
+        if not self.collects:
+            self.clear()
+
+    def clear(self) -> None:
+        """Empty, nothing overrun; TAG_CNT goes on."""
+        self.words.clear()
+        self.overrun = self.latched = False
+
+    def word(self, sensor: int, data: bytes) -> bytes:
+        """Seven bytes, of the present time slot."""
+        return bytes((tag_byte(sensor, self.slot),)) + data
+
+    def put(self, word: bytes) -> None:
+        """Behind the others: if there is no room the oldest goes (continuous), or this one."""
+        if len(self.words) < self.limit:
+            self.words.append(word)
+            return
+        self.lost += 1
+        self.overrun = self.latched = True
+        if self.mode != UNTIL_FULL:
+            self.words.append(word)
+            while len(self.words) > self.limit:
+                self.words.popleft()
+
+    def begin(self) -> bytes:
+        """The word to be read next, zeros where there is none: its tag is read, and from then on its data are its own."""
+        self._begun = self.words[0] if self.words else EMPTY
+        return self._begun
+
+    def data(self) -> bytes:
+        """The word whose tag was read last."""
+        return self._begun or self.begin()
+
+    def finish(self) -> None:
+        """It has been read to its last byte, and is gone, if it was not overrun meanwhile."""
+        if self.words and self.words[0] is self._begun:
+            self.words.popleft()
+            self.overrun = False
+        self._begun = b""
+
+
+# Which words a time slot brings into the FIFO.
+
+#: of the words in a slot
+ORDER = (TIMESTAMP, TEMPERATURE, GYRO, ACCEL)
+
+
+class Batching:
+    """slot: ticks of the clock from one slot to the next, 0 where nothing is batched; most: words that a slot can bring;
+    counted: batch events of the sensor that COUNTER_BDR watches."""
+
+    def __init__(self, fifo: Fifo, faults: Iterable[Fault], order: tuple[int, ...] = ORDER):
+        self._fifo, self._order = fifo, order
+        self._faults = sorted((fault for fault in faults if fault.kind in WORD_KINDS), key=lambda fault: fault.at_s)
+        self._left = self._faults[0].words if self._faults else 0
+        self._held: bytes | None = None  # a word that changes places with the next
+        self.slot = self.most = self.counted = 0
+        self._ticks: dict[int, int] = {}
+        self._watched = GYRO
+
+    def set(self, ctrl3: int, ctrl4: int, gyro: int, accel: int, timestamps: bool, counts_accel: bool) -> None:
+        """FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_accel: what COUNTER_BDR watches."""
+        ticks = {}
+        for sensor, on, batched in (
+            (GYRO, gyro, BDR_GY_COEFFICIENTS.get(ctrl3 >> 4)),
+            (ACCEL, accel, COEFFICIENTS.get(ctrl3 & 15)),
+        ):
+            if on and batched:
+                ticks[sensor] = max(on, batched)
+        self.slot = min(ticks.values(), default=0)
+        if self.slot:
+            if temperature := TEMPERATURE_TICKS.get(ctrl4 >> 4 & 3):
+                ticks[TEMPERATURE] = max(temperature, self.slot)
+            if timestamps and (decimation := TIMESTAMP_DECIMATION.get(ctrl4 >> 6)):
+                ticks[TIMESTAMP] = decimation * self.slot
+        self._ticks = {sensor: ticks[sensor] for sensor in self._order if sensor in ticks}
+        self.most = len(ticks)
+        self._watched = ACCEL if counts_accel else GYRO
+
+    def batch(self, tick: int, t_s: float, sample: bytes, timestamp: Callable[[float], int]) -> None:
+        """The words of the slot at a tick, at that time."""
+        fifo = self._fifo
+        fifo.slot = fifo.slot + 1 & 3
+        for sensor, ticks in self._ticks.items():
+            if tick % ticks:
+                continue
+            if sensor == GYRO:
+                data = sample[GYRO_BYTES]
+            elif sensor == ACCEL:
+                data = sample[ACCEL_BYTES]
+            elif sensor == TEMPERATURE:
+                data = sample[TEMP_BYTES] + b"\0\0\0\0"
+            else:
+                data = timestamp(t_s).to_bytes(4, "little") + b"\0\0"
+            if sensor == self._watched:
+                self.counted += 1
+            self._put(fifo.word(sensor, data), t_s)
+
+    def config_change(self, t_s: float) -> None:
+        """The word that odrchg_en asks for."""
+        self._put(self._fifo.word(CONFIG_CHANGE, bytes(6)), t_s)
+
+    def _put(self, word: bytes, t_s: float) -> None:
+        """Into the FIFO, spoilt where a fault is due."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._fifo.put(word)
+            self._fifo.put(held)
+            return
+        if not self._faults or t_s < self._faults[0].at_s:
+            self._fifo.put(word)
+            return
+        fault = self._faults[0]
+        self._left -= 1
+        if self._left <= 0:
+            del self._faults[0]
+            self._left = self._faults[0].words if self._faults else 0
+        if fault.kind == "swapped":
+            self._held = word
+        elif fault.kind != "missing":
+            self._fifo.put(bytes((_spoilt_tag(word[0], fault),)) + word[1:])
+
+
+def _spoilt_tag(tag: int, fault: Fault) -> int:
+    if fault.kind == "parity":
+        return tag ^ 1
+    if fault.kind == "tag_count":
+        return with_even_parity(tag ^ 4)
+    return tag_byte(fault.value, tag >> 1)
+
+
+# FIFO_STATUS2: what the FIFO's registers make of its level.
+
+
+class FifoFlags:
+    """Of a register file, a FIFO and what it is filled with."""
+
+    def __init__(self, registers: bytearray, fifo: Fifo, batching: Batching):
+        self._registers, self._fifo, self._batching = registers, fifo, batching
+
+    @property
+    def watermark(self) -> int:
+        """Words."""
+        return self._registers[readings.FIFO_CTRL1] | (self._registers[readings.FIFO_CTRL2] & 1) << 8
+
+    @property
+    def threshold(self) -> int:
+        """Of COUNTER_BDR."""
+        return (self._registers[readings.COUNTER_BDR_REG1] & 3) << 8 | self._registers[readings.COUNTER_BDR_REG2]
+
+    def flags(self) -> int:
+        """The bits above the two of the level."""
+        fifo, watermark, threshold = self._fifo, self.watermark, self.threshold
+        level = len(fifo.words)
+        return (
+            (readings.OVER_RUN_LATCHED if fifo.latched else 0)
+            | (readings.COUNTER_BDR_IA if threshold and self._batching.counted >= threshold else 0)
+            | (readings.FIFO_FULL_IA if fifo.collects and level + self._batching.most > fifo.limit else 0)
+            | (readings.FIFO_OVR_IA if fifo.overrun else 0)
+            | (readings.FIFO_WTM_IA if watermark and level >= watermark else 0)
+        )
+
+
+# INT1: what lets it rise.
+
+DRDY_PULSE_S = 75e-6
+
+
+class Int1:
+    """Of a register file, the FIFO's flags, the output registers, and faults."""
+
+    def __init__(self, registers: bytearray, flags: FifoFlags, outputs: Outputs, faults: Iterable[Fault]):
+        self._registers, self._flags, self._outputs = registers, flags, outputs
+        self._dead = [fault for fault in faults if fault.kind == "int1"]
+
+    def level(self, t_s: float, booting: bool, sample_s: float) -> bool:
+        """Of the pin at a time; sample_s: when the last sample was made."""
+        if any(fault.holds(t_s) for fault in self._dead):
+            return False
+        r, ctrl, flags = self._registers, self._registers[readings.INT1_CTRL], self._flags.flags()
+        pulsed = r[readings.COUNTER_BDR_REG1] & readings.DATAREADY_PULSED
+        ready = 0 if pulsed and t_s >= sample_s + DRDY_PULSE_S else self._outputs.status
+        active = (
+            (ctrl & readings.INT1_DRDY_XL and ready & readings.XLDA)
+            or (ctrl & readings.INT1_DRDY_G and ready & readings.GDA)
+            or (ctrl & readings.INT1_BOOT and booting)
+            or (ctrl & readings.INT1_FIFO_TH and flags & readings.FIFO_WTM_IA)
+            or (ctrl & readings.INT1_FIFO_OVR and flags & readings.FIFO_OVR_IA)
+            or (ctrl & readings.INT1_FIFO_FULL and flags & readings.FIFO_FULL_IA)
+            or (ctrl & readings.INT1_CNT_BDR and flags & readings.COUNTER_BDR_IA)
+        )
+        return bool(active) != bool(r[readings.CTRL3_C] & readings.H_LACTIVE)
+
+    def edges_s(self, sample_s: float, next_s: float) -> list[float]:
+        """Times of faults, and of data-ready between two samples, at which it may change."""
+        edges = [edge for fault in self._dead for edge in (fault.at_s, fault.at_s + fault.lasts_s)]
+        if self._registers[readings.INT1_CTRL] & (readings.INT1_DRDY_XL | readings.INT1_DRDY_G | readings.INT1_CNT_BDR):
+            edges += [next_s, sample_s + DRDY_PULSE_S]
+        return edges

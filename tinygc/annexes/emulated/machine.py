@@ -1,0 +1,243 @@
+"""The microcontroller, put together: runs an ELF file until a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+from tinygc.annexes.emulated import spi, usart
+from tinygc.annexes.emulated.bus import BLOCK, CORE_HZ, NEVER, Bus, Clock, Event, Kept
+from tinygc.annexes.emulated.core import SVCALL, Core, Exti, Gpio, Nvic, Syscfg
+from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, segments
+from tinygc.annexes.emulated.spi import Dma
+
+#: of a Cortex-M4F with the flash's caches, for such programs: an estimate; only a real core can tell
+CYCLES_PER_INSTRUCTION = 1.5
+EXCEPTION_CYCLES = 12  #: into a handler, and out of it
+MASKED_RUN = 64  #: instructions after which a pending interrupt that is masked is looked at again
+LONGEST_RUN = 2_000_000
+CHIP_SELECT, INT1 = ("A", 4), ("C", 4)
+UID = bytes.fromhex("2f0041000f51373238333932")
+
+
+class Device(spi.Device, Protocol):
+    """What is on SPI1, PA4 and PC4."""
+
+    rises: int
+    watched: bool
+
+    def select(self, selected: bool, t_s: float) -> None:
+        """Its chip select."""
+
+    def int1(self, t_s: float) -> bool:
+        """Its interrupt's pin."""
+
+    def int1_stays_until(self, t_s: float) -> float:
+        """A time before which that cannot change, unless bytes pass."""
+
+
+class Nothing:
+    """No sensor: the lines are pulled up."""
+
+    rises, watched = 0, False
+
+    def select(self, selected: bool, t_s: float) -> None:
+        """Nobody listens."""
+
+    def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
+        """Nobody answers."""
+        return bytes([0xFF]) * len(out)
+
+    def int1(self, t_s: float) -> bool:
+        """Pulled up by nothing, and read as low."""
+        return False
+
+    def int1_stays_until(self, t_s: float) -> float:
+        """For ever."""
+        return math.inf
+
+
+class Machine:
+    """An STM32F405 with the program of an ELF file, at its reset.
+
+    device: on the SPI; uid: the unique id, 12 bytes; stalls: (at_s, lasts_s), times in which the core does nothing, as if a debugger held
+    it, while everything else goes on.
+
+    usart1, usart2: the ports; resets: that the program has asked for; slept: cycles in ``wfi``.
+    Raises ValueError where the file is no program for ARM, ProgramError where Unicorn is missing.
+    """
+
+    def __init__(
+        self,
+        elf: Path,
+        device: Device | None = None,
+        uid: bytes = UID,
+        stalls: Iterable[tuple[float, float]] = (),
+        cycles_per_instruction: float = CYCLES_PER_INSTRUCTION,
+    ):
+        self.device: Device = device or Nothing()
+        self.bus, self.clock = Bus(), Clock(cycles_per_instruction)
+        self.cpu = Cpu(self._read, self._write)
+        self.clock.executed, self.clock.replan = self.cpu.executed, self._replan
+        self._stalls = sorted((at_s * CORE_HZ, (at_s + lasts_s) * CORE_HZ) for at_s, lasts_s in stalls)
+        self._segments = segments(elf)
+        self.cpu.set_memory(UNIQUE_ID, uid)
+        self.resets, self.slept = 0, 0.0
+        self._end, self._reset_asked = 0.0, False
+        self._power_up()
+
+    def _power_up(self) -> None:
+        """Everything as after a reset; RAM keeps what it holds."""
+        bus, clock = self.bus, self.clock
+        bus.reset()
+        self.nvic = nvic = Nvic()
+        self.core = Core(clock, nvic, self._ask_reset)
+        self.exti = Exti(nvic, self._watch)
+        self.ports = {name: Gpio(clock, 0xA8000000 if name == "A" else 0) for name in "ABCDEFGHI"}
+        self.dma = Dma(clock, self.cpu, nvic, bus.object)
+        a = self.ports["A"]
+        self.spi = spi.Spi(clock, bus, nvic, self.dma, a, self.device)
+        self.usart1 = usart.Usart("USART1", 0x40011000, 37, 2, ((7, 4),), clock, bus, nvic, self.dma, lambda: a.alternate(9) == 7)
+        self.usart2 = usart.Usart("USART2", 0x40004400, 38, 1, (), clock, bus, nvic, self.dma, lambda: a.alternate(2) == 7)
+        a.outputs[CHIP_SELECT[1]] = self._chip_select
+        self.ports[INT1[0]].inputs[INT1[1]] = lambda: self.device.int1(clock.now_s())
+        self.ports[INT1[0]].changes = lambda: self.device.int1_stays_until(clock.now_s()) * CORE_HZ + 1
+        bus.blocks |= {0x40020000 + BLOCK * n: port for n, port in enumerate(self.ports.values())}
+        bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
+        bus.blocks |= {0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
+        self._asleep, self._rises = False, 0
+        self._pin_event: Event | None = None
+        self.device.select(False, clock.now_s())
+        for address, data in self._segments:
+            self.cpu.set_memory(address, data)
+        self.cpu.reset(FLASH)
+
+    def _ask_reset(self) -> None:
+        self._reset_asked = True
+        self.cpu.limit(0)
+
+    # The sensor's wires
+
+    def _chip_select(self, high: bool) -> None:
+        self.spi.settle()
+        if self.spi.busy:
+            self.bus.object("the chip select changes while a byte is on its way")
+        self.device.select(not high, self.clock.now_s())
+        if high:
+            self._watch()
+
+    def _watch(self) -> None:
+        """The edges of INT1, where the program wants to know of them."""
+        if self._pin_event:
+            self._pin_event.cancel()
+            self._pin_event = None
+        port, pin = "ABCDEFGHI".index(INT1[0]), INT1[1]
+        watched = self.device.watched = self.exti.watched(port, pin)
+        if not watched:
+            self._rises = self.device.rises
+            return
+        now_s = self.clock.now_s()
+        high = self.device.int1(now_s)
+        if self.device.rises != self._rises:
+            self._rises = self.device.rises
+            self.exti.edge(port, pin, True)
+        if not high:
+            self.exti.edge(port, pin, False)
+        until_s = self.device.int1_stays_until(now_s)
+        if until_s < NEVER:
+            self._pin_event = self.clock.at(max(until_s * CORE_HZ + 1, self.clock.now() + 1), self._watch)
+
+    # The bus
+
+    def _read(self, address: int, size: int) -> int:
+        value = self.core.read(address, size) if address >= CORE else self._peripheral(address, size)
+        if self.nvic.pending and self.nvic.wakes:
+            self.cpu.limit(0)
+        return value
+
+    def _peripheral(self, address: int, size: int) -> int:
+        self.core.cycles.broken()
+        return self.bus.read(address, size)
+
+    def _write(self, address: int, size: int, value: int) -> None:
+        if address >= CORE:
+            self.core.write(address, size, value)
+        else:
+            self.core.cycles.broken()
+            self.bus.write(address, size, value)
+        if self.nvic.pending and self.nvic.wakes:
+            self.cpu.limit(0)
+
+    def _replan(self) -> None:
+        """Events have come nearer while the core runs."""
+        if self.cpu.running:
+            self.cpu.limit(self._budget() - 1)
+
+    def _budget(self) -> int:
+        ahead = min(self.clock.next(), self._end) - self.clock.now()
+        return max(1, min(LONGEST_RUN, math.ceil(ahead / self.clock.per_instruction)))
+
+    # Running
+
+    @property
+    def load(self) -> float:
+        """The part of the time in which the core did not sleep; waiting in loops counts as work."""
+        return 1 - self.slept / max(1.0, self.clock.now())
+
+    @property
+    def waited(self) -> float:
+        """The part of the time in which it waited in loops for a peripheral, as far as it was spared them."""
+        return self.clock.skipped / max(1.0, self.clock.now())
+
+    def run_until(self, t_s: float) -> None:
+        """Up to a simulated time.  ProgramError where the program faults."""
+        clock, nvic = self.clock, self.nvic
+        self._end = t_s * CORE_HZ
+        while clock.now() < self._end:
+            clock.fire()
+            if self._reset_asked:
+                self._reset_asked, self.resets = False, self.resets + 1
+                self._power_up()
+                nvic = self.nvic
+            if self._stalls and self._stalls[0][0] <= clock.now():
+                self._let_pass(self._stalls[0][1])
+                if clock.now() >= self._stalls[0][1]:
+                    del self._stalls[0]
+                continue
+            budget = self._budget()
+            if nvic.pending:
+                self._asleep = self._asleep and not nvic.wakes
+                number = nvic.due(self.cpu.get("PRIMASK") & 1, self.cpu.get("BASEPRI"))
+                if number:
+                    nvic.enter(number)
+                    self.cpu.enter(number, self.core.vectors)
+                    clock.base += EXCEPTION_CYCLES
+                    continue
+                if nvic.wakes:
+                    budget = min(budget, MASKED_RUN)
+            if self._asleep:
+                self._let_pass(min(clock.next(), self._end), asleep=True)
+                continue
+            self._run(budget)
+
+    def _let_pass(self, cycle: float, asleep: bool = False) -> None:
+        """Time goes by, up to the next event."""
+        clock = self.clock
+        before = clock.now()
+        clock.base = max(before, min(cycle, clock.next(), self._end))
+        if asleep:
+            self.slept += clock.base - before
+
+    def _run(self, budget: int) -> None:
+        why, executed = self.cpu.run(budget)
+        self.clock.base += executed * self.clock.per_instruction
+        if why == WAITS:
+            self._asleep = not self.nvic.wakes
+        elif why == RETURNS:
+            self.cpu.leave()
+            self.nvic.leave()
+            self.clock.base += EXCEPTION_CYCLES
+        elif why == CALLS:
+            self.nvic.pend(SVCALL)

@@ -1,0 +1,365 @@
+"""The register map, what the sensor feels, and the int16 registers at the true sample times."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+# The register map: addresses, the bits that can be written, the values after a reset, and what the codes mean.
+
+PIN_CTRL = 0x02
+FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4 = 0x07, 0x08, 0x09, 0x0A
+COUNTER_BDR_REG1, COUNTER_BDR_REG2 = 0x0B, 0x0C
+INT1_CTRL, INT2_CTRL = 0x0D, 0x0E
+WHO_AM_I = 0x0F
+CTRL1_XL, CTRL2_G, CTRL3_C, CTRL4_C, CTRL5_C = 0x10, 0x11, 0x12, 0x13, 0x14
+CTRL6_C, CTRL7_G, CTRL8_XL, CTRL9_XL, CTRL10_C = 0x15, 0x16, 0x17, 0x18, 0x19
+STATUS_REG = 0x1E
+OUT_TEMP_L, OUTX_L_G, OUTX_L_A = 0x20, 0x22, 0x28
+OUT_FIRST, OUT_LAST = 0x20, 0x2D
+FIFO_STATUS1, FIFO_STATUS2 = 0x3A, 0x3B
+TIMESTAMP0, TIMESTAMP2, TIMESTAMP3 = 0x40, 0x42, 0x43
+INTERNAL_FREQ_FINE = 0x63
+X_OFS_USR, Y_OFS_USR, Z_OFS_USR = 0x73, 0x74, 0x75
+FIFO_DATA_OUT_TAG, FIFO_DATA_OUT_LAST = 0x78, 0x7E
+
+IDENTITY = 0x6B
+TIMESTAMP_RESET = 0xAA
+
+#: address -> bits with a name in the map: all others are reserved, and stay 0
+WRITABLE = {
+    PIN_CTRL: 0xFF,
+    FIFO_CTRL1: 0xFF,
+    FIFO_CTRL2: 0b1001_0001,
+    FIFO_CTRL3: 0xFF,
+    FIFO_CTRL4: 0b1111_0111,
+    COUNTER_BDR_REG1: 0b1110_0011,
+    COUNTER_BDR_REG2: 0xFF,
+    INT1_CTRL: 0xFF,
+    INT2_CTRL: 0xFF,
+    CTRL1_XL: 0b1111_1110,
+    CTRL2_G: 0xFF,
+    CTRL3_C: 0b1111_1101,
+    CTRL4_C: 0b0110_1110,
+    CTRL5_C: 0b0110_1111,
+    CTRL6_C: 0b1110_1111,
+    CTRL7_G: 0b0111_0010,
+    CTRL8_XL: 0b1111_1101,
+    CTRL9_XL: 0b1111_1110,
+    CTRL10_C: 0b0010_0000,
+    X_OFS_USR: 0xFF,
+    Y_OFS_USR: 0xFF,
+    Z_OFS_USR: 0xFF,
+}
+#: after a reset, where not 0
+DEFAULTS = {PIN_CTRL: 0x3F, CTRL3_C: 0x04, CTRL9_XL: 0xE0}
+
+# CTRL3_C
+SW_RESET, IF_INC, H_LACTIVE, BDU, BOOT = 1 << 0, 1 << 2, 1 << 5, 1 << 6, 1 << 7
+SLEEP_G = 1 << 6  # CTRL4_C
+TIMESTAMP_EN = 1 << 5  # CTRL10_C
+ODRCHG_EN, STOP_ON_WTM = 1 << 4, 1 << 7  # FIFO_CTRL2
+DATAREADY_PULSED = 1 << 7  # COUNTER_BDR_REG1
+RST_COUNTER_BDR, TRIG_COUNTER_BDR = 1 << 6, 1 << 5
+# INT1_CTRL
+INT1_DRDY_XL, INT1_DRDY_G, INT1_BOOT = 1 << 0, 1 << 1, 1 << 2
+INT1_FIFO_TH, INT1_FIFO_OVR, INT1_FIFO_FULL, INT1_CNT_BDR = 1 << 3, 1 << 4, 1 << 5, 1 << 6
+# STATUS_REG
+XLDA, GDA, TDA = 1, 2, 4
+# FIFO_STATUS2
+OVER_RUN_LATCHED, COUNTER_BDR_IA, FIFO_FULL_IA, FIFO_OVR_IA, FIFO_WTM_IA = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
+
+#: ticks of the 6667 Hz clock in a sample, by code of odr_xl, odr_g, bdr_xl, bdr_gy
+COEFFICIENTS = {code: 1 << (10 - code) for code in range(1, 11)}
+BDR_GY_COEFFICIENTS = COEFFICIENTS | {11: 1024}
+#: of odr_t_batch and of dec_ts_batch
+TEMPERATURE_TICKS = {1: 4096, 2: 512, 3: 128}
+TIMESTAMP_DECIMATION = {1: 1, 2: 8, 3: 32}
+
+#: fs_g -> mdps/LSB, fs_xl -> mg/LSB
+GYRO_MDPS = {2: 4.375, 0: 8.75, 4: 17.5, 8: 35.0, 12: 70.0, 1: 140.0}
+ACCEL_MG = {0: 0.061, 2: 0.122, 3: 0.244, 1: 0.488}
+TEMPERATURE_LSB, TEMPERATURE_ZERO_C = 256.0, 25.0
+
+# Tags
+GYRO, ACCEL, TEMPERATURE, TIMESTAMP, CONFIG_CHANGE = 1, 2, 3, 4, 5
+
+CLOCK_HZ, TICKS_HZ, FINE_STEP = 6667.0, 40000.0, 0.0015
+
+
+def with_even_parity(byte: int) -> int:
+    """A tag byte whose bit 0 makes the number of its ones even."""
+    byte &= 0xFE
+    return byte | byte.bit_count() & 1
+
+
+def tag_byte(sensor: int, count: int) -> int:
+    """Parity, TAG_CNT in bits 2:1, TAG_SENSOR in bits 7:3."""
+    return with_even_parity((sensor & 31) << 3 | (count & 3) << 1)
+
+
+# What the sensor feels, as a function of true time.
+
+#: t_s (N,) s -> rate (N, 3) rad/s, specific force (N, 3) m/s^2, temperature (N,) degC, all of the sensor and with its errors
+Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+STANDARD_GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Still:
+    """The same for ever: level, unless told otherwise."""
+
+    rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force: tuple[float, float, float] = (0.0, 0.0, STANDARD_GRAVITY)
+    temp_c: float = 25.0
+
+    def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """At these times."""
+        n = len(t_s)
+        return np.tile(self.rate, (n, 1)), np.tile(self.force, (n, 1)), np.full(n, self.temp_c)
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Values at increasing times, linear between them and constant before and behind.
+
+    t_s (N,) s, rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,) degC.
+    """
+
+    t_s: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+    temp_c: np.ndarray
+
+    def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """At these times."""
+        rate, force = (
+            np.column_stack([np.interp(t_s, self.t_s, table[:, axis]) for axis in range(3)]) for table in (self.rate, self.force)
+        )
+        return rate, force, np.interp(t_s, self.t_s, self.temp_c)
+
+
+# What goes wrong with a sensor, and when.
+
+#: the port: the line is stuck, though the sensor hears what is written; or it neither hears nor answers, and the line is pulled up
+PORT_KINDS = ("zeros", "ones", "hang")
+#: the FIFO's words
+WORD_KINDS = ("parity", "tag_count", "tag_unknown", "swapped", "missing")
+KINDS = (*PORT_KINDS, *WORD_KINDS, "reset", "identity", "int1")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that happens at ``at_s`` of the sensor's time.
+
+    kind:
+      zeros, ones   the sensor's line reads 0x00 or 0xFF for ``lasts_s``; what is written arrives
+      hang          the sensor neither hears nor answers for ``lasts_s`` (reads 0xFF), and goes on measuring
+      parity        the next ``words`` words in the FIFO have a false parity bit
+      tag_count     their TAG_CNT is two further than it should be, the parity right
+      tag_unknown   their tag is ``value`` (31 unless given), the parity right
+      swapped       the next word changes places with the one behind it
+      missing       they never reach the FIFO
+      reset         the sensor starts up anew by itself
+      identity      WHO_AM_I reads ``value`` for ``lasts_s``
+      int1          the interrupt's pin stays low for ``lasts_s``
+
+    Raises ValueError for a kind that is none.
+    """
+
+    kind: str
+    at_s: float
+    lasts_s: float = math.inf
+    words: int = 1
+    value: int = 31
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"no fault {self.kind!r}; there are {', '.join(KINDS)}")
+
+    @classmethod
+    def parse(cls, text: str) -> Fault:
+        """``KIND@S``, with ``+S`` for how long and ``xN`` for how many words: ``hang@20+0.5``, ``parity@10x3``.  ValueError where it is
+        none."""
+        form = re.fullmatch(r"(\w+)@([\d.]+)(?:\+([\d.]+))?(?:x(\d+))?", text.strip())
+        if not form:
+            raise ValueError(f"{text!r} is no fault; expected KIND@S, KIND@S+S or KIND@SxN, as in parity@10x3")
+        kind, at_s, lasts_s, words = form.groups()
+        return cls(kind, float(at_s), float(lasts_s) if lasts_s else math.inf, int(words or 1))
+
+    def holds(self, t_s: float) -> bool:
+        """Whether it lasts at that time."""
+        return self.at_s <= t_s < self.at_s + self.lasts_s
+
+
+# The counter of 25 us.
+
+
+class Timestamp:
+    """Stands at 0 until it is ``set``, and counts from then on at a rate that may change."""
+
+    def __init__(self) -> None:
+        self._ticks, self._since_s, self._hz = 0.0, 0.0, 0.0
+
+    def exact(self, t_s: float) -> float:
+        """Ticks at a time, with their fraction."""
+        return self._ticks + (t_s - self._since_s) * self._hz
+
+    def at(self, t_s: float) -> int:
+        """The 32 bits at a time: a tick that is due then has come."""
+        return math.floor(self.exact(t_s) + 1e-6) % 2**32
+
+    def set(self, ticks: float, t_s: float, hz: float) -> None:
+        """So many at a time, and so many more each second from then on."""
+        self._ticks, self._since_s, self._hz = ticks, t_s, hz
+
+
+# The true sample times, and the int16 registers at each of them.
+
+BLOCK, BLOCK_S = 256, 0.25  #: samples, and at most so much time, that are computed at once
+REGISTER_BYTES = 14  #: temperature, gyroscope, accelerometer: 0x20 to 0x2D
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """fine_off, fine_on: INTERNAL_FREQ_FINE while both sensors are off, and while one is on; residual_ppm: by how much the true
+    frequency is above the one that the register states."""
+
+    fine_off: int = 0
+    fine_on: int = 0
+    residual_ppm: float = 0.0
+
+    def factor(self, on: bool) -> float:
+        """True frequency over the typical one."""
+        return (1 + FINE_STEP * (self.fine_on if on else self.fine_off)) * (1 + 1e-6 * self.residual_ppm)
+
+    def clock_hz(self) -> float:
+        """Of the samples: 6667 Hz, typically."""
+        return CLOCK_HZ * self.factor(True)
+
+    def ticks_hz(self, on: bool) -> float:
+        """Of the timestamp: 40 kHz, typically."""
+        return TICKS_HZ * self.factor(on)
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """What the sensors' own actuators add to every axis."""
+
+    gyro_dps: float = 400.0
+    accel_mg: float = 500.0
+
+    def gyro(self, code: int) -> float:
+        """The rate in dps that st_g adds."""
+        return {1: self.gyro_dps, 3: -self.gyro_dps}.get(code, 0.0)
+
+    def accel(self, code: int) -> float:
+        """The force in mg that st_xl adds."""
+        return {1: self.accel_mg, 2: -self.accel_mg}.get(code, 0.0)
+
+
+def to_registers(
+    rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray, fs_g: int, fs_xl: int, added_dps: float = 0.0, added_mg: float = 0.0
+) -> np.ndarray:
+    """(N, 7) int16, temperature, gyroscope, accelerometer, in the order of the map; what is beyond a register stays at its end.
+
+    rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,) degC; fs_g, fs_xl: the codes of the full scales.  A code of fs_g that has no
+    meaning reads as 250 dps (code 0).
+    """
+    gyro = (np.degrees(rate) + added_dps) * (1000 / GYRO_MDPS.get(fs_g, GYRO_MDPS[0]))
+    accel = (force * (1000 / STANDARD_GRAVITY) + added_mg) / ACCEL_MG[fs_xl]
+    temp = (temp_c - TEMPERATURE_ZERO_C) * TEMPERATURE_LSB
+    table = np.rint(np.column_stack([temp, gyro, accel]))
+    return np.clip(table, -32768, 32767).astype("<i2")
+
+
+class Readings:
+    """Samples at every ``step``-th tick of a clock, computed in blocks."""
+
+    def __init__(self, motion: Motion, zero_s: float, clock_hz: float):
+        self._motion, self.zero_s, self.clock_hz = motion, zero_s, clock_hz
+        self._settings: tuple[int, int, float, float] = (0, 0, 0.0, 0.0)
+        self.step = 1
+        self._first, self._data = 0, b""
+
+    def set(self, step: int, fs_g: int, fs_xl: int, added_dps: float, added_mg: float) -> None:
+        """What holds from the next sample on."""
+        self.step, self._settings, self._data = step, (fs_g, fs_xl, added_dps, added_mg), b""
+
+    def time_s(self, tick: int) -> float:
+        """When that tick of the clock is."""
+        return self.zero_s + tick / self.clock_hz
+
+    def after(self, t_s: float) -> int:
+        """The first tick with a sample behind a time."""
+        tick = int((t_s - self.zero_s) * self.clock_hz) // self.step * self.step
+        while self.time_s(tick) <= t_s or tick <= 0:
+            tick += self.step
+        return tick
+
+    def at(self, tick: int) -> bytes:
+        """The 14 bytes of the output registers at a tick with a sample; ticks are asked for in their order."""
+        place = (tick - self._first) // self.step * REGISTER_BYTES
+        if place < 0 or place >= len(self._data):
+            ticks = tick + self.step * np.arange(max(1, min(BLOCK, int(BLOCK_S * self.clock_hz / self.step))))
+            self._first, place = tick, 0
+            rate, force, temp_c = self._motion(self.zero_s + ticks / self.clock_hz)
+            self._data = to_registers(rate, force, temp_c, *self._settings).tobytes()
+        return self._data[place : place + REGISTER_BYTES]
+
+
+# The output registers 0x20 to 0x2D: STATUS, and the block data update.
+
+GYRO_OUT, ACCEL_OUT, TEMP = slice(2, 8), slice(8, 14), slice(0, 2)
+STATUS = ((TEMP, TDA), (GYRO_OUT, GDA), (ACCEL_OUT, XLDA))
+
+
+class Outputs:
+    """status: STATUS_REG; bdu: whether a register that was read by half waits for its other half."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """As after a reset."""
+        self._newest, self._shown = bytearray(REGISTER_BYTES), bytearray(REGISTER_BYTES)
+        self._half_read: dict[int, int] = {}  # register -> which half
+        self.status, self.bdu = 0, False
+
+    def update(self, part: slice, sample: bytes) -> None:
+        """New values of one sensor: its slice of the 14 bytes of a sample."""
+        self._newest[part] = sample[part]
+        for place, bit in STATUS:
+            if place == part:
+                self.status |= bit
+        if not self._half_read:
+            self._shown[part] = sample[part]
+            return
+        for low in range(part.start, part.stop, 2):
+            if low // 2 not in self._half_read:
+                self._shown[low : low + 2] = self._newest[low : low + 2]
+
+    def read(self, address: int) -> int:
+        """One byte; a high byte takes its sensor's bit of STATUS back."""
+        place = address - OUT_FIRST
+        value, pair, half = self._shown[place], place // 2, place % 2
+        if half:
+            self.status &= ~(TDA if address < OUTX_L_G else GDA if address < OUTX_L_A else XLDA)
+        if self.bdu and self._half_read.get(pair, half) == half:
+            self._half_read[pair] = half
+        elif pair in self._half_read:
+            del self._half_read[pair]
+            self._shown[2 * pair : 2 * pair + 2] = self._newest[2 * pair : 2 * pair + 2]
+        return value
+
+    def set_bdu(self, bdu: bool) -> None:
+        """Without it nothing waits."""
+        self.bdu = bdu
+        if not bdu:
+            self._half_read.clear()
+            self._shown[:] = self._newest

@@ -1,0 +1,392 @@
+"""The sensor on simulated time, behind its SPI port."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from tinygc.annexes.emulated import readings as reg
+from tinygc.annexes.emulated.fifo import EMPTY, ORDER, WORDS, Batching, Fifo, FifoFlags, Int1
+from tinygc.annexes.emulated.readings import (
+    ACCEL_OUT,
+    FIFO_DATA_OUT_LAST,
+    FIFO_DATA_OUT_TAG,
+    FIFO_STATUS2,
+    GYRO_OUT,
+    OUT_FIRST,
+    OUT_LAST,
+    PORT_KINDS,
+    TEMP,
+    Fault,
+    Motion,
+    Oscillator,
+    Outputs,
+    Readings,
+    SelfTest,
+    Timestamp,
+)
+
+# The sensor: its registers on simulated time.
+
+START_S, SW_RESET_S = 0.010, 50e-6  #: from power-up and of a reboot; of a reset
+TEMPERATURE_TICKS = 128  #: OUT_TEMP is new at 52 Hz, or at the data rate where that is lower
+RATE_BITS = {reg.CTRL1_XL: 0xF0, reg.CTRL2_G: 0xF0, reg.FIFO_CTRL3: 0xFF}
+NEVER = math.inf
+
+
+class Asm330lhh:
+    """The model of the sensor; ``port.Port`` speaks SPI to it.  Times are s of true time and never go back.
+
+    motion: what it feels; order: of the words in a time slot of the FIFO; keep: whether ``kept`` holds (t_s, the 14 bytes of the
+    output registers) of every sample that was made; start_s: from power-up, or a reset by itself, until it answers.
+
+    objections: what a driver did that the map does not allow, each said once; starts: how often it has started up; samples: made.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        oscillator: Oscillator | None = None,
+        faults: Iterable[Fault] = (),
+        order: tuple[int, ...] = ORDER,
+        self_test: SelfTest | None = None,
+        identity: int = reg.IDENTITY,
+        keep: bool = False,
+        start_s: float = START_S,
+    ):
+        self._motion, self._oscillator = motion, oscillator or Oscillator()
+        self._self_test, self._identity, self._keep = self_test or SelfTest(), identity, keep
+        self.faults, self._start_s = tuple(faults), start_s
+        self._resets = sorted(fault.at_s for fault in self.faults if fault.kind == "reset")
+        self._identities = [fault for fault in self.faults if fault.kind == "identity"]
+        self.fifo = Fifo()
+        self._batching = Batching(self.fifo, self.faults, order)
+        self._registers = bytearray(128)
+        self._flags = FifoFlags(self._registers, self.fifo, self._batching)
+        self.outputs = Outputs()
+        self._pin = Int1(self._registers, self._flags, self.outputs, self.faults)
+        self.objections: dict[str, None] = {}
+        self.kept: list[tuple[float, bytes]] = []
+        self.starts = self.samples = 0
+        self._start(0.0)
+
+    def _start(self, t_s: float) -> None:
+        """Power-up."""
+        self.starts += 1
+        self._ready_s = t_s + self._start_s
+        self._boot_s = self._sw_reset_s = t_s
+        self._defaults(t_s)
+
+    def _defaults(self, t_s: float) -> None:
+        """All registers as after a reset."""
+        self._registers[:] = bytes(128)
+        for address, value in reg.DEFAULTS.items():
+            self._registers[address] = value
+        self.outputs.clear()
+        self.fifo.set_mode(0)
+        self.fifo.limit = WORDS
+        self._batching.counted = 0
+        self._readings: Readings | None = None  # of sensors that are on
+        self._gyro = self._accel = 0  # ticks of a sample; 0: off
+        self._timestamp = Timestamp()
+        self._next_tick, self._next_s, self._sample_s = 0, NEVER, -NEVER
+
+    # Time
+
+    def advance(self, t_s: float) -> None:
+        """Everything that happens up to a time."""
+        while self._resets and self._resets[0] <= t_s:
+            reset_s = self._resets.pop(0)
+            self._run(reset_s)
+            self._start(reset_s)
+        if self._next_s <= t_s:
+            self._run(t_s)
+
+    def _run(self, t_s: float) -> None:
+        readings, batching, fifo, outputs = self._readings, self._batching, self.fifo, self.outputs
+        if readings is None:
+            return
+        gyro, accel, temp, slot = self._gyro, self._accel, max(TEMPERATURE_TICKS, readings.step), batching.slot
+        collects = fifo.collects and slot
+        tick, now_s = self._next_tick, self._next_s
+        while now_s <= t_s:
+            sample = readings.at(tick)
+            if gyro and tick % gyro == 0:
+                outputs.update(GYRO_OUT, sample)
+            if accel and tick % accel == 0:
+                outputs.update(ACCEL_OUT, sample)
+            if tick % temp == 0:
+                outputs.update(TEMP, sample)
+            if collects and tick % slot == 0:
+                batching.batch(tick, now_s, sample, self._timestamp.at)
+            if self._keep:
+                self.kept.append((now_s, sample))
+            self.samples += 1
+            self._sample_s = now_s
+            tick += readings.step
+            now_s = readings.time_s(tick)
+        self._next_tick, self._next_s = tick, now_s
+
+    @property
+    def _ticks_hz(self) -> float:
+        """Of the timestamp, as the registers have it now."""
+        counts = self._registers[reg.CTRL10_C] & reg.TIMESTAMP_EN
+        return self._oscillator.ticks_hz(self._readings is not None) if counts else 0.0
+
+    # Registers
+
+    def read(self, address: int, t_s: float) -> int:
+        """One register at a time; 0 until the sensor has started up."""
+        self.advance(t_s)
+        if t_s < self._ready_s:
+            return 0
+        if reg.OUT_FIRST <= address <= reg.OUT_LAST:
+            return self.outputs.read(address)
+        if reg.FIFO_DATA_OUT_TAG <= address <= reg.FIFO_DATA_OUT_LAST:
+            if address == reg.FIFO_DATA_OUT_TAG:
+                return self.fifo.begin()[0]
+            value = self.fifo.data()[address - reg.FIFO_DATA_OUT_TAG]
+            if address == reg.FIFO_DATA_OUT_LAST:
+                self.fifo.finish()
+            return value
+        if address == reg.WHO_AM_I:
+            return next((fault.value for fault in self._identities if fault.holds(t_s)), self._identity)
+        if address == reg.STATUS_REG:
+            return self.outputs.status
+        if address == reg.FIFO_STATUS1:
+            return len(self.fifo.words) & 0xFF
+        if address == reg.FIFO_STATUS2:
+            status = self._flags.flags() | len(self.fifo.words) >> 8
+            self.fifo.latched = False
+            return status
+        if reg.TIMESTAMP0 <= address <= reg.TIMESTAMP3:
+            return self._timestamp.at(t_s) >> 8 * (address - reg.TIMESTAMP0) & 0xFF
+        if address == reg.INTERNAL_FREQ_FINE:
+            return (self._oscillator.fine_on if self._readings else self._oscillator.fine_off) & 0xFF
+        value = self._registers[address]
+        if address == reg.CTRL3_C:
+            value |= (reg.SW_RESET if t_s < self._sw_reset_s else 0) | (reg.BOOT if t_s < self._boot_s else 0)
+        return value
+
+    def read_word(self, t_s: float) -> bytes:
+        """A whole word of the FIFO, its tag at a time; zeros until the sensor has started up."""
+        self.advance(t_s)
+        if t_s < self._ready_s:
+            return EMPTY
+        word = self.fifo.begin()
+        self.fifo.finish()
+        return word
+
+    @property
+    def counts_up(self) -> bool:
+        """Whether the port's address does (if_inc)."""
+        return bool(self._registers[reg.CTRL3_C] & reg.IF_INC)
+
+    def write(self, address: int, value: int, t_s: float) -> None:
+        """One register at a time; lost until the sensor has started up."""
+        self.advance(t_s)
+        if t_s < self._ready_s:
+            self._object(f"0x{address:02X} was written before the sensor had started up")
+            return
+        if address == reg.TIMESTAMP2:
+            if value == reg.TIMESTAMP_RESET:
+                self._timestamp.set(0.0, t_s, self._ticks_hz)
+            return
+        if address not in reg.WRITABLE:
+            self._object(f"0x{address:02X} was written, which cannot be")
+            return
+        if value & ~reg.WRITABLE[address]:
+            self._object(f"reserved bits of 0x{address:02X} were written: 0x{value & ~reg.WRITABLE[address]:02X}")
+        if address == reg.CTRL3_C and value & reg.SW_RESET:
+            self._defaults(t_s)
+            self._sw_reset_s = t_s + SW_RESET_S
+            return
+        if address == reg.CTRL3_C and value & reg.BOOT:
+            self._boot_s = t_s + START_S
+            value &= ~reg.BOOT
+        before, self._registers[address] = self._registers[address], value & reg.WRITABLE[address]
+        self._configure(address, before, t_s)
+
+    def _object(self, what: str) -> None:
+        self.objections[what] = None
+
+    def _configure(self, address: int, before: int, t_s: float) -> None:
+        """What a written register changes."""
+        r = self._registers
+        if address == reg.CTRL3_C:
+            self.outputs.set_bdu(bool(r[address] & reg.BDU))
+        elif address == reg.CTRL10_C:
+            if before ^ r[address]:
+                self._timestamp.set(0.0, t_s, self._ticks_hz)
+            self._set_batching()
+        elif address == reg.COUNTER_BDR_REG1:
+            if r[address] & reg.RST_COUNTER_BDR:
+                self._batching.counted = 0
+                r[address] &= ~reg.RST_COUNTER_BDR
+            self._set_batching()
+        elif address in (reg.CTRL1_XL, reg.CTRL2_G, reg.CTRL4_C, reg.CTRL5_C):
+            self._set_rates(t_s)
+            self._say_change(before, address, t_s)
+        elif reg.FIFO_CTRL1 <= address <= reg.FIFO_CTRL4:
+            self.fifo.set_mode(r[reg.FIFO_CTRL4] & 7)
+            self.fifo.limit = self._flags.watermark if r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark else WORDS
+            self._set_batching()
+            self._say_change(before, address, t_s)
+
+    def _say_change(self, before: int, address: int, t_s: float) -> None:
+        """odrchg_en: a word in the FIFO tells of every new data or batch rate."""
+        changed = (before ^ self._registers[address]) & RATE_BITS.get(address, 0)
+        if changed and self._registers[reg.FIFO_CTRL2] & reg.ODRCHG_EN and self.fifo.collects:
+            self._batching.config_change(t_s)
+
+    def _set_rates(self, t_s: float) -> None:
+        r = self._registers
+        ticks = self._timestamp.exact(t_s)
+        asleep = r[reg.CTRL4_C] & reg.SLEEP_G
+        self._gyro = 0 if asleep else reg.COEFFICIENTS.get(r[reg.CTRL2_G] >> 4, 0)
+        self._accel = reg.COEFFICIENTS.get(r[reg.CTRL1_XL] >> 4, 0)
+        if r[reg.CTRL2_G] & 15 not in reg.GYRO_MDPS:
+            self._object(f"fs_g {r[reg.CTRL2_G] & 15} is no full scale")
+        for name, code in (("odr_g", r[reg.CTRL2_G] >> 4), ("odr_xl", r[reg.CTRL1_XL] >> 4)):
+            if code and code not in reg.COEFFICIENTS:
+                self._object(f"{name} {code} is no data rate")
+        steps = [step for step in (self._gyro, self._accel) if step]
+        if not steps:
+            self._readings, self._next_s = None, NEVER
+        else:
+            if self._readings is None:
+                self._readings = Readings(self._motion, t_s, self._oscillator.clock_hz())
+            tests = r[reg.CTRL5_C]
+            self._readings.set(
+                min(steps),
+                r[reg.CTRL2_G] & 15,
+                r[reg.CTRL1_XL] >> 2 & 3,
+                self._self_test.gyro(tests >> 2 & 3),
+                self._self_test.accel(tests & 3),
+            )
+            self._next_tick = self._readings.after(t_s)
+            self._next_s = self._readings.time_s(self._next_tick)
+        self._timestamp.set(ticks, t_s, self._ticks_hz)
+        self._set_batching()
+
+    def _set_batching(self) -> None:
+        r = self._registers
+        self._batching.set(
+            r[reg.FIFO_CTRL3],
+            r[reg.FIFO_CTRL4],
+            self._gyro,
+            self._accel,
+            bool(r[reg.CTRL10_C] & reg.TIMESTAMP_EN),
+            bool(r[reg.COUNTER_BDR_REG1] & reg.TRIG_COUNTER_BDR),
+        )
+
+    # The interrupt
+
+    def int1(self, t_s: float) -> bool:
+        """The level of the pin; low until the sensor has started up."""
+        self.advance(t_s)
+        return t_s >= self._ready_s and self._pin.level(t_s, t_s < self._boot_s, self._sample_s)
+
+    def int1_stays_until(self, t_s: float) -> float:
+        """A time before which the pin cannot change, unless a register is read or written; infinite where it cannot at all."""
+        self.advance(t_s)
+        ctrl, level = self._registers[reg.INT1_CTRL], len(self.fifo.words)
+        edges = [self._ready_s, self._boot_s, *self._resets[:1], *self._pin.edges_s(self._sample_s, self._next_s)]
+        if ctrl & reg.INT1_FIFO_TH and level < self._flags.watermark:
+            edges.append(self._slots_later(self._flags.watermark - level))
+        if ctrl & (reg.INT1_FIFO_OVR | reg.INT1_FIFO_FULL):
+            edges.append(self._slots_later(self.fifo.limit - self._batching.most - level))
+        return min((edge for edge in edges if edge > t_s), default=NEVER)
+
+    def _slots_later(self, words: int) -> float:
+        """The earliest time at which so many more words can be there; infinite where nothing is batched."""
+        if self._readings is None or not self.fifo.collects or not self._batching.slot:
+            return NEVER
+        slot = self._batching.slot
+        first = -(-self._next_tick // slot) * slot
+        slots = max(0, -(-words // self._batching.most) - 1)
+        return self._readings.time_s(first + slots * slot)
+
+
+# The sensor's SPI port: chip select, then an address with its read bit, then data.
+
+READ = 0x80
+WORD_BYTES = 7
+#: what is read there can let the interrupt's pin fall
+CLEARING = {FIFO_DATA_OUT_LAST, FIFO_STATUS2, *range(OUT_FIRST, OUT_LAST + 1)}
+HIGH = 0xFF  #: what an undriven line reads
+
+
+class Port:
+    """transactions, bytes: what has passed; rises: how often INT1 was seen to rise, while it is ``watched``."""
+
+    def __init__(self, sensor: Asm330lhh):
+        self.sensor = sensor
+        self._faults = [fault for fault in sensor.faults if fault.kind in PORT_KINDS]
+        self._selected, self._address, self._reads = False, -1, False
+        self.transactions = self.bytes = self.rises = 0
+        self.watched = self._pin = False
+
+    def select(self, selected: bool, t_s: float) -> None:
+        """The chip select falls or rises."""
+        self.sensor.advance(t_s)
+        if selected and not self._selected:
+            self.transactions += 1
+            self._address = -1
+        self._selected = selected
+
+    def int1(self, t_s: float) -> bool:
+        """The level of the interrupt's pin."""
+        before, self._pin = self._pin, self.sensor.int1(t_s)
+        self.rises += self._pin and not before
+        return self._pin
+
+    def int1_stays_until(self, t_s: float) -> float:
+        """A time before which it cannot change, unless bytes pass."""
+        return self.sensor.int1_stays_until(t_s)
+
+    def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
+        """Bytes to the sensor, the first of them at a time, each so long; what it answers meanwhile."""
+        if not self._selected:
+            return bytes([HIGH]) * len(out)
+        self.bytes += len(out)
+        answers, place = bytearray(), 0
+        while place < len(out):
+            if self._bursts and len(out) - place >= WORD_BYTES:
+                answers += self.sensor.read_word(t_s + place * byte_s)
+                place += WORD_BYTES
+                if self.watched:
+                    self.int1(t_s + (place - 1) * byte_s)
+            else:
+                answers.append(self._exchange(out[place], t_s + place * byte_s))
+                place += 1
+        return bytes(answers)
+
+    @property
+    def _bursts(self) -> bool:
+        """Whether a whole word of the FIFO comes next, and nothing can come between its bytes."""
+        return self._address == FIFO_DATA_OUT_TAG and self._reads and not self._faults and self.sensor.counts_up
+
+    def _exchange(self, byte: int, t_s: float) -> int:
+        fault = next((fault.kind for fault in self._faults if fault.holds(t_s)), "") if self._faults else ""
+        if fault == "hang":
+            self.sensor.advance(t_s)
+            return HIGH
+        answer = self._answer(byte, t_s)
+        return {"zeros": 0x00, "ones": HIGH}.get(fault, answer) if fault else answer
+
+    def _answer(self, byte: int, t_s: float) -> int:
+        address = self._address
+        if address < 0:
+            self._address, self._reads = byte & ~READ, bool(byte & READ)
+            return HIGH
+        answer = HIGH
+        if self._reads:
+            answer = self.sensor.read(address, t_s)
+            if self.watched and address in CLEARING:
+                self.int1(t_s)
+        else:
+            self.sensor.write(address, byte, t_s)
+        if self.sensor.counts_up:
+            self._address = FIFO_DATA_OUT_TAG if self._reads and address == FIFO_DATA_OUT_LAST else address + 1 & 0x7F
+        return answer

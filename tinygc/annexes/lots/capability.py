@@ -1,0 +1,342 @@
+"""Capability of a lot against limits (Cp, Cpk, Pp, Ppk), and control charts by production order."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import signal, stats
+
+from session.io.errors import FormatError
+from session.io.results import shown
+from session.io.toml import read_toml
+from tinygc.annexes.lots.lot import SEEN
+
+# Limits of a lot's numbers, from a person's TOML file: lower and upper, in the units that people see (docs/lots.md).
+
+SCHEMA = "tinygc-limits/1"
+#: a section may name all components of one kind: ``gyro_bias_mdps``
+GROUPS = {f"{each.sensor} {each.word} {each.unit}".replace(" ", "_") for each in SEEN}
+KEYS = {each.key for each in SEEN}
+_SIDES = ("lower", "upper")
+
+
+def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
+    """(lower, upper) of each number that has limits, by its key; infinite where only one side is given.
+
+    Raises FormatError, in one line, for a key that is none, a limit that is no number, and a lower one that is not below the upper.
+    """
+    table = read_toml(Path(path))
+    if table.get("schema") != SCHEMA:
+        raise FormatError(f'{path}: no limits of a lot, expected schema = "{SCHEMA}" at the top')
+    found: dict[str, tuple[float, float]] = {}
+    sections = {name: value for name, value in table.items() if name != "schema"}
+    # What names one component wins over what names all of its kind.
+    for name in sorted(sections, key=lambda each: each in KEYS):
+        if name not in KEYS and name not in GROUPS:
+            near = difflib.get_close_matches(name, [*GROUPS, *KEYS], 1)
+            hint = f"; did you mean {near[0]}?" if near else "; the names are in docs/lots.md"
+            raise FormatError(f"{path}: {name} is no number of a lot{hint}")
+        limits = _limits(sections[name], f"{path}: {name}")
+        for each in SEEN:
+            if name in (each.key, f"{each.sensor} {each.word} {each.unit}".replace(" ", "_")):
+                found[each.key] = limits
+    if not found:
+        raise FormatError(f"{path}: no limits, expected a section such as [gyro_bias_mdps] with lower and upper (docs/lots.md)")
+    return found
+
+
+def _limits(section: Any, where: str) -> tuple[float, float]:
+    if not isinstance(section, dict):
+        raise FormatError(f"{where} is {shown(section)}, expected a section with lower, upper or both")
+    if strange := sorted(set(section) - set(_SIDES)):
+        raise FormatError(f"{where}.{strange[0]} is no key of limits, expected lower, upper or both")
+    lower, upper = (_number(section[side], f"{where}.{side}") if side in section else None for side in _SIDES)
+    if lower is None and upper is None:
+        raise FormatError(f"{where} has no limit, expected lower, upper or both")
+    if lower is not None and upper is not None and not lower < upper:
+        raise FormatError(f"{where}.lower is {lower:g}, expected less than upper, {upper:g}")
+    return (-math.inf if lower is None else lower, math.inf if upper is None else upper)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e12:
+        raise FormatError(f"{where} is {value!s:.40}, expected a number")
+    return float(value)
+
+
+# Capability of a lot against limits: Cp, Cpk within, Pp, Ppk overall, parts per million outside, and what measurement noise does to them.
+#
+#     Cp = (upper - lower) / 6 sigma_within      Cpk = min(upper - mean, mean - lower) / 3 sigma_within
+#     Pp, Ppk: the same with sigma_overall
+#
+# Within is the short-term sigma of the control chart, overall the lot's spread.  Both are given as seen, with measurement noise, and with
+# it taken out, which is what the sensors do.  Source: AIAG, Statistical Process Control, 2nd edition; interval of Cpk: A. F. Bissell,
+# Applied Statistics 39, 1990; guard band: ISO 14253-1.
+
+CONFIDENCE = 0.95
+#: of a unit at its limit that is accepted by a reading within the guarded limits: ISO 14253-1's one-sided 95 %
+GUARD_SIGMAS = float(stats.norm.ppf(0.95))
+
+
+@dataclass(frozen=True)
+class Indices:
+    """spread index (Cp or Pp) and the one that looks where the mean is (Cpk or Ppk), with their intervals; NaN with one limit only."""
+
+    index: float
+    index_interval: tuple[float, float]
+    centred: float
+    centred_interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Capability:
+    """One number against its limits, all in its unit.
+
+    lower, upper: -inf or inf where there is none; mean; sigma: overall, without measurement noise, and seen_sigma with it; within and
+    overall, their indices without noise; seen, the overall ones with it; ppm_normal and ppm_tails: outside, by a normal distribution and
+    by the lot's tails; found_outside: of how many units the reading is; false_accept_ppm, units outside that a reading accepts;
+    false_reject_ppm, the reverse; guard_band: by how much limits must be drawn in for a unit at its limit to be accepted at most once in
+    twenty, and what is falsely accepted and rejected then.
+    """
+
+    lower: float
+    upper: float
+    mean: float
+    sigma: float
+    seen_sigma: float
+    within: Indices
+    overall: Indices
+    seen: Indices
+    ppm_normal: float
+    ppm_tails: float
+    found_outside: int
+    units: int
+    false_accept_ppm: float
+    false_reject_ppm: float
+    guard_band: float
+    guarded_accept_ppm: float
+    guarded_reject_ppm: float
+
+
+def indices(lower: float, upper: float, mean: float, sigma: float, freedom: float, units: int) -> Indices:
+    """Of a sigma that is known with so many degrees of freedom, and a mean of so many units."""
+    nan = (float("nan"), float("nan"))
+    if not sigma > 0:
+        return Indices(float("nan"), nan, float("nan"), nan)
+    both = np.isfinite(lower) and np.isfinite(upper)
+    index = (upper - lower) / (6 * sigma) if both else float("nan")
+    centred = min(upper - mean, mean - lower) / (3 * sigma)
+    freedom = max(freedom, 1.0)
+    ends = np.sqrt(stats.chi2.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], freedom) / freedom)
+    half = stats.norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(1 / (9 * units) + centred**2 / (2 * freedom))
+    of_index = (float(index * ends[0]), float(index * ends[1])) if both else nan
+    return Indices(float(index), of_index, float(centred), (float(centred - half), float(centred + half)))
+
+
+def outside_ppm(lower: float, upper: float, mean: float, sigma: float, tails: float = np.inf) -> float:
+    """Parts per million beyond the limits, of a normal distribution or of Student's t with that sigma."""
+    if not sigma > 0:
+        return 1e6 * float(not lower <= mean <= upper)
+    scale = sigma * np.sqrt((tails - 2) / tails) if np.isfinite(tails) else sigma
+    of = stats.t(tails) if np.isfinite(tails) else stats.norm()
+    return float(1e6 * (of.cdf((lower - mean) / scale) + of.sf((upper - mean) / scale)))
+
+
+def risks(lower: float, upper: float, mean: float, sigma: float, noise: float, guard: float = 0.0) -> tuple[float, float]:
+    """ppm: units outside that are accepted by a reading within the limits less the guard; units inside that are rejected."""
+    if not (sigma > 0 and noise > 0):
+        return 0.0, 0.0
+    # Nodes over the units, as fine as the noise where a limit is near.
+    edges = [edge + noise * np.linspace(-7, 7, 801) for edge in (lower, upper) if np.isfinite(edge)]
+    x = np.unique(np.concatenate([mean + sigma * np.linspace(-9, 9, 2001), *edges]))
+    middle, width = (x[1:] + x[:-1]) / 2, np.diff(x)
+    density = stats.norm.pdf(middle, mean, sigma) * width
+    accepted = stats.norm.cdf((upper - guard - middle) / noise) - stats.norm.cdf((lower + guard - middle) / noise)
+    accepted = np.clip(accepted, 0, 1)
+    inside = (middle >= lower) & (middle <= upper)
+    return float(1e6 * np.sum(density[~inside] * accepted[~inside])), float(1e6 * np.sum(density[inside] * (1 - accepted[inside])))
+
+
+def capability(
+    limits: tuple[float, float],
+    mean: float,
+    sigma: float,
+    noise: float,
+    within: float,
+    freedom: float,
+    tails: float,
+    readings: np.ndarray,
+) -> Capability:
+    """Of one number: mean and sigma of the lot without noise; noise of a session, one sigma, with what does not repeat; within: the
+    short-term sigma without noise; freedom of sigma; readings (U,) of the units, NaN where not told."""
+    lower, upper = limits
+    units = int(np.isfinite(readings).sum())
+    seen_sigma = float(np.hypot(sigma, noise))
+    guard = GUARD_SIGMAS * noise
+    accept, reject = risks(lower, upper, mean, sigma, noise)
+    guarded_accept, guarded_reject = risks(lower, upper, mean, sigma, noise, guard)
+    return Capability(
+        lower,
+        upper,
+        mean,
+        sigma,
+        seen_sigma,
+        indices(lower, upper, mean, within, max(0.6 * (units - 1), 1), units),
+        indices(lower, upper, mean, sigma, freedom, units),
+        indices(lower, upper, mean, seen_sigma, max(units - 1, 1), units),
+        outside_ppm(lower, upper, mean, sigma),
+        outside_ppm(lower, upper, mean, sigma, tails),
+        int(np.sum((readings < lower) | (readings > upper))),
+        units,
+        accept,
+        reject,
+        guard,
+        guarded_accept,
+        guarded_reject,
+    )
+
+
+# Control charts of one number by production order: individuals and moving range, EWMA, and the rules that say that chance ends here.
+#
+# Every point has its own limits, since each session knows its own measurement noise: the process's short-term variance, from moving ranges,
+# less the mean noise, plus the point's own.  Points are turned into normal scores, with the lot's tails, so that one rule fits all.
+# A rule that looks at every point of 21 charts is sure to ring in a long lot.  So the limits for a single point are those of the whole lot
+# (one false alarm in a hundred lots), and of the classical rules the count is held against what chance gives.
+#
+# Source: Western Electric, Statistical Quality Control Handbook, 1956; L. S. Nelson, J. Quality Technology 16(4), 1984; J. M. Lucas,
+# M. S. Saccucci, Technometrics 32(1), 1990.
+
+#: false alarms of all charts of a lot together, by chance, in so many lots
+FAMILY_P = 0.01
+#: of two normal draws, their mean distance in sigmas
+D2 = 2 / np.sqrt(np.pi)
+#: of the newest point in the moving average: what finds steps of a half to one sigma soonest, of those that limits of a lot can find
+EWMA_WEIGHT = 0.05
+#: points of the moving average that are as likely to leave its limits as an independent one, for each point and weight
+EWMA_POINTS = 4.0
+#: degrees of freedom of a sigma from moving ranges, for each point: of their median, and of their mean (simulated, benchmarks/lot.py)
+MEDIAN_FREEDOM, MEAN_FREEDOM = 0.31, 0.63
+#: score beyond which a point says no more of a drift
+WILD = 3.0
+#: chance of each rule at a point in control, of independent normal points
+RULES = {
+    "beyond 3 sigma": float(2 * stats.norm.sf(3)),
+    "2 of 3 beyond 2 sigma": float(2 * stats.binom.sf(1, 3, stats.norm.sf(2))),
+    "4 of 5 beyond 1 sigma": float(2 * stats.binom.sf(3, 5, stats.norm.sf(1))),
+    "9 on one side": 2 * 0.5**9,
+}
+#: a count above what chance gives this seldom is said, over all rules and charts
+COUNT_P = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """One number's charts, in its unit.
+
+    place (N,) in production, y (N,), sigma (N,) short-term and the point's own noise; centre; short_term: one sigma of the process without
+    measurement noise; moving_range (N,), first NaN; range_limit; score (N,); ewma (N,) of scores and its limit; limit: of a score, over
+    all charts; alarms and ewma_alarms: numbers of points; counts and chance: of each rule, found and by chance; broken: rules that
+    ring more often than chance.
+    """
+
+    place: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray
+    centre: float
+    short_term: float
+    moving_range: np.ndarray
+    range_limit: float
+    score: np.ndarray
+    ewma: np.ndarray
+    ewma_limit: float
+    limit: float
+    alarms: np.ndarray
+    ewma_alarms: np.ndarray
+    counts: dict[str, int]
+    chance: dict[str, float]
+    broken: tuple[str, ...]
+
+
+def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1, place: np.ndarray | None = None) -> Chart:
+    """Of points y (N,) in production order with one sigma of noise each (N,), a unit each; tails: degrees of freedom of the units'
+    distribution; charts: how many the lot has in all; place (N,): which unit made, from 0.
+
+    Raises ValueError for fewer than 3 points.
+    """
+    n = len(y)
+    if n < 3:
+        raise ValueError(f"a control chart needs 3 points, got {n}")
+    centre = float(np.median(y)) if n > 20 else float(np.mean(y))
+    moving = np.concatenate([[np.nan], np.abs(np.diff(y))])
+    # The mean moving range is not robust: a wild point enters it twice.  The median of normal ranges is 0.954 sigma.
+    whole = float(np.nanmedian(moving)) / (np.sqrt(2) * stats.norm.ppf(0.75)) if n > 20 else float(np.nanmean(moving)) / D2
+    short = float(np.sqrt(max(whole**2 - np.mean(noise**2), 0.0)))
+    sigma = np.sqrt(short**2 + noise**2)
+    # Sigma itself is known from so many degrees of freedom, which tails have to count as well.
+    known = (MEDIAN_FREEDOM if n > 20 else MEAN_FREEDOM) * (n - 1)
+    score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
+    limit = float(stats.norm.isf(FAMILY_P / 2 / (n * charts) / 2))
+    ewma, ewma_limit = _ewma(score, charts)
+    counts = {name: int(hits.sum()) for name, hits in _rung(score).items()}
+    chance = {name: rate * n for name, rate in RULES.items()}
+    seldom = COUNT_P / (len(RULES) * charts)
+    # Hits of a rule come in runs: a run of up to so many counts as one draw of chance.
+    runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
+    broken = tuple(name for name in RULES if stats.poisson.sf((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
+    return Chart(
+        np.arange(n) if place is None else place,
+        y,
+        sigma,
+        centre,
+        short,
+        moving,
+        float(3.267 * D2 * whole),
+        score,
+        ewma,
+        ewma_limit,
+        limit,
+        np.flatnonzero(np.abs(score) > limit),
+        np.flatnonzero(np.abs(ewma) > ewma_limit),
+        counts,
+        chance,
+        broken,
+    )
+
+
+def _scores(z: np.ndarray, freedom: float, tails: float) -> np.ndarray:
+    """Normal scores of Student's t; tails: of the lot, by whose variance z was scaled."""
+    t = np.abs(z) * (np.sqrt(tails / (tails - 2)) if np.isfinite(tails) else 1.0)
+    return np.sign(z) * stats.norm.isf(np.maximum(stats.t.sf(t, freedom), 1e-300))
+
+
+def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
+    """In sigmas of its own at each point, and the limit over all points of all charts."""
+    w = EWMA_WEIGHT
+    # One wild point is no drift: it has a rule of its own, and counts here as what is still of this process.
+    found = signal.lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
+    own = np.sqrt(w / (2 - w) * (1 - (1 - w) ** (2 * np.arange(1, len(score) + 1))))
+    independent = max(len(score) * w * EWMA_POINTS, 1.0) * charts
+    return found / own, float(stats.norm.isf(FAMILY_P / 2 / independent / 2))
+
+
+def _rung(score: np.ndarray) -> dict[str, np.ndarray]:
+    """(N,) bool of each rule: whether it rings at a point."""
+
+    def of(span: int, least: int, beyond: float) -> np.ndarray:
+        hits = np.zeros(len(score), dtype=bool)
+        for side in (score, -score):
+            far = np.concatenate([np.zeros(span - 1), side > beyond])
+            hits |= np.convolve(far, np.ones(span), "valid") >= least - 0.5
+        return hits
+
+    return {
+        "beyond 3 sigma": of(1, 1, 3.0),
+        "2 of 3 beyond 2 sigma": of(3, 2, 2.0),
+        "4 of 5 beyond 1 sigma": of(5, 4, 1.0),
+        "9 on one side": of(9, 9, 0.0),
+    }

@@ -1,0 +1,43 @@
+"""``lot``: statistics of a lot from a fleet's table, and the lot's file for ``fit --lot``."""
+
+from __future__ import annotations
+
+import argparse
+
+from tinygc.cli.arguments import file_written, path_read
+from tinygc.cli.results import output, verdict, write_json
+
+SUMMARY = "say how a lot of sensors spreads, drifts and repeats, and which units do not belong"
+#: the table in the folder that ``fleet`` writes
+TABLE = "fleet.sqlite"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("table", type=path_read, metavar="FLEET", help="the folder that fleet wrote, or its fleet.sqlite")
+    command.add_argument("--out", type=file_written, metavar="FILE", help="write the lot's file, for fit --lot")
+    command.add_argument("--html", type=file_written, metavar="FILE", help="write a page with control charts")
+    command.add_argument("--limits", type=path_read, metavar="FILE", help="limits of its numbers, TOML (docs/lots.md): capability")
+    command.add_argument("--model", metavar="NAME", help="of a table with several models of sensors, this one")
+    command.add_argument("--strict", action="store_true", help="exit 1 if the lot drifts, or a unit or session does not belong")
+
+
+def run(args: argparse.Namespace) -> int:
+    """All that a lot's sessions say of it."""
+    from tinygc.annexes.lots.capability import read_limits
+    from tinygc.annexes.lots.files import save, to_json
+    from tinygc.annexes.lots.fleet.summary import lot_of_fleet
+    from tinygc.annexes.lots.page import save as save_page
+    from tinygc.annexes.lots.text import headline, lot_page
+
+    folder = args.table.parent if args.table.name == TABLE else args.table
+    limits = read_limits(args.limits) if args.limits else None
+    report = lot_of_fleet(folder, args.model, limits, args.seed)
+    output(args).print(lot_page(report))
+    verdict(args, headline(report))
+    if args.out is not None:
+        save(report, args.out)
+    if args.html is not None:
+        save_page(report, args.html)
+    write_json(args.json, to_json(report))
+    return 1 if args.strict and (report.hierarchy.drifts or report.outliers) else 0

@@ -1,0 +1,195 @@
+"""What a lot knows of one unit: its effects, and what the coach may take from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from session.bench.messages import AcceptedTurn
+from session.io.units import DEG, EARTH_RATE_RPS
+from tinygc.annexes.lots.lot import Lot, PooledEffect
+from tinygc.annexes.lots.prior import Belonging, Prior, belonging, farthest, prior_of
+from tinygc.closure.residual import Batch, closure_angles
+from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.explanation.claims import readable
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, component_names, linear_estimate, without_claim
+from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
+from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
+
+# What the lot knows of a unit's effects: whether this one has them, how large they are in it, and what they are worth.
+#
+# An effect that pooling found in many units is in this one with the odds that the lot gives, times what its own recording says of a size
+# like theirs: linear, beside the calibration and the other names.
+
+#: of a lot's share, as a unit's probability before its recording is looked at: no lot is so uniform, none so foreign
+LEAST, MOST = 0.02, 0.95
+#: of a size that the lot knows, beside its mean: units differ by something, however few they were
+LEAST_SPREAD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class LotEffect:
+    """One effect of the lot in this unit.  share of the lot's units that have it; probability that this one has; theta (P,) SI and its
+    covariance, of lot and recording together, if it has; sigmas: how far the closure and the stills would be off without it; closure_rad:
+    rms tilt that it leaves at the ends of these turns, after the calibration has taken what it can."""
+
+    effect: Effect
+    share: float
+    probability: float
+    theta: np.ndarray
+    covariance: np.ndarray
+    sigmas: float
+    closure_rad: float
+    equivalent: tuple[str, ...] = ()
+
+    def to_json(self) -> dict:
+        """One of ``lot.effects`` of ``tinygc-explain/1``."""
+        _, parameters, std = readable(AppliedEffect(self.effect, self.theta), self.covariance)
+        return {
+            "id": self.effect.id,
+            "share": self.share,
+            "probability": self.probability,
+            "parameters": parameters,
+            "std": std,
+            "worth_sigmas": self.sigmas,
+            "worth_closure_deg": self.closure_rad / DEG,
+            "equivalent": list(self.equivalent),
+        }
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        as_well = f"; could as well be {', '.join(self.equivalent)}" if self.equivalent else ""
+        return (
+            f"{self.effect.id}: {self.share:.0%} of the lot have it, this unit with probability {self.probability:.2g}; worth "
+            f"{self.closure_rad / DEG:.4f}° of closure, {self.sigmas:.1f} sigmas of this recording{as_well}"
+        )
+
+
+def odds_of(lot: Lot | None) -> dict[str, float]:
+    """Of each of the lot's effects, that a unit has it, before its recording is looked at; by id."""
+    if lot is None:
+        return {}
+    shares = {name: float(np.clip(pooled.share, LEAST, MOST)) for name, pooled in lot.effects.items()}
+    return {name: share / (1 - share) for name, share in shares.items()}
+
+
+def lot_effects(twin: Twin, whiten: Whitener, fit: Refit, lot: Lot) -> list[LotEffect]:
+    """Beside a fit: the lot's effects that the catalogue knows and whose numbers the lot tells, likeliest first."""
+    known = catalogue()
+    found = [_in_unit(twin, whiten, fit, known[name], pooled) for name, pooled in lot.effects.items() if name in known]
+    return sorted((each for each in found if each is not None), key=lambda each: -each.probability)
+
+
+def _in_unit(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, pooled: PooledEffect) -> LotEffect | None:
+    names = component_names(effect)
+    mean, spread = _known(pooled.mean, names), _known(pooled.spread, names)
+    if effect.kind not in ("rate", "force") or effect.scan is not None or not mean.any():
+        return None
+    number = next((n for n, claim in enumerate(fit.state.claims) if claim.effect.id == effect.id), None)
+    beside = fit if number is None else without_claim(fit, number)
+    stacked = Replay(twin, fit).columns(effect).stacked()
+    theta, own = linear_estimate(beside.r, beside.J, whiten(stacked), effect.parameter.plausible)
+    before = np.diag(spread**2 + (LEAST_SPREAD * np.abs(mean).max()) ** 2)
+    # Has it as the lot does: normal about its mean; has nothing; or has something of its own, of its own size.
+    share = float(np.clip(pooled.share, LEAST, MOST))
+    size = np.eye(len(theta)) * max(float(np.mean(theta**2)), float(np.mean(mean**2)))
+    chances = np.array(
+        [
+            np.log(share) + _log_normal(theta - mean, own + before),
+            np.log(1 - share) + _log_normal(theta, own),
+            np.log(PRIOR_ODDS / SCALES) + _log_normal(theta, own + size),
+        ]
+    )
+    probability = float(np.exp(chances[0] - np.logaddexp.reduce(chances)))
+    gain = before @ np.linalg.inv(own + before)
+    both, covariance = mean + gain @ (theta - mean), before - gain @ before
+    information = np.linalg.inv(own)
+    rows = len(twin.segments) * twin.batch.angles
+    left = _beside_the_fit(stacked[:rows] @ both, whiten.back(beside.J)[:rows])
+    tilt = float(np.sqrt(np.mean(np.sum(left.reshape(-1, twin.batch.angles)[:, :2] ** 2, axis=1))))
+    return LotEffect(
+        effect, pooled.share, probability, both, covariance, float(np.sqrt(both @ information @ both)), tilt, pooled.equivalent
+    )
+
+
+def _known(values: Mapping[str, float], names: tuple[str, ...]) -> np.ndarray:
+    return np.nan_to_num(np.array([values.get(name, 0.0) for name in names], dtype=float))
+
+
+def _log_normal(x: np.ndarray, covariance: np.ndarray) -> float:
+    return float(stats.multivariate_normal.logpdf(x, np.zeros(len(x)), covariance, allow_singular=True))
+
+
+def _beside_the_fit(closure: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(n,) of it that no column of the fit takes up."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.asarray(closure - scaled @ np.linalg.lstsq(scaled, closure, rcond=None)[0])
+
+
+# What a lot tells the coach of the board on the table, and whether the board belongs to it, by the turns so far.
+#
+# Linear, as everything that the coach knows: the closure that the lot's mean leaves on each turn, its bias taken from the stills.
+
+#: of a bias that a still shows, beside the Earth's rate, whose direction the coach does not know
+STILL_BIAS_RPS = EARTH_RATE_RPS
+#: probability of belonging below which the lot tells the coach nothing, as ``fit`` has it for what is open
+BELONGS = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class LotWord:
+    """prior: what is known beforehand, None where the board does not belong, or may not; says: one line of that, or nothing."""
+
+    prior: Prior | None
+    says: str
+
+
+def word_of(
+    lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, noise: np.ndarray, directions: np.ndarray, by_turns: bool = True
+) -> LotWord:
+    """What the lot tells of a board by its turns: columns (S, 2, 12) and noise (S, 2, 2) of each; directions (S, 2, 4): attitudes of its
+    ends.
+
+    Where the lot has no mean for a number, that is as open as without it.  by_turns: whether the turns' closure is asked, too: beside an
+    accelerometer that nobody has calibrated it would show that one's errors, and the stills' rates alone say whether the board belongs.
+    """
+    stills = np.array([still.gyro_mean for turn in turns for still in turn.segment.stills])
+    bias = stills.mean(axis=0)
+    start = LinearModel(np.eye(3), -bias)
+    prior = prior_of(lot, start.vector)
+    model = LinearModel(prior.centre[MATRIX].reshape(3, 3), np.zeros(3))
+    angles = np.array([_angles(turn, model, ends) for turn, ends in zip(turns, directions, strict=True)])
+    weight, design = np.linalg.inv(noise), columns[:, :, MATRIX] * by_turns
+    known = np.einsum("sdp,sde,seq->pq", design, weight, design)
+    own = np.linalg.inv(prior.covariance[MATRIX, MATRIX])
+    inverse = np.linalg.inv(known + own)
+    moved, kept, covariance = np.zeros(PARAMETERS), np.eye(PARAMETERS), np.zeros((PARAMETERS, PARAMETERS))
+    moved[MATRIX] = -inverse @ np.einsum("sdp,sde,se->p", design, weight, angles)
+    kept[MATRIX, MATRIX] = inverse @ known
+    covariance[MATRIX, MATRIX] = inverse @ known @ inverse
+    moved[BIAS] = -model.E @ bias - prior.centre[BIAS]
+    covariance[BIAS, BIAS] = np.eye(3) * STILL_BIAS_RPS**2
+    found = belonging(prior, moved, covariance, kept, lot.tails)
+    if found.probability >= BELONGS:
+        return LotWord(prior, "")
+    return LotWord(None, _words(lot, found, prior.centre + moved, covariance, kept))
+
+
+def _words(lot: Lot, found: Belonging, vector: np.ndarray, covariance: np.ndarray, kept: np.ndarray) -> str:
+    off = farthest(lot, vector, covariance, np.diag(kept) > 0.5)
+    far = "" if off is None else f": {off[0]} is {off[1]:+.1f} of its sigmas from its mean"
+    return f"this board seems not to be of the lot (probability that it is: {found.probability:.2g}){far}; the lot is not reckoned with"
+
+
+def _angles(turn: AcceptedTurn, model: LinearModel, ends: np.ndarray) -> np.ndarray:
+    """(2,) rad: what the lot's mean leaves of a turn's tilt, the bias of its own stills taken off."""
+    measured = turn.samples.gyro[None]
+    bias = (turn.segment.stills[0].gyro_mean + turn.segment.stills[1].gyro_mean) / 2
+    batch = Batch(measured - bias, turn.samples.dt_s[None], np.zeros_like(measured), ends[:1], ends[1:], yaw_known=False)
+    return np.asarray(closure_angles(batch, model)[0, :2])

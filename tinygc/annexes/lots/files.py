@@ -1,0 +1,285 @@
+"""A lot as a file, ``tinygc-lot/1`` (docs/formats.md), and its report as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session import VERSION
+from session.io.errors import FormatError
+from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, shown, write_whole
+from tinygc.annexes.lots.capability import Capability, Chart, Indices
+from tinygc.annexes.lots.gauge import Gauge
+from tinygc.annexes.lots.lot import NAMES, Lot, PooledEffect
+from tinygc.annexes.lots.outliers import Outlier
+from tinygc.annexes.lots.report import LotReport, Quantity
+
+# A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for what no session told.
+
+SCHEMA = "tinygc-lot/1"
+_AGAIN = "make the lot again, or mend the file"
+#: of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: what rounding to JSON leaves, and no more
+_ROUNDING = 1e-9
+_COUNT = Number(low=1, whole=True)
+_SHARE = Number(low=0, high=1)
+_VECTOR = ListOf(Maybe(Number()))
+_MATRIX = ListOf(_VECTOR)
+_EFFECT = Keys(
+    must={
+        "share": _SHARE,
+        "mean": MapOf(Maybe(Number())),
+        "spread": MapOf(Maybe(Number(low=0))),
+        "p_value": _SHARE,
+        "units": Number(low=0, whole=True),
+    },
+    may={"equivalent": ListOf(Text())},
+)
+LOT = Keys(
+    must={
+        "sensor": Text(),
+        "units": _COUNT,
+        "sessions": _COUNT,
+        "names": ListOf(Text()),
+        "mean": _VECTOR,
+        "mean_covariance": _MATRIX,
+        "spread": _MATRIX,
+        "tails": Maybe(Number(low=0, above=True)),
+        "repeatability": _MATRIX,
+    },
+    may={"effects": MapOf(_EFFECT)},
+)
+
+
+def lot_table(lot: Lot, **more: Any) -> dict:
+    """JSON-ready; ``more`` is added as it is, and no reader of a lot needs it."""
+    effects = {
+        name: {
+            "share": e.share,
+            "mean": dict(e.mean),
+            "spread": dict(e.spread),
+            "p_value": e.p_value,
+            "units": e.units,
+            "equivalent": list(e.equivalent),
+        }
+        for name, e in lot.effects.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "sensor": lot.sensor,
+        "units": lot.units,
+        "sessions": lot.sessions,
+        "names": list(NAMES),
+        "mean": lot.mean.tolist(),
+        "mean_covariance": lot.mean_covariance.tolist(),
+        "spread": lot.spread.tolist(),
+        "tails": lot.tails,
+        "repeatability": lot.repeatability.tolist(),
+        "effects": effects,
+        **more,
+    }
+
+
+def write_lot(path: Path | str, lot: Lot, **more: Any) -> None:
+    """The lot's file, whole or not at all; what is not finite becomes null.  Raises StorageError for a full disk."""
+    write_whole(Path(path), lot_table(lot, **more))
+
+
+def read_lot(path: Path | str) -> Lot:
+    """The lot of a file, in SI.  Raises FormatError for what is no lot, in one line with the key and what was expected."""
+    return lot_of_table(read_json(Path(path)), str(path))
+
+
+def lot_of_table(table: Any, where: str) -> Lot:
+    """The lot of what JSON holds; where: its file's name.  Raises FormatError as ``read_lot``."""
+    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
+        raise FormatError(f'{where}: no lot of this tool, expected "schema": "{SCHEMA}"; make it with calibrate.py lot or fleet')
+    require(table, LOT, where, _AGAIN)
+    if table["names"] != list(NAMES):
+        raise FormatError(
+            f"{where}: names are {shown(table['names'])}, expected the {len(NAMES)} of docs/formats.md in their order; {_AGAIN}"
+        )
+    if table["sessions"] < table["units"]:
+        raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
+    effects = {
+        name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"], tuple(e.get("equivalent", ())))
+        for name, e in table.get("effects", {}).items()
+    }
+    mean = _array(table, "mean", where, 1)
+    lot = Lot(
+        table["sensor"],
+        table["units"],
+        table["sessions"],
+        mean,
+        _covariance(table, "mean_covariance", where),
+        _covariance(table, "spread", where),
+        float("inf") if table["tails"] is None else float(table["tails"]),
+        _covariance(table, "repeatability", where),
+        effects,
+    )
+    for key, matrix in (("mean_covariance", lot.mean_covariance), ("spread", lot.spread), ("repeatability", lot.repeatability)):
+        for i in np.flatnonzero(np.isnan(mean) & np.isfinite(np.diag(matrix))):
+            raise FormatError(f"{where}: {key} tells of {NAMES[i]}, whose mean is null; expected null there, too; {_AGAIN}")
+    return lot
+
+
+def _known(values: dict[str, float | None]) -> dict[str, float]:
+    return {name: float("nan") if value is None else float(value) for name, value in values.items()}
+
+
+def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
+    """(21,) or (21, 21), NaN for null."""
+    rows, size = table[key], len(NAMES)
+    lengths = [len(rows)] + ([len(row) for row in rows] if dimensions == 2 else [])
+    for at, length in enumerate(lengths):
+        if length != size:
+            place = key if at == 0 else f"{key}[{at - 1}]"
+            raise FormatError(f"{where}: {place} has {length} entries, expected {size}, one for each name; {_AGAIN}")
+    return np.array(rows, dtype=float)
+
+
+def _covariance(table: dict, key: str, where: str) -> np.ndarray:
+    """(21, 21), symmetric and of no negative variance where it is told, NaN in whole rows and columns where it is not."""
+    matrix = _array(table, key, where, 2)
+    unknown = np.isnan(np.diag(matrix))
+    for i, j in np.argwhere(np.isnan(matrix) != (unknown[:, None] | unknown)):
+        raise FormatError(f"{where}: {key}[{i}][{j}] is {shown(table[key][i][j])}, expected null in whole rows and columns only; {_AGAIN}")
+    told = matrix[np.ix_(~unknown, ~unknown)]
+    scale = np.sqrt(np.abs(np.diag(told)))
+    scaled = told / np.where(scale > 0, np.outer(scale, scale), 1.0) if told.size else told
+    wrong = ""
+    if (np.abs(scaled - scaled.T) > _ROUNDING).any():
+        wrong = "is not symmetric"
+    elif told.size and ((np.diag(told) < 0).any() or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING * len(told)):
+        wrong = "has a negative variance"
+    elif (np.abs(told[scale == 0]) > 0).any():
+        wrong = "has a covariance with a number of no variance"
+    if wrong:
+        raise FormatError(f"{where}: {key} {wrong}, expected a covariance; {_AGAIN}")
+    matrix[np.ix_(~unknown, ~unknown)] = (told + told.T) / 2
+    return matrix
+
+
+# A lot's report as JSON: the file that ``fit --lot`` reads, with all that people see of the lot beside it (docs/formats.md).
+
+#: alarms and outliers that a file holds; how many there are stands beside them
+MOST_ALARMS, MOST_OUTLIERS = 20, 1000
+
+
+def to_json(report: LotReport) -> dict:
+    """``tinygc-lot/1``."""
+    drift = report.hierarchy
+    return lot_table(
+        report.lot,
+        appraisers=report.appraisers or None,
+        drift_p_value=drift.drift_p,
+        drifts=drift.drifts,
+        off_share=drift.off,
+        settled=drift.settled,
+        notes=list(report.notes),
+        quantities=[_quantity(each) for each in report.quantities if each.units],
+        charts={key: _chart(each, report) for key, each in report.charts.items()},
+        gauges={key: _gauge(each) for key, each in report.gauges.items()},
+        capabilities={key: _capability(each) for key, each in report.capabilities.items()},
+        outliers_found=len(report.outliers),
+        outliers=[_outlier(each) for each in report.outliers[:MOST_OUTLIERS]],
+    )
+
+
+def save(report: LotReport, path: Path | str) -> None:
+    """Write it, whole or not at all.  Raises StorageError for a full disk."""
+    write_whole(Path(path), to_json(report))
+
+
+def _quantity(each: Quantity) -> dict:
+    return {
+        "key": each.seen.key,
+        "unit": each.seen.unit,
+        "units": each.units,
+        "mean": each.mean,
+        "mean_sigma": each.mean_sigma,
+        "spread": each.spread,
+        "spread_interval": list(each.spread_interval),
+        "noise": each.noise,
+        "repeatability": each.repeatability,
+        "repeatability_interval": list(each.repeatability_interval),
+        "drift_per_1000": each.drift,
+        "drift_sigma": each.drift_sigma,
+        "drift_p_value": each.drift_p,
+        "stated_ratio": each.ratio,
+        "stated_p_value": each.ratio_p,
+    }
+
+
+def _chart(each: Chart, report: LotReport) -> dict:
+    return {
+        "points": len(each.y),
+        "centre": each.centre,
+        "short_term": each.short_term,
+        "limit_sigmas": each.limit,
+        "ewma_limit_sigmas": each.ewma_limit,
+        "moving_range_limit": each.range_limit,
+        "beyond_limit": len(each.alarms),
+        "alarms": _points(each.alarms, each),
+        "ewma_beyond_limit": len(each.ewma_alarms),
+        "ewma_alarms": _points(each.ewma_alarms, each),
+        "rules": [
+            {"rule": name, "found": each.counts[name], "by_chance": each.chance[name], "broken": name in each.broken}
+            for name in each.counts
+        ],
+    }
+
+
+def _points(alarms: np.ndarray, chart: Chart) -> list[dict[str, Any]]:
+    return [{"place": int(chart.place[n]), "value": float(chart.y[n]), "sigmas": float(chart.score[n])} for n in alarms[:MOST_ALARMS]]
+
+
+def _gauge(each: Gauge) -> dict:
+    table = None
+    if each.table is not None:
+        kept = zip(("part", "appraiser", "interaction", "repeat"), each.table.freedom, each.table.squares, strict=True)
+        table = {
+            "pooled": each.table.pooled,
+            "interaction_p_value": each.table.interaction_p,
+            "rows": [{"source": name, "freedom": float(f), "sum_of_squares": float(s)} for name, f, s in kept],
+        }
+    names = ("ev", "av", "interaction", "grr", "pv", "tv", "percent_grr", "percent_tolerance", "method", "parts", "sessions", "verdict")
+    return {
+        **{name: getattr(each, name) for name in names},
+        "ndc": each.ndc,
+        "percent_grr_interval": list(each.percent_grr_interval),
+        "ndc_interval": list(each.ndc_interval),
+        "anova": table,
+        "why_not": each.why or None,
+    }
+
+
+def _capability(each: Capability) -> dict:
+    table = {name: value for name, value in asdict(each).items() if not isinstance(value, dict)}
+    for name in ("within", "overall", "seen"):
+        table[name] = _indices(getattr(each, name))
+    return table
+
+
+def _indices(each: Indices) -> dict:
+    return {
+        "index": each.index,
+        "index_interval": list(each.index_interval),
+        "centred": each.centred,
+        "centred_interval": list(each.centred_interval),
+    }
+
+
+def _outlier(each: Outlier) -> dict:
+    reasons = [{"what": reason.what, "value": reason.value, "sigmas": reason.sigmas} for reason in each.reasons]
+    return {
+        "serial": each.serial,
+        "session": each.session,
+        "kind": each.kind,
+        "p_value": each.p_value,
+        "says": each.says,
+        "reasons": reasons,
+    }

@@ -1,0 +1,188 @@
+"""Least squares with a lot as prior: whether the unit belongs to it, and what the fit then has from it (docs/lots.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.io.errors import CalibrationError
+from session.io.folder import file_key, sha256_of
+from tinygc.annexes.lots.files import read_lot
+from tinygc.annexes.lots.lot import Lot
+from tinygc.annexes.lots.prior import Belonging, belonging, farthest, prior_of, vague
+from tinygc.closure.build import FEWEST_SEGMENTS
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import closure_angles
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.estimation.bias import BiasChoice, choose
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness
+from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, bias_only
+
+#: probability of belonging from which on a unit is said to belong, and up to which the lot's prior is not used at all
+#: (benchmarks/lot_prior.py: coverage).  Between SURE and FOREIGN the answer is the mean of both, and as uncertain; of so few turns that
+#: they tell nothing by themselves, between BELONGS and FOREIGN
+BELONGS, FOREIGN, SURE = 0.95, 0.05, 0.9999
+#: a share of the lot in a parameter that is worth a word
+SAID_SHARE = 0.05
+MOST_SAID = 6
+
+
+@dataclass(frozen=True, eq=False)
+class LotUse:
+    """What a fit had from a lot.  file and hash of it; units it was made of; belonging of this one; used: ``yes``, ``no``, or ``partly``
+    where it is open whether the unit belongs; share (12,) of the lot's mean in each parameter; off: the parameter that is farthest from
+    the lot, and by how many of its sigmas; more (12, 12): what the prior, or not knowing whether to use it, adds to the covariance."""
+
+    file: str
+    hash: str
+    units: int
+    belonging: Belonging
+    used: str
+    share: np.ndarray
+    more: np.ndarray
+    off: tuple[str, float] | None = None
+
+    def to_json(self) -> dict:
+        """``lot`` of ``tinygc-fit/1``."""
+        found = self.belonging
+        return {
+            "file": self.file,
+            "hash": self.hash,
+            "units": self.units,
+            "used": self.used,
+            "belongs_probability": found.probability,
+            "distance": found.distance,
+            "freedom": found.freedom,
+            "p_value": found.p_value,
+            "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
+            "share": self.share.tolist(),
+        }
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        found = self.belonging
+        far = f"{found.distance:.1f} sigmas from its mean in {found.freedom} directions, p = {found.p_value:.2g}"
+        off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
+        if self.used == "no":
+            return f"The unit does not belong to the lot of {self.file} ({far}): {off}; the lot's prior was not used."
+        if self.used == "partly":
+            return (
+                f"It is open whether the unit belongs to the lot of {self.file} (probability {found.probability:.2f}; {far}): "
+                f"{off}; the sigmas are wide enough for both."
+            )
+        shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= SAID_SHARE]
+        told = ", ".join(f"{name} {share:.0%}" for share, name in sorted(shares, reverse=True)[:MOST_SAID])
+        came = f"of the parameters the lot gave: {told}" if told else f"no parameter has {SAID_SHARE:.0%} of its value from the lot"
+        return f"The unit belongs to the lot of {self.file}, {self.units} units ({far}); {came}."
+
+
+@dataclass(frozen=True, eq=False)
+class LotFile:
+    """A lot, with its file's name and hash."""
+
+    lot: Lot
+    file: str
+    hash: str
+
+
+def lot_file(path: Path) -> LotFile:
+    """Read it.  Raises what ``read_lot`` raises."""
+    return LotFile(read_lot(path), file_key(path), sha256_of(path))
+
+
+def require_possible(options: FitOptions) -> None:
+    """Raises CalibrationError for options that know nothing of a lot."""
+    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "--bias-per-log")):
+        if idle:
+            raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
+
+
+def fit_with_lot(
+    problem: Problem, options: FitOptions, given: LotFile, noise: StatedNoise | None
+) -> tuple[BiasChoice, Problem, MethodFit, LotUse]:
+    """The choice of the bias, the problem with it and with the prior that was used, its least squares, and what came from the lot.
+
+    Raises what ``choose`` raises.
+    """
+    lot, still = given.lot, problem.still_rates.rate
+    start = bias_only(still[0] if len(still) else -problem.first.B).vector
+    prior = prior_of(lot, start, lot.tails)
+    prior = prior.weighed(_noise_factor(problem, noise))
+    bias_from, level, linear = choose(problem.changed(prior=prior), options)
+    found, share, _ = _judged(level, linear, noise, options, lot)
+    if found.probability > FOREIGN and abs(found.weight - 1) > 1e-6:  # by its tails a unit farther out is one of a wider part of the lot
+        prior = prior.scaled(1 / found.weight)
+        bias_from, level, linear = choose(problem.changed(prior=prior), options)
+        _, share, _ = _judged(level, linear, noise, options, lot)
+    weighed = level.prior
+    assert weighed is not None
+    few = len(problem.batch) < FEWEST_SEGMENTS
+    if found.probability >= (BELONGS if few else SURE):
+        more = share @ weighed.covariance @ share.T
+        return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
+    # Of a few turns the unit's own numbers are hardly known at all, and are said to be.
+    own_prior = vague(start).weighed(weighed.weight) if few else None
+    free = level.changed(prior=own_prior)
+    alone = run_method("least_squares", free, options)
+    covariance = _noise_covariance(free, alone, noise, options)
+    more = np.zeros((PARAMETERS, PARAMETERS))
+    if own_prior is not None:
+        free_share = prior_share(free, _model(alone), options.still_rates)
+        more = free_share @ own_prior.covariance @ free_share.T
+        covariance = covariance + more
+    unseen = alone.notes.get("unobserved", ())
+    off = farthest(lot, _model(alone).vector, covariance, np.array([name not in unseen for name in NAMES]))
+    if found.probability <= FOREIGN:
+        bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
+        return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
+    # Neither: the mean of both, weighed by their probabilities, and the covariance of that mixture.
+    p, own = found.probability, _model(linear).vector
+    apart = own - _model(alone).vector
+    vector = own - (1 - p) * apart
+    mixed = LinearModel.from_vector(vector)
+    inside = _noise_covariance(level, linear, noise, options)
+    whole = p * (inside + share @ weighed.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
+    linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
+    used, off = ("yes", None) if p >= BELONGS else ("partly", off)
+    use = LotUse(given.file, given.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
+    return bias_from, level, linear, use
+
+
+def _judged(
+    level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions, lot: Lot
+) -> tuple[Belonging, np.ndarray, np.ndarray]:
+    """Whether the unit belongs; K (12, 12) of ``prior_share``; the noise's covariance (12, 12)."""
+    prior, model = level.prior, _model(linear)
+    assert prior is not None
+    share = prior_share(level, model, options.still_rates)
+    covariance = _noise_covariance(level, linear, noise, options)
+    return belonging(prior, model.vector - prior.centre, covariance, np.eye(PARAMETERS) - share, lot.tails), share, covariance
+
+
+def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:
+    """(12, 12) by the session's own noise, widened."""
+    model = _model(linear)
+    if noise is None:
+        rates = level.still_rates if options.still_rates else None
+        wide = goodness(level.batch, level.floor, model, level.wander).excess
+        return wide * parameter_covariance(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+    wide = stated_goodness(level, model, noise)[1]
+    return wide * stated_covariance(level, model, noise, options.still_rates)[0]
+
+
+def _noise_factor(problem: Problem, noise: StatedNoise | None) -> float:
+    """By how much the noise's variance is beyond the floor that the fit weighs its segments by."""
+    if noise is None:
+        return goodness(problem.batch, problem.floor, problem.first, problem.wander).excess
+    wide = stated_goodness(problem, problem.first, noise)[1]
+    return float(max(1.0, wide * (noise.tilt_rms / problem.floor.tilt_rms) ** 2))
+
+
+def _model(fit: MethodFit) -> LinearModel:
+    assert isinstance(fit.model, LinearModel)  # that is what least squares fits
+    return fit.model

@@ -1,0 +1,207 @@
+"""``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from session.io.errors import CalibrationError
+from tinygc.cli.arguments import STANDARD, count, file_written, folder_written, path_read, positive
+from tinygc.cli.results import complain, output, write_json
+
+if TYPE_CHECKING:
+    from tinygc.annexes.lots.fleet.run import Tally
+
+
+# How far a fleet is: done, failed, reused, how many a second, how long still; a bar on a terminal, else a line now and then.
+
+#: s between two looks, on a terminal and elsewhere
+OFTEN_S, SELDOM_S = 0.2, 30.0
+
+
+class Meter:
+    """A context; call it with each new tally.  The folders are counted beside the work, so that the first does not wait for the last."""
+
+    def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
+        self._quiet, self._folders = quiet, folders
+        self._found, self._counted, self._ended = 0, False, False
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Meter:
+        from tinygc.cli.console import progress_bar
+
+        self._show = self._stack.enter_context(progress_bar(self._quiet))
+        self._every_s = OFTEN_S if sys.stderr.isatty() else SELDOM_S
+        self._began = self._last = time.monotonic()
+        if self._folders is not None and not self._quiet:
+            threading.Thread(target=self._count, daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended = True
+        self._stack.close()
+
+    def __call__(self, tally: Tally) -> None:
+        """Show it, unless that was done just now."""
+        now = time.monotonic()
+        if now - self._last < self._every_s:
+            return
+        self._last = now
+        self._show(self.words(tally, now - self._began), tally.folders, max(self._found, tally.folders, 1))
+
+    def words(self, tally: Tally, elapsed_s: float) -> str:
+        """``812 done, 1 failed, 90 reused, 7.2/s, 20 min left``: the rate is that of what was computed."""
+        computed = tally.done + tally.failed
+        rate = computed / elapsed_s if elapsed_s > 0 else 0.0
+        said = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {rate:.3g}/s"
+        if self._counted and rate > 0:
+            left_s = max(self._found - tally.folders, 0) / rate
+            size, unit = (1, "s") if left_s < 100 else (60, "min") if left_s < 6000 else (3600, "h")
+            said += f", {left_s / size:.3g} {unit} left"
+        return said
+
+    def _count(self) -> None:
+        try:
+            for _ in self._folders():  # type: ignore[misc]
+                self._found += 1
+                if self._ended:
+                    return
+            self._counted = True
+        except Exception:  # the work meets the same, and says it
+            return
+
+
+# ``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table.
+
+SUMMARY = "check, fit and explain thousands of sessions, each once, into one table and one page"
+USES_EFFECTS = True
+STEPS = ("check", "fit", "explain")
+MOST_JOBS = 1024
+PAGE, LOT = "fleet.html", "lot.json"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folders", type=path_read, nargs="*", metavar="DIR", help="where session folders lie, at any depth")
+    command.add_argument(
+        "--from", dest="listed", type=path_read, metavar="FILE", help="a list of session folders, one a line (- for standard input)"
+    )
+    command.add_argument(
+        "--out", type=folder_written, required=True, metavar="OUT", help="where fleet.sqlite and fleet.html go; without DIR, made anew"
+    )
+    command.add_argument("--only", type=steps, default=STEPS, metavar="check,fit,explain", help="do these steps alone")
+    command.add_argument("--without", type=steps, default=(), metavar="STEPS", help="do all but these steps")
+    command.add_argument("--jobs", type=count(1, MOST_JOBS), metavar="N", help="processes (one for each core)")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="compute on the Dask cluster of this scheduler instead (tcp://host:8786)")
+    command.add_argument("--retry", action="store_true", help="compute again what has failed before")
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument("--accelerometer", choices=("auto", "given", "fit", "prior"), default="auto", help="as of fit (%(default)s)")
+    command.add_argument("--csv", type=file_written, metavar="FILE", help="write the table as CSV, too (- for standard output)")
+    command.add_argument("--limit", type=positive, metavar="DEG", help="exit 1 if a session's held-out tilt or closure run is above this")
+    command.add_argument("--strict", action="store_true", help="exit 1 if a session failed")
+
+
+def steps(text: str) -> tuple[str, ...]:
+    """Names of steps, with commas."""
+    chosen = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not chosen or not set(chosen) <= set(STEPS):
+        raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(STEPS)}")
+    return chosen
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute what is not known yet; then tell what the table holds."""
+    from tinygc.annexes.lots.files import save as save_lot
+    from tinygc.annexes.lots.fleet.page import save
+    from tinygc.annexes.lots.fleet.summary import lot_if_any, summarise
+    from tinygc.annexes.lots.fleet.table import read_table
+    from tinygc.annexes.lots.page import lot_sections
+    from tinygc.annexes.lots.text import fleet_page
+
+    tally = _computed(args) if args.folders or args.listed is not None else None
+    with read_table(args.out) as table:
+        summary = summarise(table, args.limit)
+        _write_csv(args, table)
+        lot = lot_if_any(table, args.seed)
+    page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
+    if lot:
+        save_lot(lot, args.out / LOT)
+    elif (args.out / LOT).exists():
+        complain(f"{args.out / LOT}: left as it was, and not of this table, whose sensors are of several models or too few for a lot")
+    output(args).print(fleet_page(summary, tally))
+    files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
+    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    now = {"done": 0, "failed": 0, "reused": 0} if tally is None else {name: getattr(tally, name) for name in ("done", "failed", "reused")}
+    write_json(args.json, {"schema": "tinygc-fleet/1", "run": now, **summary.to_json()})
+    failed = summary.failed + summary.died + summary.unreadable
+    if args.limit is not None and summary.missed:
+        complain(f"above --limit {args.limit:g} deg, or of no use: {summary.missed} of {summary.passed + summary.missed} fitted sessions")
+    if args.strict and failed:
+        complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
+    return 1 if (args.limit is not None and summary.missed) or (args.strict and failed) else 0
+
+
+def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
+    """The run; CalibrationError where there is no session at all."""
+    from tinygc.annexes.lots.fleet.row import FleetOptions
+    from tinygc.annexes.lots.fleet.run import Cluster, Processes, run_fleet
+    from tinygc.annexes.lots.fleet.table import open_table
+
+    chosen = tuple(step for step in args.only if step not in args.without)
+    if not chosen:
+        raise CalibrationError("--only and --without leave no step; leave one of them out")
+    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may stand elsewhere
+    options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
+    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # what a pipe gives is read once
+    with open_table(args.out) as table, Meter(args.quiet, count) as meter:
+        executor = Cluster(args.scheduler) if args.scheduler else Processes(args.jobs or _cores())
+        try:
+            tally = run_fleet(_folders(args), table, executor, options, retry=args.retry, progress=meter)
+        finally:
+            executor.close()
+    if not tally.folders:
+        places = ", ".join(map(str, [*args.folders, *([args.listed] if args.listed else [])]))
+        raise CalibrationError(f"{places}: no session folder there; one holds session.toml and log*.csv")
+    return tally
+
+
+def _folders(args: argparse.Namespace) -> Iterator[Path]:
+    """Of the folders, then of the list, one after the other."""
+    from session.io.files import open_file
+    from tinygc.annexes.lots.fleet.run import listed_folders, session_folders
+
+    yield from session_folders(args.folders)
+    if args.listed is None:
+        return
+    if str(args.listed) == STANDARD:
+        yield from listed_folders(sys.stdin)
+        return
+    with open_file(args.listed) as file:
+        yield from listed_folders(os.fsdecode(line) for line in file)
+
+
+def _cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _write_csv(args: argparse.Namespace, table) -> None:  # type: ignore[no-untyped-def]
+    from session.io.results import whole
+    from tinygc.annexes.lots.fleet.summary import write_csv
+    from tinygc.cli.results import standard_output
+
+    if args.csv is None:
+        return
+    if str(args.csv) == STANDARD:
+        with standard_output():
+            write_csv(table, sys.stdout)
+        return
+    with whole(args.csv) as place, place.open("w", encoding="utf-8", newline="") as file:
+        write_csv(table, file)

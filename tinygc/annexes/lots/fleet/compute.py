@@ -1,0 +1,165 @@
+"""One session: check, fit and explain in one go, with everything shared, into a row.  Here, in another process or on another machine."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from session import VERSION
+from session.detect.check_stills import check_rests
+from session.detect.findings import Finding, worst
+from session.detect.first_look import check_folder
+from session.io.config import Config, read_config
+from session.io.errors import CalibrationError
+from session.io.folder import Session, read_session
+from session.io.texts import printable
+from tinygc.annexes.lots.fleet.row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
+from tinygc.closure.prepared import Prepared, first_look_at_gravity_sign, prepare
+from tinygc.effects import using
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.listing import date_of
+from tinygc.explanation.engine import effects_of, explain_session
+from tinygc.explanation.result import to_json as explanation_json
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.reporting.truth_text import truth_to_json
+
+#: a sentence of a failure, and findings in a row, are cut here: a hundred thousand of them are kept
+MOST_ERROR, MOST_FINDINGS = 500, 20
+#: a cluster's worker may run several tasks side by side; the catalogue of effects and the memory are one for all of them
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Job:
+    """folder of a session, as the computing process finds it; key of what was in it when it was given out; version that gave it out."""
+
+    folder: str
+    key: str
+    options: FleetOptions
+    version: str = VERSION
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """key; row, None where nothing may be kept, and trouble then says why; cpu_s and wall_s that it took."""
+
+    key: str
+    row: Row | None
+    trouble: str = ""
+    cpu_s: float = 0.0
+    wall_s: float = 0.0
+
+
+def compute(job: Job) -> Outcome:
+    """The outcome of a job; what is wrong with a session is in its row.  CalibrationError for what is wrong with the process: another
+    version than the job's, effects that it does not find, or of other files than the job's."""
+    with _ONE_AT_A_TIME, using(job.options.effects):
+        if job.version != VERSION:
+            raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
+        began, cpu = time.perf_counter(), time.process_time()
+        row, trouble = _row(job)
+        if job.options.effects and effects_hash(job.options.effects) != job.options.effects_sha256:
+            where = ", ".join(job.options.effects)
+            raise CalibrationError(f"{where}: effects have changed, or are others where a worker runs; let them be, and run again")
+        return Outcome(job.key, row, trouble, time.process_time() - cpu, time.perf_counter() - began)
+
+
+def _row(job: Job) -> tuple[Row | None, str]:
+    folder, row = Path(job.folder), empty() | {"status": DONE}
+    trouble = None
+    with _failing_at("check", row, folder):
+        _fill(row, folder, job.options)
+    try:
+        after = key_of(folder, job.options)
+    except CalibrationError as error:
+        trouble = str(error)
+    else:
+        trouble = "" if after == job.key else f"{folder}: changed while it was read; run again"
+    return (None, trouble) if trouble else (row, "")
+
+
+def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
+    _kept_config(row, folder, read_config(folder / "session.toml"))
+    if options.steps == ("check",):
+        _kept_findings(row, folder, check_folder(folder, first_look_at_gravity_sign))
+        errors = [finding for finding in told_by(row["findings"]) if finding["level"] == "error"]
+        if errors:
+            raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "says")))
+        return
+    session = read_session(folder)
+    prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer)
+    if "check" in options.steps:
+        _kept_findings(row, folder, prepared.findings + check_rests(session.rests, session.config.sensor))
+    if "fit" in options.steps:
+        with _failing_at("fit", row, folder):
+            row |= fitted(fit_session(session, options.of_fit, prepared=prepared))
+    if "explain" in options.steps and row["status"] == DONE:
+        with _failing_at("explain", row, folder):
+            row |= _explained(session, prepared, options)
+
+
+@contextlib.contextmanager
+def _failing_at(step: str, row: Row, folder: Path) -> Iterator[None]:
+    """What a step raises is the row's one line; what was found before it stays."""
+    try:
+        yield
+    except MemoryError:
+        raise  # the process can no longer be trusted: whoever gave the job out takes it for dead
+    except (CalibrationError, OSError) as error:
+        said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
+        row |= {"status": FAILED, "step": step, "error": _without_folder(said, folder)}
+    except Exception as error:  # one sensor of a hundred thousand must not end the run
+        row |= {"status": FAILED, "step": step, "error": _without_folder(f"internal error: {type(error).__name__}: {error}", folder)}
+
+
+def _without_folder(said: str, folder: Path) -> str:
+    """A line without the name of the folder, which another copy of the session has another of."""
+    for where in sorted({str(folder), str(folder.resolve())}, key=len, reverse=True):
+        said = said.replace(f"{where}/", "").replace(f"{where}: ", "").replace(where, "the session")
+    return printable(said)[:MOST_ERROR]
+
+
+def _kept_config(row: Row, folder: Path, config: Config) -> None:
+    """What a session says of itself, also where its logs cannot be read."""
+    notes, sensor = config.notes, config.sensor
+    recorded = _moment(date_of(folder, config)[0])
+    row |= {"model": printable(sensor.model), "serial": printable(sensor.serial), "recorded": recorded}
+    row |= {name: printable(str(notes[name])) if name in notes else None for name in ("operator", "station")}
+
+
+def _moment(text: str | None) -> str | None:
+    """As ISO 8601, in UTC where the zone is known, so that rows sort by time; None for words of a person that are no date."""
+    try:
+        found = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    if found.tzinfo is not None:
+        return found.astimezone(UTC).isoformat(timespec="seconds")
+    return text if len(text or "") == len("2026-01-05") else found.isoformat(timespec="seconds")
+
+
+def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
+    """How serious the worst is, and all that is worth a word."""
+    name = printable(folder.resolve().name)
+    worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
+    told = [
+        {"level": each.level, "where": "session" if each.where == name else each.where, "what": each.what}
+        | {"says": _without_folder(each.says, folder), "do": _without_folder(each.do, folder)}
+        for each in worth[:MOST_FINDINGS]
+    ]
+    row |= {"first_look": worst(findings), "findings": cell_of(told)}
+
+
+def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> Row:
+    if session.config.protocol.reference == "truth":
+        truth = explain_truth(session, seed=options.seed, use_earth=options.earth)
+        return {"verdict": truth.verdict, "p_value": number(truth.p_value), "effects": cell_of(truth_to_json(truth)["effects"])}
+    found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared)
+    weighed = {name: vars(each) for name, each in effects_of(found).items()}
+    effects = cell_of(explanation_json(found)["effects"])
+    return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects, "weighed": cell_of(weighed)}

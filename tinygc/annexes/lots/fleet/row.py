@@ -1,0 +1,237 @@
+"""A row of the fleet's table: what one session gave, and the key that it is kept under."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session import VERSION
+from session.detect.accelerometer import NAMES as TRIAD
+from session.io.errors import CalibrationError, FormatError
+from session.io.folder import file_key, sha256_of
+from session.io.results import json_text
+from session.io.texts import unicode_text
+from session.io.units import DEG
+from tinygc.annexes.lots.lot import NAMES
+from tinygc.closure.prepared import ACCELEROMETERS, AUTO
+from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult
+from tinygc.models import linear
+
+# Lists and tables in one cell of a fleet's table: JSON on one line, as the tool tells it to itself.
+
+
+def cell_of(table: list | dict) -> str:
+    """JSON as ``session.io.results`` writes it, on one line, its keys in order."""
+    return json.dumps(json.loads(json_text(table)), separators=(",", ":"), ensure_ascii=False, sort_keys=True)
+
+
+def told_by(cell: str) -> Any:
+    """What it holds.  ValueError for what is no JSON: another program has written it."""
+    try:
+        return json.loads(cell)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+# What decides a fleet's numbers: part of every key, so that another choice is computed anew and never mixed with what is there.
+
+#: in their order; fit and explain begin with what check does, so that leaving it out only leaves its findings out
+STEPS = ("check", "fit", "explain")
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """steps: some of ``STEPS``; seed: of the fit's swarm and of explain's critical values; earth: whether the Earth's rotation is taken
+    off; accelerometer: as of ``FitOptions``; effects: folders with further effects, and effects_sha256: of all files in them.
+    CalibrationError for what cannot be."""
+
+    steps: tuple[str, ...] = STEPS
+    seed: int = 0
+    earth: bool = True
+    accelerometer: str = AUTO
+    effects: tuple[str, ...] = ()
+    effects_sha256: str = ""
+
+    def __post_init__(self) -> None:
+        unknown = set(self.steps) - set(STEPS)
+        if unknown or not self.steps:
+            raise CalibrationError(f"steps are {', '.join(self.steps) or 'none'}; expected some of {', '.join(STEPS)}")
+        if self.accelerometer not in (*ACCELEROMETERS, AUTO):
+            raise CalibrationError(f"accelerometer is {self.accelerometer!r}, expected one of {', '.join((AUTO, *ACCELEROMETERS))}")
+        object.__setattr__(self, "steps", tuple(step for step in STEPS if step in self.steps))
+        if self.effects and not self.effects_sha256:
+            object.__setattr__(self, "effects_sha256", effects_hash(self.effects))
+
+    @property
+    def of_fit(self) -> FitOptions:
+        """Least squares alone: nothing is trained."""
+        return FitOptions(methods=("least_squares",), seed=self.seed, earth=self.earth, accelerometer=self.accelerometer)
+
+    @property
+    def text(self) -> str:
+        """All that numbers follow from, in one line, as the key has it; where the folders of effects lie is not part of it."""
+        table = {
+            "steps": self.steps,
+            "seed": self.seed,
+            "earth": self.earth,
+            "accelerometer": self.accelerometer,
+            "effects": self.effects_sha256,
+        }
+        return json.dumps(table, sort_keys=True)
+
+
+def effects_hash(folders: tuple[str, ...]) -> str:
+    """SHA-256 over the Python files of folders with effects, those in folders of their own as well, by name and content."""
+    digest = hashlib.sha256()
+    for folder in folders:
+        for path in sorted(Path(folder).rglob("*.py")):
+            name = unicode_text(path.relative_to(folder).as_posix())
+            digest.update(f"{name}\0{sha256_of(path)}\n".encode())
+    return digest.hexdigest()
+
+
+# The key of a result: SHA-256 over everything that it follows from.  A folder that was moved or copied has the key that it had.
+
+#: names of files that a session is read from, on any system; truth.json, raw.bin and what commands derived are not among them
+INPUTS = re.compile(r"session\.toml|raw\.times|attitudes\.csv|turns\.csv|(log|closure|rest|truth).*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
+#: how a key is made
+KEY = "fleet key 1"
+
+
+def key_of(folder: Path, options: FleetOptions) -> str:
+    """In hexadecimal: of the format of keys, the tool's version, the options, and name and SHA-256 of each input, by name.
+
+    FormatError for a folder or a file that cannot be read: without it nobody knows what a result would be of.
+    """
+    digest = hashlib.sha256(f"{KEY}\n{VERSION}\n{options.text}\n".encode())
+    for path in input_paths(folder):
+        digest.update(f"{file_key(path)}\0{sha256_of(path)}\n".encode())
+    return digest.hexdigest()
+
+
+def input_paths(folder: Path) -> list[Path]:
+    """By name.  FormatError where the folder cannot be looked into, or holds none."""
+    try:
+        names = sorted(name for name in os.listdir(folder) if INPUTS.fullmatch(name))
+    except OSError as error:
+        raise FormatError(f"{folder}: {error.strerror}; expected a session folder") from None
+    except ValueError:  # a list may have any bytes in it
+        raise FormatError(f"{folder}: is no name of a folder; expected a session folder") from None
+    if not names:
+        raise FormatError(f"{folder}: holds neither session.toml nor a log; expected a session folder")
+    return [folder / name for name in names]
+
+
+# A row of the table: what one session gave.  Numbers of people's units have them in their names; values and sigmas are SI.
+
+#: of a row: it came to its end; a step of it refused; the process that computed it ended, twice
+DONE, FAILED, DIED = "done", "failed", "died"
+TEXT, INTEGER, REAL, BLOB = "TEXT", "INTEGER", "REAL", "BLOB"
+#: SQL name -> type, beside the key and the 42 columns of parameters (docs/formats.md, table of a fleet)
+FIGURES = {
+    "status": TEXT,
+    "step": TEXT,
+    "error": TEXT,
+    "model": TEXT,
+    "serial": TEXT,
+    "recorded": TEXT,
+    "operator": TEXT,
+    "station": TEXT,
+    "first_look": TEXT,
+    "segments": INTEGER,
+    "held_out_deg": REAL,
+    "floor_deg": REAL,
+    "run_rmse_deg": REAL,
+    "use": TEXT,
+    "verdict": TEXT,
+    "p_value": REAL,
+}
+#: the same of what is long, which stands at the end of a row: who asks for a figure need not read past it
+LONG = {"effects": TEXT, "findings": TEXT, "covariance": BLOB, "weighed": TEXT}
+#: names of parameters as columns, and of their sigmas
+VALUES = NAMES
+SIGMAS = tuple(f"sigma_{name}" for name in NAMES)
+#: all columns but the key, in their order
+COLUMNS = {**FIGURES, **dict.fromkeys((*VALUES, *SIGMAS), REAL), **LONG}
+COUNT = len(NAMES)
+TRIANGLE = np.triu_indices(COUNT)
+
+Row = dict[str, Any]
+
+
+def empty() -> Row:
+    """With nothing known."""
+    return dict.fromkeys(COLUMNS)
+
+
+def packed(covariance: np.ndarray) -> bytes:
+    """The upper triangle of (21, 21), row by row, little-endian float64; NaN where the session did not tell."""
+    return np.ascontiguousarray(covariance[TRIANGLE], dtype="<f8").tobytes()
+
+
+def unpacked(blob: bytes | None) -> np.ndarray:
+    """(21, 21); of nothing, NaN."""
+    covariance = np.full((COUNT, COUNT), np.nan)
+    if blob is not None:
+        covariance[TRIANGLE] = np.frombuffer(blob, dtype="<f8")
+        covariance.T[TRIANGLE] = covariance[TRIANGLE]
+    return covariance
+
+
+def number(value: float | None) -> float | None:
+    """As SQLite keeps it: NaN, of which it makes NULL by itself, is None already here, so that rows compare."""
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+# What a fit gives a row: closure, floor, which model to use, and the 21 numbers of ``tinygc.annexes.lots.lot`` with their covariance.
+
+LEAST_SQUARES = "least_squares"
+GYRO, ACCEL = slice(0, linear.PARAMETERS), slice(linear.PARAMETERS, COUNT)
+
+
+def fitted(result: FitResult) -> Row:
+    """Part of a row."""
+    values, covariance = numbers_of(result)
+    sigmas = np.sqrt(np.diag(covariance))
+    runs = [run_figures(errors[LEAST_SQUARES])["rmse_deg"] for errors in result.run_errors]
+    return {
+        "segments": len(result.problem.used),
+        "held_out_deg": number(closure_figures(result.methods[LEAST_SQUARES].held_out)["tilt_rms_deg"]),
+        "floor_deg": number(result.problem.floor.tilt_rms / DEG),
+        "run_rmse_deg": number(max(runs)) if runs else None,
+        "use": result.use.method,
+        "covariance": packed(covariance),
+        **{name: number(value) for name, value in zip((*VALUES, *SIGMAS), (*values, *sigmas), strict=True)},
+    }
+
+
+def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
+    """(21,) and (21, 21) in the order of ``unit_result.NAMES``; NaN where the session did not tell."""
+    values, covariance = np.full(COUNT, np.nan), np.full((COUNT, COUNT), np.nan)
+    accelerometer, joint = result.accelerometer, result.joint_covariance
+    values[GYRO], covariance[GYRO, GYRO] = result.linear.model.vector, result.covariance  # type: ignore[attr-defined]
+    if joint is not None:
+        # A joint covariance is of the accelerometer's correction and then of the gyroscope; the triad's numbers follow the correction.
+        whole = np.eye(COUNT)
+        own = COUNT - linear.PARAMETERS
+        whole[:own, :own] = accelerometer.jacobian
+        order = [*range(own, COUNT), *range(own)]
+        values[ACCEL], covariance = accelerometer.values, (whole @ joint @ whole.T)[np.ix_(order, order)]
+        covariance = (covariance + covariance.T) / 2
+    untold = np.isnan(values)
+    unobserved = result.linear.notes.get("unobserved", [])
+    untold[GYRO] |= np.isin(linear.NAMES, unobserved)
+    if joint is not None:
+        untold[ACCEL] |= np.isin(TRIAD, accelerometer.unobserved)
+    values[untold] = np.nan
+    covariance[untold] = covariance[:, untold] = np.nan
+    return values, covariance

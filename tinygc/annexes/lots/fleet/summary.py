@@ -1,0 +1,303 @@
+"""What a fleet's table says as a whole, and the lot that is made of it."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from session.io.errors import CalibrationError, FormatError
+from session.io.texts import printable
+from tinygc.annexes.lots.effects import pooled
+from tinygc.annexes.lots.fleet.row import COLUMNS, DONE, VALUES, told_by, unpacked
+from tinygc.annexes.lots.fleet.table import COUNTED, EACH, Table, read_table
+from tinygc.annexes.lots.lot import UnitResult, Weighed
+from tinygc.annexes.lots.report import LotReport, lot_of
+
+# Rows of a fleet's table as the records that a lot is made of, and as CSV.
+
+#: in the order of production: by time where that is known, then by name, in which s2 is before s10
+IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), folder"
+#: as bytes they are for programs, and weighed is as long as all the rest
+NOT_IN_CSV = ("covariance", "weighed")
+
+
+def unit_results(out: Path) -> Iterator[UnitResult]:
+    """Of OUT's table, each session that was fitted, in the order of production, one after the other; a copy counts once.
+
+    FormatError where there is no table.
+    """
+    with read_table(out) as table:
+        yield from results_of(table)
+
+
+def results_of(table: Table) -> Iterator[UnitResult]:
+    """The same, of a table that is open."""
+    names = ("key", "folder", "serial", "recorded", "held_out_deg", "floor_deg", "operator", "station", "effects", "weighed", "covariance")
+    sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
+    for order, row in enumerate(table.each(sql)):
+        told = dict(zip(names, row, strict=False))
+        with read_as_written(table, told["folder"]):
+            found = UnitResult(
+                key=told["key"],
+                serial=told["serial"] or "",
+                session=Path(told["folder"]).name,
+                values=np.array(row[len(names) :], dtype=float),
+                covariance=unpacked(told["covariance"]),
+                recorded=told["recorded"] or "",
+                order=float(order),
+                closure_deg=told["held_out_deg"],
+                floor_deg=told["floor_deg"],
+                operator=told["operator"] or "",
+                station=told["station"] or "",
+                effects=weighed_of(told["weighed"]),
+            )
+        yield found
+
+
+@contextlib.contextmanager
+def read_as_written(table: Table, folder: str) -> Iterator[None]:
+    """FormatError for what another program has put into a row."""
+    try:
+        yield
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise FormatError(
+            f"{table.path}: the row of {folder} holds what fleet does not write; delete it from the table results, and run fleet again"
+        ) from None
+
+
+def weighed_of(text: str | None) -> Mapping[str, Weighed]:
+    """What ``compute`` kept of each effect, by id; NaN for what JSON has no number for: it was not told."""
+    found = {}
+    for name, each in told_by(text or "{}").items():
+        for key in ("estimates", "sigmas"):
+            each[key] = {component: np.nan if value is None else value for component, value in each[key].items()}
+        found[name] = Weighed(**each)
+    return found
+
+
+def write_csv(table: Table, file: TextIO) -> int:
+    """A header and a line for each folder, by name; returns how many.  Effects are their ids with spaces between; SI as in the table."""
+    columns = [name for name in COLUMNS if name not in NOT_IN_CSV]
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(["folder", "key", *columns])
+    sql = (
+        f"SELECT folders.folder, folders.key, {', '.join(columns)}, folders.error FROM folders LEFT JOIN results USING (key) ORDER BY 1"
+    ).replace(" error,", " results.error,")
+    status, error, effects, findings = (2 + columns.index(name) for name in ("status", "error", "effects", "findings"))
+    count = 0
+    for row in table.each(sql):
+        cells = list(row[:-1])
+        if row[1] is None:
+            cells[status], cells[error] = "failed", row[-1]
+        with read_as_written(table, row[0]):
+            cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
+            cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in told_by(cells[findings] or "[]"))
+        writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
+        count += 1
+    return count
+
+
+# What the table says as a whole: numbers and short lists, however many sessions it holds.
+
+#: lists are cut here: a page of a hundred thousand stays small
+MOST_LISTED, MOST_SLOWEST, MOST_REASONS = 200, 10, 20
+BINS = 40
+#: as SQL has it: stands for what is not known on its way into an array
+INFINITE = "9e999"
+#: of a distribution, the shares that are told: the middle, one sigma of a normal one around it, and nearly all
+SHARES = (0.005, 0.16, 0.5, 0.84, 0.995)
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """count: sessions that told; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
+    below, above: how many lie outside of that."""
+
+    count: int
+    quantiles: np.ndarray
+    edges: np.ndarray
+    counts: np.ndarray
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """Of a table, of what a folder still has.
+
+    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed and missed:
+    sessions whose calibration is of use, and is not (nothing closes better than the raw rates, or it is above limit_deg); units: serial
+    numbers; first_look and verdicts: how often which; effects: id -> sessions in which it is named; reasons: (step, reason, count) of
+    failures, the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; slowest: (folder, CPU s); cpu_s: of
+    all; distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
+    """
+
+    folders: int
+    sessions: int
+    done: int
+    failed: int
+    died: int
+    unreadable: int
+    passed: int
+    missed: int
+    units: int
+    limit_deg: float | None
+    first_look: dict[str, int]
+    verdicts: dict[str, int]
+    effects: dict[str, int]
+    reasons: list[tuple[str, str, int]]
+    failures: list[tuple[str, str, str]]
+    slowest: list[tuple[str, float]]
+    cpu_s: float
+    distributions: dict[str, Distribution] = field(default_factory=dict)
+
+    def to_json(self) -> dict:
+        """``tinygc-fleet/1`` (docs/formats.md), but for what the run itself was."""
+        return {
+            "folders": self.folders,
+            "sessions": self.sessions,
+            "done": self.done,
+            "failed": self.failed,
+            "died": self.died,
+            "unreadable": self.unreadable,
+            "passed": self.passed,
+            "missed": self.missed,
+            "units": self.units,
+            "limit_deg": self.limit_deg,
+            "cpu_s": self.cpu_s,
+            "first_look": self.first_look,
+            "verdicts": self.verdicts,
+            "effects": self.effects,
+            "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
+            "failures": [{"folder": folder, "step": step, "error": error} for folder, step, error in self.failures],
+            "distributions": [
+                {"figure": name, "sessions": each.count, "quantiles": each.quantiles.tolist()} for name, each in self.distributions.items()
+            ],
+        }
+
+
+def summarise(table: Table, limit_deg: float | None = None) -> Summary:
+    """Of a table that is open; of its rows only the figures are held, 20 MB of a hundred thousand."""
+    status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
+    fine = "use IS NOT NULL" + ("" if limit_deg is None else " AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit")
+    within = {} if limit_deg is None else {"limit": limit_deg}
+    passed = table.rows(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND {fine}", within)[0][0]  # type: ignore[arg-type]
+    fitted = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL")
+    names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
+    known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)
+    figures = np.fromiter(table.each(f"SELECT {known} FROM {EACH}"), dtype=np.dtype((float, len(names))))
+    found = {name: distribution(values[np.isfinite(values)]) for name, values in zip(names, figures.T, strict=True)}
+    return Summary(
+        folders=table.one("SELECT count(*) FROM folders"),
+        sessions=sum(status.values()),
+        done=status.get(DONE, 0),
+        failed=status.get("failed", 0),
+        died=status.get("died", 0),
+        unreadable=table.one("SELECT count(*) FROM folders WHERE key IS NULL"),
+        passed=passed,
+        missed=fitted - passed,
+        units=table.one(f"SELECT count(DISTINCT serial) FROM {EACH} WHERE serial <> ''"),
+        limit_deg=limit_deg,
+        first_look=_counted(table, "first_look"),
+        verdicts=_counted(table, "verdict"),
+        effects=_effects(table),
+        reasons=_reasons(table),
+        failures=_failures(table),
+        slowest=table.rows(f"SELECT folder, cpu_s FROM {EACH} JOIN durations USING (key) ORDER BY cpu_s DESC, folder LIMIT {MOST_SLOWEST}"),
+        cpu_s=table.one(f"SELECT ifnull(sum(cpu_s), 0) FROM {EACH} JOIN durations USING (key)"),
+        distributions={name: each for name, each in found.items() if each is not None},
+    )
+
+
+def distribution(values: np.ndarray) -> Distribution | None:
+    """Of values (N,); None of none."""
+    if not len(values):
+        return None
+    quantiles = np.quantile(values, SHARES)
+    low, high = quantiles[0], quantiles[-1]
+    if not high > low:
+        low, high = low - max(abs(low), 1e-12) * 1e-6, high + max(abs(high), 1e-12) * 1e-6
+    edges = np.linspace(low, high, BINS + 1)
+    counts, _ = np.histogram(values, edges)
+    return Distribution(len(values), quantiles, edges, counts, int(np.sum(values < low)), int(np.sum(values > high)))
+
+
+def _counted(table: Table, name: str) -> dict[str, int]:
+    return dict(table.rows(f"SELECT {name}, count(*) AS n FROM {EACH} WHERE {name} IS NOT NULL GROUP BY {name} ORDER BY n DESC, {name}"))
+
+
+def _effects(table: Table) -> dict[str, int]:
+    found: Counter[str] = Counter()
+    for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
+        with read_as_written(table, folder):
+            found.update({effect["id"] for effect in told_by(text)})
+    return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
+
+
+def reason_of(line: str) -> str:
+    """A failure's line without its own numbers and names, so that those of one cause are one."""
+    words = [("…" if any(c.isdigit() for c in word) else word) for word in line.split()]
+    return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
+
+
+def _failures(table: Table) -> list[tuple[str, str, str]]:
+    keyed = f"SELECT folder, ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"
+    return table.rows(f"{keyed} UNION ALL SELECT folder, 'reading', error FROM folders WHERE key IS NULL ORDER BY 1 LIMIT {MOST_LISTED}")
+
+
+def _reasons(table: Table) -> list[tuple[str, str, int]]:
+    found: Counter[tuple[str, str]] = Counter()
+    for step, error in table.each(f"SELECT ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"):
+        found[step, reason_of(error)] += 1
+    for folder, error in table.each("SELECT folder, error FROM folders WHERE key IS NULL"):
+        found["reading", reason_of(error.replace(folder, "…"))] += 1
+    return [(*which, count) for which, count in sorted(found.items(), key=lambda each: (-each[1], each[0]))][:MOST_REASONS]
+
+
+# A fleet's table as a lot: sessions of sensors of one model.
+
+MOST_NAMED = 5
+#: serial numbers from which on fleet says what they are together
+FEWEST_UNITS = 8
+
+
+def lot_of_fleet(out: Path, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
+    """Of the folder that ``fleet`` wrote.  Raises CalibrationError where its sensors are of several models and none is named, and where
+    fewer than two units were fitted."""
+    with read_table(out) as table:
+        return lot_of_table(table, model, limits, seed)
+
+
+def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
+    """The same, of a table that is open."""
+    fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
+    models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
+    named = ", ".join(printable(name or "(no name)") for name in models[:MOST_NAMED]) + (", …" if len(models) > MOST_NAMED else "")
+    if model is not None and model not in models:
+        raise CalibrationError(f"{table.path}: no fitted session of a {printable(model)}; there are {named or 'none at all'}")
+    if model is None and len(models) > 1:
+        raise CalibrationError(f"{table.path}: sensors of {len(models)} models ({named}), and a lot is of one; name it with --model")
+    keys = None
+    if model is not None and len(models) > 1:
+        keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
+    effects = pooled(_chosen(results_of(table), keys), seed)
+    return lot_of(_chosen(results_of(table), keys), model or (models[0] if models else ""), limits, effects, seed)
+
+
+def lot_if_any(table: Table, seed: int = 0) -> LotReport | None:
+    """Of a table that is open, where its fitted sensors are of one model and enough for a page; else None."""
+    models, units = table.rows(
+        f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
+    )[0]
+    return lot_of_table(table, seed=seed) if models == 1 and units >= FEWEST_UNITS else None
+
+
+def _chosen(results: Iterator[UnitResult], keys: set[str] | None) -> Iterator[UnitResult]:
+    return results if keys is None else (each for each in results if each.key in keys)

@@ -1,0 +1,185 @@
+"""OUT/fleet.sqlite: a row for each key, and which folder has which key.  One process writes it; it survives that one's sudden end.
+
+The write-ahead log takes each row with a commit of its own, which no end of the process can take back; a loss of power may cost the last
+rows, and leaves the table whole.  Both are computed again.  Whoever reads it meanwhile (SQL, ``--csv``) sees whole rows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from session.bench.rawfile import lock
+from session.io.errors import CalibrationError, FormatError, StorageError
+from session.io.files import result_folder
+from session.io.texts import unicode_text
+from tinygc.annexes.lots.fleet.compute import Outcome
+from tinygc.annexes.lots.fleet.row import COLUMNS, Row
+
+NAME, LOCK = "fleet.sqlite", "fleet.lock"
+#: that a file is ours (PRAGMA application_id, "TGCF"), and of which form (user_version)
+APPLICATION, VERSION = 0x54474346, 1
+SCHEMA = f"""
+CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
+CREATE TABLE folders (folder TEXT PRIMARY KEY, key TEXT, error TEXT) WITHOUT ROWID;
+CREATE INDEX folders_of_key ON folders (key);
+CREATE TABLE durations (key TEXT PRIMARY KEY, cpu_s REAL, wall_s REAL) WITHOUT ROWID;
+"""
+#: results of sessions that a folder still has, one for each key, with the first of its folders
+EACH = "results JOIN (SELECT key, min(folder) AS folder, count(*) AS folders FROM folders GROUP BY key) USING (key)"
+#: SQL function of a text: by it, names sort as their numbers count
+COUNTED = "counted"
+FULL, LOCKED, READ_ONLY = "SQLITE_FULL", "SQLITE_BUSY", "SQLITE_READONLY"
+
+
+class Table:
+    """Of ``open_table`` and ``read_table``."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection):
+        self.path, self._connection = path, connection
+        connection.create_function(COUNTED, 1, _counted, deterministic=True)
+
+    def has(self, key: str) -> bool:
+        """Whether its result is there."""
+        return bool(self.rows("SELECT 1 FROM results WHERE key = ?", (key,)))
+
+    def status(self, key: str) -> str | None:
+        """Of its result; None where there is none."""
+        found = self.rows("SELECT status FROM results WHERE key = ?", (key,))
+        return found[0][0] if found else None
+
+    def put_folder(self, folder: Path, key: str | None, error: str | None = None) -> None:
+        """A folder's key, or why it has none; a folder of the same content that is there no more was moved here."""
+        row = (unicode_text(os.fspath(folder)), key, error)
+        with named_errors(self.path):
+            same = self._connection.execute("SELECT key, error FROM folders WHERE folder = ?", row[:1]).fetchone()
+            if same == row[1:]:  # a table that is only looked up is not written
+                return
+            others = [] if key is None else self.rows("SELECT folder FROM folders WHERE key = ? AND folder <> ?", (key, row[0]))
+            moved = [each for each in others if not os.path.isdir(each[0])]
+            with self._connection:
+                self._connection.executemany("DELETE FROM folders WHERE folder = ?", moved)
+                self._connection.execute("INSERT OR REPLACE INTO folders VALUES (?, ?, ?)", row)
+
+    def put(self, outcome: Outcome, row: Row, folders: Sequence[Path]) -> None:
+        """A result and the folders that it is of, together."""
+        marks = ", ".join("?" * (len(COLUMNS) + 1))
+        with named_errors(self.path), self._connection:
+            values = (outcome.key, *(row[name] for name in COLUMNS))
+            self._connection.execute(f"INSERT OR REPLACE INTO results VALUES ({marks})", values)
+            self._connection.execute("INSERT OR REPLACE INTO durations VALUES (?, ?, ?)", (outcome.key, outcome.cpu_s, outcome.wall_s))
+            self._connection.executemany(
+                "INSERT OR REPLACE INTO folders VALUES (?, ?, NULL)",
+                [(unicode_text(os.fspath(folder)), outcome.key) for folder in folders],
+            )
+
+    def rows(self, sql: str, values: Sequence[Any] = ()) -> list[tuple]:
+        """Of a question whose answer is short."""
+        with named_errors(self.path):
+            return self._connection.execute(sql, values).fetchall()
+
+    def each(self, sql: str, values: Sequence[Any] = ()) -> Iterator[tuple]:
+        """Of any question, one after the other."""
+        with named_errors(self.path):
+            yield from self._connection.execute(sql, values)
+
+    def one(self, sql: str, values: Sequence[Any] = ()) -> Any:
+        """A single number or text."""
+        return self.rows(sql, values)[0][0]
+
+
+@contextlib.contextmanager
+def open_table(out: Path) -> Iterator[Table]:
+    """The table of a folder, to write, made where there is none.
+
+    CalibrationError where another run writes it, FormatError for a file that is no such table or of another form, StorageError where
+    nothing can be written.
+    """
+    path = out / NAME
+    with result_folder(out), _alone(out):
+        with named_errors(path):
+            connection = sqlite3.connect(path)
+        try:
+            with named_errors(path):
+                if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                    ours = f"PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION};"
+                    connection.executescript(f"BEGIN; {ours} {SCHEMA} COMMIT;")
+                _require_ours(path, connection)
+                connection.execute("PRAGMA journal_mode = WAL")
+                connection.execute("PRAGMA synchronous = NORMAL")
+            yield Table(path, connection)
+        finally:
+            with contextlib.suppress(sqlite3.Error):
+                connection.execute("PRAGMA journal_mode = DELETE")  # one file again, that any program reads; unless one reads it now
+            connection.close()
+
+
+@contextlib.contextmanager
+def read_table(out: Path) -> Iterator[Table]:
+    """The table of a folder, only to read, also while another run writes it.  FormatError where there is none."""
+    path = out / NAME
+    if not path.is_file():
+        raise FormatError(f"{path}: not found; `calibrate.py fleet DIR --out {out}` makes it")
+    with named_errors(path):
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
+    try:
+        with named_errors(path):
+            _require_ours(path, connection)
+            connection.execute("BEGIN")  # every question sees the same rows, also while another run writes
+        yield Table(path, connection)
+    finally:
+        connection.close()
+
+
+def _counted(name: str) -> str:
+    """Each number in it with its length before it: s2, s10 become s0001:2, s0002:10."""
+    return re.sub(r"0*([0-9]+)", lambda found: f"{len(found[1]):04d}:{found[1]}", name)
+
+
+def _require_ours(path: Path, connection: sqlite3.Connection) -> None:
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application != APPLICATION:
+        raise FormatError(f"{path}: is no table of `calibrate.py fleet`; give --out another folder")
+    names = [row[1] for row in connection.execute("PRAGMA table_info(results)")]
+    if version != VERSION or names != ["key", *COLUMNS]:
+        raise FormatError(
+            f"{path}: is a table of form {version} with {len(names)} columns, this version writes form {VERSION} with {len(COLUMNS) + 1}; "
+            "give --out another folder, and keep this one for the version that made it"
+        )
+
+
+@contextlib.contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """The lock goes with the process, however it ends."""
+    try:
+        file = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise StorageError(f"{out / LOCK}: cannot be written ({error.strerror}); give --out another folder") from None
+    try:
+        if not lock(file):
+            raise CalibrationError(f"{out / NAME}: another run is writing it; wait for its end, or give --out another folder")
+        yield
+    finally:
+        os.close(file)
+
+
+@contextlib.contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """What SQLite raises, in one line."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        name = getattr(error, "sqlite_errorname", "") or ""
+        if name.startswith((FULL, "SQLITE_IOERR")):
+            raise StorageError(f"{path}: {error}; free space there and run again, what is finished is kept") from None
+        if name.startswith((READ_ONLY, "SQLITE_CANTOPEN", "SQLITE_PERM")):
+            raise StorageError(f"{path}: {error}; give --out a folder that can be written") from None
+        if name.startswith(LOCKED):
+            raise CalibrationError(f"{path}: another program holds it ({error}); close that one and run again") from None
+        raise FormatError(f"{path}: is broken, or no table ({error}); restore it, or give --out another folder") from None

@@ -1,0 +1,172 @@
+"""A lot as what is known of one unit's gyroscope before it is turned, and whether the unit belongs to it (docs/lots.md).
+
+The next session's numbers are normal about the lot's mean, with the covariance of that mean, of the spread between units, and of what
+changes from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both are weighed,
+and what a unit that does not belong has from the lot is nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from session.io.errors import CalibrationError
+from tinygc.annexes.lots.lot import Lot
+from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA
+
+#: a covariance of twelve numbers from fewer units says more of these units than of the next one
+FEWEST_UNITS = 10
+#: probability that a unit does not belong, before it is turned (benchmarks/lot_prior.py: what it costs and finds)
+OFF_LOT = 0.03
+#: times the lot's spread by which a unit that does not belong is off, all as probable
+OFF_SCALES = (3.0, 10.0, 30.0, 100.0)
+#: of the covariance before a session that noise and prior make: a direction that is less is not seen
+UNSEEN = 1e-9
+#: of a parameter's generous prior: the least sigma that a lot may state, which keeps matrices ones that can be inverted
+LEAST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Of the 12 parameters of the gyroscope's linear model: centre (12,), covariance (12, 12), and known (12,) bool: which of them the lot
+    tells of; the others have the generous prior of a fit without one.  weight: by how much the fit's noise is larger than its floor, as
+    a variance, so that the floor's weights do not drown the prior."""
+
+    centre: np.ndarray
+    covariance: np.ndarray
+    known: np.ndarray
+    weight: float = 1.0
+
+    @property
+    def root(self) -> np.ndarray:
+        """(12, 12) lower triangular: of the covariance as the fit weighs it, beside the floor."""
+        return np.linalg.cholesky(self.covariance / self.weight)
+
+    @property
+    def information(self) -> np.ndarray:
+        """(12, 12) of the same."""
+        return np.linalg.inv(self.covariance / self.weight)
+
+    def weighed(self, weight: float) -> Prior:
+        """For a fit whose noise is so much larger, as a variance, than its weights say."""
+        return replace(self, weight=weight)
+
+    def scaled(self, factor: float) -> Prior:
+        """With so many times the covariance."""
+        return replace(self, covariance=self.covariance * factor)
+
+
+def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> Prior:
+    """Of the next session of a unit that belongs to the lot.
+
+    start (12,): the centre of what the lot does not tell; tails: degrees of freedom, whose scale matrix it then has instead of the
+    covariance, where that is finite.
+    """
+    mean, known = lot.mean[:PARAMETERS], np.isfinite(lot.mean[:PARAMETERS])
+    known &= np.isfinite(np.diag(lot.spread)[:PARAMETERS])
+    centre = np.where(known, mean, start)
+    block = np.ix_(known, known)
+    covariance = np.diag(PRIOR_SIGMA**2)
+    spread = lot.spread[:PARAMETERS, :PARAMETERS] * ((tails - 2) / tails if 2 < tails < np.inf else 1.0)
+    more = sum(np.nan_to_num(part[:PARAMETERS, :PARAMETERS], nan=0.0) for part in (lot.mean_covariance, lot.repeatability))
+    covariance[block] = (spread + more)[block] + np.diag((LEAST * PRIOR_SIGMA[known]) ** 2)
+    return Prior(centre, (covariance + covariance.T) / 2, known)
+
+
+def vague(start: np.ndarray) -> Prior:
+    """Of a unit of which no lot tells: generous about a start (12,), but stated, which a fit to a few turns must be."""
+    return Prior(start, np.diag(PRIOR_SIGMA**2), np.zeros(PARAMETERS, dtype=bool))
+
+
+def require_usable(lot: Lot, sensor: str, where: str) -> None:
+    """Raises CalibrationError, in one line, where a lot tells nothing of a session's sensor."""
+    if lot.sensor != sensor:
+        raise CalibrationError(f"{where}: a lot of {lot.sensor}, and the session's sensor is {sensor}; give the lot of its own model")
+    if lot.units < FEWEST_UNITS:
+        raise CalibrationError(
+            f"{where}: a lot of {lot.units} units, expected at least {FEWEST_UNITS} for a prior; add sessions of more units"
+        )
+    known = np.isfinite(lot.mean[:PARAMETERS]) & np.isfinite(np.diag(lot.spread)[:PARAMETERS])
+    if not known.any():
+        raise CalibrationError(
+            f"{where}: tells none of the gyroscope's {PARAMETERS} numbers; estimate the lot from sessions that were fitted"
+        )
+    spread = lot.spread[np.ix_(*[np.flatnonzero(known)] * 2)]
+    if not np.isfinite(spread).all() or np.linalg.eigvalsh((spread + spread.T) / 2)[0] < -1e-9 * np.trace(spread):
+        raise CalibrationError(f"{where}: its spread is no covariance; estimate the lot again")
+
+
+@dataclass(frozen=True, eq=False)
+class Belonging:
+    """Of a unit, whose turns say more or less of it: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot
+    and session together, of so many directions (freedom) that the session sees; p_value of so large a one in a unit that belongs; weight:
+    of the lot's covariance by its tails, 1 where the lot is normal."""
+
+    probability: float
+    distance: float
+    freedom: int
+    p_value: float
+    weight: float = 1.0
+
+
+def belonging(prior: Prior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray, tails: float = np.inf) -> Belonging:
+    """Whether a unit belongs, by where its fit with the lot's prior has moved from the lot's mean.
+
+    moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): how the
+    fit follows the unit's true distance from the centre, I less the prior's share.  Where a session sees nothing, nothing moves.
+    """
+    root = np.linalg.cholesky(prior.covariance)
+    to = np.linalg.inv(root)
+    y, white = to @ moved, to @ noise @ to.T
+    follows = to @ kept @ root
+    inside = white + follows @ follows.T
+    size, axes = np.linalg.eigh((inside + inside.T) / 2)
+    seen = size > UNSEEN
+    project = axes[:, seen] / np.sqrt(size[seen])  # where a unit that belongs is unit normal
+    d = project.T @ y
+    square, freedom = float(d @ d), int(seen.sum())
+    if freedom == 0:
+        return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
+    p_value = float(stats.chi2.sf(square, freedom) if not np.isfinite(tails) else stats.f.sf(square / freedom, freedom, tails))
+    log_in = _log_in(square, freedom, tails)
+    # Off the lot: one number, or all, each by a normal so many times as wide.
+    shift = project.T @ to
+    outside = []
+    for scale in OFF_SCALES:
+        more = scale**2 - 1
+        whole = project.T @ follows
+        outside.append((_log_normal(d, np.eye(freedom) + more * whole @ whole.T), 0.5))
+        for k in np.flatnonzero(prior.known):
+            alone = (shift @ kept[:, k]) * np.sqrt(prior.covariance[k, k])
+            outside.append((_log_normal(d, np.eye(freedom) + more * np.outer(alone, alone)), 0.5 / prior.known.sum()))
+    logs = np.array([log + np.log(share / len(OFF_SCALES)) for log, share in outside])
+    log_out = float(np.logaddexp.reduce(logs))
+    odds = np.log1p(-OFF_LOT) + log_in - np.log(OFF_LOT) - log_out
+    weight = (tails + freedom) / (tails + square) if np.isfinite(tails) else 1.0
+    return Belonging(float(1 / (1 + np.exp(-np.clip(odds, -700, 700)))), float(np.sqrt(square)), freedom, p_value, weight)
+
+
+def _log_in(square: float, freedom: int, tails: float) -> float:
+    if not np.isfinite(tails):
+        return -square / 2
+    found = stats.multivariate_t.logpdf(np.append(np.sqrt(square), np.zeros(freedom - 1)), np.zeros(freedom), np.eye(freedom), tails)
+    return float(found) + freedom / 2 * np.log(2 * np.pi)
+
+
+def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
+    """Logarithm of the density at d, less that of a unit normal's at zero."""
+    half = np.linalg.cholesky(covariance)
+    return float(-np.sum(np.linalg.solve(half, d) ** 2) / 2 - np.log(np.diag(half)).sum())
+
+
+def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndarray) -> tuple[str, float] | None:
+    """The parameter of a fit without the lot's prior that is farthest from the lot's mean, of those that it has seen (12,), and by how many
+    sigmas of the lot; None where there is none."""
+    sigma = np.sqrt(np.diag(lot.spread)[:PARAMETERS])
+    off = vector - lot.mean[:PARAMETERS]
+    both = np.abs(off) / np.sqrt(sigma**2 + np.diag(covariance))
+    both[~(seen & np.isfinite(both))] = -1.0
+    worst = int(np.argmax(both))
+    return None if both[worst] < 0 else (NAMES[worst], float(off[worst] / max(sigma[worst], LEAST * PRIOR_SIGMA[worst])))

@@ -1,0 +1,204 @@
+"""Everything that a lot's sessions say of the lot: one function from the results of sessions to a record for tables, pages and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import stats
+
+from tinygc.annexes.lots.capability import Capability, Chart, capability, chart
+from tinygc.annexes.lots.gauge import Gauge, gauge
+from tinygc.annexes.lots.hierarchy import Hierarchy, hierarchy
+from tinygc.annexes.lots.lot import OWN, SEEN, Lot, PooledEffect, Seen, UnitResult, jacobian, seen, seen_covariance
+from tinygc.annexes.lots.outliers import Outlier, outliers
+from tinygc.annexes.lots.sessions import LotSessions, Readings, lot_sessions, readings, stated
+
+#: points that a control chart needs
+FEWEST_POINTS = 8
+CONFIDENCE = 0.95
+PER_UNITS = 1000
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of the lot in its unit: mean and its sigma; spread between units with its 95 % interval; noise, one sigma of a session
+    as stated; repeatability, one sigma from session to session beyond that, with its interval; drift per 1000 units, its sigma, and the
+    p-value that there is none; ratio of what sessions of one unit differ by to what they state, and its p-value.  NaN where not told.
+    """
+
+    seen: Seen
+    units: int
+    mean: float
+    mean_sigma: float
+    spread: float
+    spread_interval: tuple[float, float]
+    noise: float
+    repeatability: float
+    repeatability_interval: tuple[float, float]
+    drift: float
+    drift_sigma: float
+    drift_p: float
+    ratio: float
+    ratio_p: float
+
+
+@dataclass(frozen=True, eq=False)
+class LotReport:
+    """The lot as a prior; its numbers as people see them; charts, gauges and capabilities by a number's key; outliers; sessions and
+    readings that they are of; appraisers: ``operator`` or ``station``, or empty where fewer than two are named."""
+
+    lot: Lot
+    quantities: tuple[Quantity, ...]
+    charts: Mapping[str, Chart]
+    gauges: Mapping[str, Gauge]
+    capabilities: Mapping[str, Capability]
+    outliers: tuple[Outlier, ...]
+    appraisers: str
+    hierarchy: Hierarchy
+    sessions: LotSessions
+    readings: Readings
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def lot_of(
+    results: Iterable[UnitResult],
+    sensor: str = "",
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    effects: Mapping[str, PooledEffect] | None = None,
+    seed: int = 0,
+) -> LotReport:
+    """Of the sessions of a lot, in any order; limits: lower and upper by a number's key (``limits.py``); seed: of intervals.
+
+    Raises CalibrationError where fewer than two units tell anything.
+    """
+    sessions = lot_sessions(results)
+    found = hierarchy(sessions)
+    J = jacobian(found.mean)
+    read = readings(sessions, J)
+    quantities = _quantities(sessions, found, J, read)
+    known = [n for n, each in enumerate(quantities) if each.units >= 2]
+    charts = {}
+    for n in known:
+        points = _points(read, n)
+        if len(points) >= FEWEST_POINTS:
+            again = np.nan_to_num(quantities[n].repeatability)
+            noise = np.hypot(read.sigmas[points, n], again)
+            charts[SEEN[n].key] = chart(read.values[points, n], noise, found.tails, len(known), read.unit[points])
+    what, who = _appraisers(sessions)
+    bounds = limits or {}
+    gauges, capabilities = {}, {}
+    belongs = found.belongs[read.unit] > 0.5
+    for n in known:
+        key, limit = SEEN[n].key, bounds.get(SEEN[n].key, (-np.inf, np.inf))
+        width = limit[1] - limit[0]
+        gauges[key] = gauge(
+            np.where(belongs, read.values[:, n], np.nan), read.unit, who, width if np.isfinite(width) else float("nan"), what, seed
+        )
+        if key in bounds:
+            within = charts[key].short_term if key in charts else quantities[n].spread
+            capabilities[key] = _capability(limit, quantities[n], within, float(found.spread_freedom[OWN[n]]), found.tails, read, n)
+    lot = Lot(
+        sensor,
+        sessions.units,
+        sessions.sessions,
+        found.next_mean,
+        found.next_covariance,
+        found.spread,
+        found.tails,
+        found.repeatability,
+        effects or {},
+    )
+    odd = tuple(outliers(sessions, found))
+    return LotReport(lot, quantities, charts, gauges, capabilities, odd, what, found, sessions, read, _notes(sessions, found, what))
+
+
+def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: Readings) -> tuple[Quantity, ...]:
+    known = lot.known[OWN]
+    mean = np.where(known, seen(np.where(np.isfinite(found.mean), found.mean, lot.centre)), np.nan)
+
+    def sigma(covariance: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.diag(seen_covariance(covariance, J)))
+
+    of_mean, spread, again, of_drift = map(sigma, (found.mean_covariance, found.spread, found.repeatability, found.drift_covariance))
+    drift = J @ np.nan_to_num(found.drift)
+    per = PER_UNITS / max(lot.units - 1, 1)
+    p = 2 * stats.t.sf(np.abs(drift) / of_drift, max(lot.units - 2, 1))
+    honest = stated(read)
+    units = np.logical_or.reduceat(np.isfinite(read.values), read.first).sum(axis=0)
+    squares = np.where(np.isfinite(read.sigmas), read.sigmas**2, 0.0).sum(axis=0) / np.maximum(np.isfinite(read.sigmas).sum(axis=0), 1)
+    return tuple(
+        Quantity(
+            SEEN[n],
+            int(units[n]),
+            float(mean[n]),
+            float(of_mean[n]),
+            float(spread[n]),
+            _interval(float(spread[n]), float(found.spread_freedom[OWN[n]])),
+            float(np.sqrt(squares[n])) if units[n] else float("nan"),
+            float(again[n]),
+            _interval(float(again[n]), float(found.repeatability_freedom[OWN[n]])),
+            float(drift[n] * per) if known[n] and lot.units > 2 else float("nan"),
+            float(of_drift[n] * per) if lot.units > 2 else float("nan"),
+            float(p[n]) if lot.units > 2 else float("nan"),
+            float(honest.ratio[n]),
+            float(honest.p_value[n]),
+        )
+        for n in range(len(SEEN))
+    )
+
+
+def _interval(sigma: float, freedom: float) -> tuple[float, float]:
+    """95 % of a standard deviation that is known with so many degrees of freedom of chi-square."""
+    if not (np.isfinite(sigma) and np.isfinite(freedom)):
+        return (float("nan"), float("nan"))
+    if freedom < 1:  # not told from none
+        return (0.0, float("nan"))
+    lo, hi = stats.chi2.ppf([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2], freedom)
+    return (float(sigma * np.sqrt(freedom / lo)), float(sigma * np.sqrt(freedom / hi)))
+
+
+def _points(read: Readings, n: int) -> np.ndarray:
+    """Rows of each unit's first session that tells a number: the test at the end of production, in its order."""
+    rows = np.flatnonzero(np.isfinite(read.values[:, n]))
+    _, first = np.unique(read.unit[rows], return_index=True)
+    return rows[first]
+
+
+def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
+    """Who turned: operators, or stations where only these differ; numbers of them, or None.  Two have to be named; sessions that
+    name none are one more beside them."""
+    for what, names in (("operator", lot.operators), ("station", lot.stations)):
+        kinds, numbers = np.unique(np.array(names, dtype=object).astype(str), return_inverse=True)
+        if len(kinds[kinds != ""]) > 1:
+            return what, numbers
+    return "", None
+
+
+def _capability(
+    limit: tuple[float, float], of: Quantity, within: float, freedom: float, tails: float, read: Readings, n: int
+) -> Capability:
+    noise = float(np.hypot(of.noise, np.nan_to_num(of.repeatability)))
+    return capability(limit, of.mean, of.spread, noise, within, freedom, tails, read.values[_points(read, n), n])
+
+
+def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
+    told = []
+    if not found.settled:
+        told.append("the lot's variances had not settled when the passes over it ended; they are those of the last pass")
+    if not (lot.count > 1).any():
+        told.append("no unit has two sessions: repeatability is not told, and is within the spread between units")
+    elif not what:
+        told.append("fewer than two operators or stations are named: reproducibility is not told")
+    if lot.units < 3 * int(lot.known.sum()):
+        told.append(
+            f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are drawn towards none, tails are not looked for"
+        )
+    if (off := int(np.sum(found.belongs <= 0.5))) > 0:
+        told.append(
+            f"{off} of {lot.units} units are likelier none of the lot than of it; its numbers and its gauge study are those of the others"
+        )
+    if lot.units <= 2:
+        told.append("two units have no drift")
+    return tuple(told)

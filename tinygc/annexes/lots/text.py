@@ -1,0 +1,240 @@
+"""A lot and a fleet's table in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from session.bench.console import one_line
+from session.io.texts import printable
+from tinygc.annexes.lots.lot import SEEN, PooledEffect
+from tinygc.annexes.lots.report import LotReport, Quantity
+
+if TYPE_CHECKING:
+    from tinygc.annexes.lots.fleet.run import Tally
+    from tinygc.annexes.lots.fleet.summary import Summary
+
+
+# A lot as a person reads it in the terminal: numbers, repeatability, charts, what does not belong, capability.
+
+NONE = "–"
+MOST_OUTLIERS = 10
+#: p-value below which a drift, or a ratio of repeats to stated sigmas, is marked
+MARKED_P = 0.01
+#: units from which on a drift per 1000 is said
+FEWEST_DRIFT = 30
+#: ppm below which a tail is a formula's, and no sensor's
+LEAST_PPM = 0.001
+UNIT_OF = {each.key: each for each in SEEN}
+
+
+def lot_page(report: LotReport) -> Group:
+    """Headline, tables, what rings, what does not belong, what to bear in mind."""
+    parts: list[RenderableType] = [headline(report), _numbers(report)]
+    if any(np.isfinite(each.percent_grr) for each in report.gauges.values()):
+        parts.append(_gauges(report))
+    if report.capabilities:
+        parts.append(_capabilities(report))
+    parts += [*_charts(report), *_outliers(report)]
+    parts += [one_line(f"Effect of the lot: {effect_words(name, found)}.", "bold yellow") for name, found in report.lot.effects.items()]
+    return Group(*parts, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
+
+
+def effect_words(name: str, found: PooledEffect) -> str:
+    """Of an effect that the units have together: which, in how many, how surely."""
+    as_well = f"; could as well be {', '.join(found.equivalent)}" if found.equivalent else ""
+    return f"{name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}"
+
+
+def headline(report: LotReport) -> Text:
+    """How many, and whether the lot drifts or is none."""
+    lot, found = report.lot, report.hierarchy
+    drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
+    tails = "" if np.isinf(lot.tails) else f"; tails of {lot.tails:.3g} degrees of freedom"
+    odd = len(report.outliers)
+    open_ = int(np.sum(found.belongs <= 0.5))
+    which = f"{odd} unit{'s' * (odd != 1)} or sessions do not belong" if odd else "all belong"
+    if not odd and open_:
+        which = f"none is odd beyond chance, {open_} may not belong"
+    name = f"{lot.sensor}: " if lot.sensor else ""
+    return one_line(
+        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}{tails}.", "bold yellow" if odd or found.drifts else "bold"
+    )
+
+
+def _numbers(report: LotReport) -> Table:
+    table = Table(title="What the sensors err by", title_justify="left", box=None, padding=(0, 1))
+    for column in ("", "mean ± sigma", "spread", "noise", "repeats within", "drift per 1000", "repeats / stated"):
+        table.add_column(column, justify="right" if column else "left")
+    for each in report.quantities:
+        if not each.units:
+            continue
+        digits = decimals(each.mean_sigma)
+        fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
+        drift = drift_words(report, each, fixed)
+        table.add_row(
+            f"{each.seen.name}, {each.seen.unit}",
+            f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
+            fixed(each.spread, digits),
+            fixed(each.noise, fine),
+            fixed(each.repeatability, fine),
+            Text(drift, "bold red" if _drifts(report, each) else ""),
+            Text(fixed(each.ratio, 2), "bold red" if each.ratio_p < MARKED_P / len(SEEN) else ""),
+        )
+    table.caption = (
+        "spread: one sigma between units, measurement noise taken out; noise: one sigma of a session, as stated; "
+        "repeats within: one sigma from session to session beyond that"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def drift_words(report: LotReport, each: Quantity, written: Callable[[float, int], str]) -> str:
+    """Per 1000 units with its sigma; a dash for a lot so small that this is no number for people."""
+    if report.lot.units < FEWEST_DRIFT or not np.isfinite(each.drift):
+        return NONE
+    digits = decimals(each.drift_sigma)
+    return f"{written(each.drift, digits)} ± {written(each.drift_sigma, digits)}"
+
+
+def _drifts(report: LotReport, each: Quantity) -> bool:
+    return report.hierarchy.drifts and each.drift_p < MARKED_P
+
+
+def _gauges(report: LotReport) -> Table:
+    who = report.appraisers or "nobody is named"
+    title = f"Measurement system (one sigma; appraisers: {who})"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for column in ("", "EV", "AV", "GRR", "PV", "%GRR", "95 %", "% of tolerance", "ndc", ""):
+        table.add_column(column, justify="right" if column else "left")
+    for key, each in report.gauges.items():
+        digits = decimals(each.grr)
+        lo, hi = each.percent_grr_interval
+        table.add_row(
+            f"{UNIT_OF[key].name}, {UNIT_OF[key].unit}",
+            *(fixed(value, digits) for value in (each.ev, each.av, each.grr, each.pv)),
+            fixed(each.percent_grr, 1),
+            f"{fixed(lo, 1)} to {fixed(hi, 1)}",
+            fixed(each.percent_tolerance, 1),
+            str(int(each.ndc)) if np.isfinite(each.ndc) else NONE,
+            each.verdict,
+        )
+    return table
+
+
+def _capabilities(report: LotReport) -> Table:
+    table = Table(title="Capability, measurement noise taken out", title_justify="left", box=None, padding=(0, 1))
+    for column in (
+        "",
+        "limits",
+        "Cp",
+        "Cpk",
+        "Pp",
+        "Ppk",
+        "95 %",
+        "Ppk as seen",
+        "ppm outside",
+        "found",
+        "accepted wrongly, ppm",
+        "guard band",
+    ):
+        table.add_column(column, justify="right" if column else "left")
+    for key, each in report.capabilities.items():
+        lo, hi = each.overall.centred_interval
+        table.add_row(
+            f"{UNIT_OF[key].name}, {UNIT_OF[key].unit}",
+            f"{_limit(each.lower)} to {_limit(each.upper)}",
+            fixed(each.within.index, 2),
+            fixed(each.within.centred, 2),
+            fixed(each.overall.index, 2),
+            Text(fixed(each.overall.centred, 2), "bold red" if each.overall.centred < 1 else ""),
+            f"{fixed(lo, 2)} to {fixed(hi, 2)}",
+            fixed(each.seen.centred, 2),
+            ppm(each.ppm_tails),
+            f"{each.found_outside} of {each.units}",
+            ppm(each.false_accept_ppm),
+            fixed(each.guard_band, decimals(each.guard_band)),
+        )
+    return table
+
+
+def ppm(value: float) -> str:
+    """Parts per million, to what anybody could count."""
+    return f"{value:.3g}" if value >= LEAST_PPM or value == 0 else f"< {LEAST_PPM:g}"
+
+
+def _limit(value: float) -> str:
+    return f"{value:g}" if np.isfinite(value) else "none"
+
+
+def _charts(report: LotReport) -> list[Text]:
+    lines = []
+    for key, each in report.charts.items():
+        said = []
+        if len(each.ewma_alarms):
+            said.append(f"its moving average leaves its limits from unit {int(each.place[each.ewma_alarms[0]]) + 1} on")
+        found = [f"{rule} {each.counts[rule]} times, {each.chance[rule]:.1f} by chance" for rule in each.broken]
+        said += found
+        if said:
+            lines.append(one_line(f"{UNIT_OF[key].name}: {'; '.join(said)}", "yellow"))
+    if report.charts and not lines:
+        lines.append(Text("Control charts: nothing rings more than chance does."))
+    return lines
+
+
+def _outliers(report: LotReport) -> list[Text]:
+    lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
+    if len(report.outliers) > MOST_OUTLIERS:
+        lines.append(Text(f"and {len(report.outliers) - MOST_OUTLIERS} more"))
+    return lines
+
+
+def decimals(sigma: float) -> int:
+    """Two digits of a sigma."""
+    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
+
+
+def fixed(value: float, digits: int) -> str:
+    """With so many decimals, or a dash."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
+
+
+# A fleet's table for the terminal: what it holds, in a few lines.
+
+MOST_SHOWN = 8  #: of each list: the page has more
+
+
+def fleet_page(summary: Summary, tally: Tally | None) -> Group:
+    """For rich."""
+    lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
+    failed = summary.failed + summary.died + summary.unreadable
+    lines.append(
+        f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
+        f"{summary.done} done, {failed} failed"
+    )
+    if summary.passed + summary.missed:
+        rule = "closes better than the raw rates" if summary.limit_deg is None else f"closes within {summary.limit_deg:g}°"
+        lines.append(f"of {summary.passed + summary.missed} that were fitted, {summary.passed} pass: {rule}")
+    for what, counts in (("first look", summary.first_look), ("explain", summary.verdicts), ("named", summary.effects)):
+        if counts:
+            shown = ", ".join(f"{name} {count}" for name, count in list(counts.items())[:MOST_SHOWN])
+            lines.append(f"{what}: {shown}" + (" …" if len(counts) > MOST_SHOWN else ""))
+    parts: list[Text | Table] = [Text(printable(line)) for line in lines]
+    if summary.reasons:
+        parts.append(_reasons(summary))
+    return Group(*parts)
+
+
+def _reasons(summary: Summary) -> Table:
+    table = Table(title="Failures by reason", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("sessions", justify="right")
+    table.add_column("in")
+    table.add_column("because", overflow="fold")
+    for step, reason, count in summary.reasons[:MOST_SHOWN]:
+        table.add_row(str(count), step, printable(reason))
+    return table

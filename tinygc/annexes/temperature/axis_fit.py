@@ -1,0 +1,388 @@
+"""One axis' zero over temperature: polynomial, lag, hysteresis, and how well each is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from session.io.numeric import sigma_of_steps
+from tinygc.annexes.temperature.rest_blocks import Knots
+from tinygc.noise.components import estimate
+
+# The noise beside a temperature's effect: white, flicker and a random walk, their sizes estimated from the rest log itself.
+#
+# Sigmas by white noise alone are too small by an order: an hour of rest holds few independent values of a bias that wanders.
+
+#: of the residuals' own scatter: the prior of what is fitted, so wide that it says nothing
+WIDE = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Coloured:
+    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K) what they make together."""
+
+    sizes: np.ndarray
+    C: np.ndarray
+
+    def factor(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Lower Cholesky factor of the covariance of some knots."""
+        part = self.C[rows][:, rows]
+        return cholesky(part, lower=True, check_finite=False)
+
+
+def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float) -> Coloured:
+    """Of knots y (K,) with all that is fitted, A (K, p); V of unit sizes (``Knots.covariances``); white: its size by the blocks' steps."""
+    scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
+    longest = float(np.sqrt(V[2].max()))
+    usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
+    J = A / np.maximum(np.abs(A).max(axis=0), 1e-12) * (WIDE * scatter)
+    base = V[0] * (0.5 * usual[0]) ** 2
+    found = estimate(y, J, base, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
+    sizes = found.s.copy()
+    sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
+    return Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base)))
+
+
+def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """L^-1 values, (K, …)."""
+    return solve_triangular(L, values, lower=True, check_finite=False)
+
+
+# What the zero is otherwise at the same temperature, on the way up and on the way down.
+
+#: bins over the range that both branches have
+BINS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Hysteresis:
+    """Up less down, of what a model leaves: at_c (n,) degC, difference and sigma (n,) SI."""
+
+    at_c: np.ndarray
+    difference: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def largest(self) -> tuple[float, float, float]:
+        """The difference of greatest size, its sigma, and its temperature."""
+        k = int(np.argmax(np.abs(self.difference)))
+        return float(self.difference[k]), float(self.sigma[k]), float(self.at_c[k])
+
+    @property
+    def rms(self) -> float:
+        """Over the temperatures."""
+        return float(np.sqrt(np.mean(self.difference**2)))
+
+
+def hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
+    """Of residuals (K,) with noise C (K, K); None where the temperature went one way only."""
+    up, down = knots.direction > 0, knots.direction < 0
+    if not (up.any() and down.any()):
+        return None
+    low = max(knots.temp_c[up].min(), knots.temp_c[down].min())
+    high = min(knots.temp_c[up].max(), knots.temp_c[down].max())
+    edges = np.linspace(low, high, BINS + 1)
+    rows, at = [], []
+    for lower, upper in pairwise(edges):
+        here = (knots.temp_c >= lower) & (knots.temp_c < upper)
+        if (here & up).any() and (here & down).any():
+            rising, falling = ((here & way) * knots.span_s for way in (up, down))
+            rows.append(rising / rising.sum() - falling / falling.sum())
+            at.append((lower + upper) / 2)
+    if not rows:
+        return None
+    D = np.array(rows)
+    return Hysteresis(np.array(at), D @ residual, np.sqrt(np.diag(D @ C @ D.T)))
+
+
+# Which order of polynomial, and whether with a lag: chosen by sweeps that the fit never saw.
+#
+# Each sweep is left out in turn.  A candidate is fitted to the others, its lag too, and predicts it.  Of the candidates within one standard
+# error of the best, the simplest is taken (Breiman et al. 1984, 1-SE rule), and only if its coefficients differ from none beyond noise.
+#
+# All knots count alike in a polynomial's coefficients.  Weights by the noise would trust the steps from knot to knot where the zero
+# wanders, and lose its level: on a public sweep they predict a third sweep's zero to 0.26 dps, where equal weights do to 0.12.  A lag
+# lives in just these steps, and is fitted with the weights.
+
+#: lags that are tried, either sign; the longest is this share of the shortest sweep
+LAGS, LONGEST_SHARE = 20, 0.25
+#: where there is but one sweep: stretches of time, left out in turn
+STRETCHES, STRETCH_FOLDS = 20, 5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """order of the polynomial; lagged: whether the element's temperature is the reading's with a lag."""
+
+    order: int
+    lagged: bool
+
+    @property
+    def complexity(self) -> int:
+        """How many numbers are fitted beside the zero itself."""
+        return self.order + self.lagged
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """held_out (F, candidates): mean square of each fold's prediction; candidates; chosen: index; by: ``sweeps`` or ``stretches``."""
+
+    candidates: tuple[Candidate, ...]
+    held_out: np.ndarray
+    chosen: int
+    by: str
+
+
+def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
+    """(K,) number of each knot's fold, and what a fold is."""
+    if len(np.unique(knots.sweep)) > 1:
+        return knots.sweep, "sweeps"
+    return np.minimum(np.arange(len(knots)) * STRETCHES // len(knots), STRETCHES - 1) % STRETCH_FOLDS, "stretches"
+
+
+def lag_grid(knots: Knots) -> np.ndarray:
+    """Lags s that are tried, none among them; empty where the temperature goes one way only, which shows none."""
+    if not {-1, 1} <= set(knots.direction.tolist()):
+        return np.zeros(0)
+    block_s = max(log.block_s for log in knots.logs)
+    shortest = min(float(knots.span_s[knots.sweep == sweep].sum()) for sweep in np.unique(knots.sweep))
+    longest = LONGEST_SHARE * shortest
+    if longest <= 4 * block_s:
+        return np.zeros(0)
+    lags = np.geomspace(block_s, longest, LAGS)
+    return np.concatenate([-lags[::-1], lags])
+
+
+def columns(knots: Knots, tau_s: float, order: int) -> np.ndarray:
+    """(K, L + order): a zero for each log, then the powers of the temperature."""
+    return np.column_stack([knots.offsets(), knots.powers(tau_s, order)])
+
+
+def misfit(y: np.ndarray, A: np.ndarray) -> float:
+    """Sum of squares that whitened columns leave of whitened knots."""
+    return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+
+def best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
+    """The lag that leaves least, first of a grid, then between its neighbours; y (K,), L the noise's factor of ``rows``."""
+    white = whiten(L, y[rows])
+
+    def left(tau: float) -> float:
+        return misfit(white, whiten(L, columns(knots, float(tau), order)[rows]))
+
+    k = int(np.argmin([left(tau) for tau in lags.tolist()]))
+    between = float(lags[max(k - 1, 0)]), float(lags[min(k + 1, len(lags) - 1)])
+    return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
+
+
+def examine(knots: Knots, y: np.ndarray, noise: Coloured, orders: tuple[int, ...], lags: np.ndarray) -> Examined:
+    """Predict each fold of knots y (K,) by each candidate fitted to the others."""
+    folds, by = folds_of(knots)
+    candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
+    most = max(orders)
+    table = []
+    for fold in np.unique(folds):
+        train, test = folds != fold, folds == fold
+        L = noise.factor(train)
+        tau = best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
+        table.append([_predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
+    held_out = np.array(table)
+    return Examined(candidates, held_out, _simplest(candidates, held_out), by)
+
+
+def _predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
+    """Mean square of what a fold's knots differ from the prediction, in the unit of y."""
+    A = columns(knots, tau, order)
+    seen = A[train].any(axis=0)
+    coefficients = np.zeros(A.shape[1])
+    coefficients[seen] = np.linalg.lstsq(A[train][:, seen], y[train], rcond=None)[0]
+    error = y[test] - A[test] @ coefficients
+    logs = len(knots.logs)
+    # A log that was left out whole has a zero of its own, which nothing predicts: how it scatters is said apart.
+    if not seen[:logs][np.unique(knots.of[test])].all():
+        error = error - error.mean()
+    return float(np.mean(error**2))
+
+
+def _simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
+    """Index of the simplest candidate within one standard error of the best."""
+    best = int(np.argmin(held_out.mean(axis=0)))
+    worse = held_out - held_out[:, [best]]
+    error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
+    within = [i for i in range(len(candidates)) if worse[:, i].mean() <= error[i]]
+    return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
+
+
+# One axis' zero over temperature: polynomial, lag, hysteresis, what is left, and how well each is known.
+
+#: the probability by chance below which a dependence on temperature, or a lag, is claimed
+BY_CHANCE = 0.001
+#: orders that are tried
+ORDERS = (0, 1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
+
+    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: what was tried;
+    held_out: rms of what sweeps that were left out differ from the prediction, the model's remaining uncertainty; left: rms of what the
+    fit leaves; p_value that there is no dependence; noise beside it; hysteresis of the polynomial alone, and after the lag (None: the
+    temperature went one way only); turn_on: scatter of the logs' zeros, NaN of one log.
+    """
+
+    terms: np.ndarray
+    tau_s: float
+    covariance: np.ndarray
+    examined: Examined
+    held_out: float
+    left: float
+    p_value: float
+    noise: Coloured
+    hysteresis_before: Hysteresis | None
+    hysteresis_after: Hysteresis | None
+    turn_on: float
+
+    @property
+    def order(self) -> int:
+        """Of the polynomial."""
+        return len(self.terms) - 1
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(P + 2,) of terms, then tau_s."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def held_out_of(self, order: int, lagged: bool) -> float:
+        """Held-out rms of another candidate; NaN where it was not tried."""
+        wanted = Candidate(order, lagged)
+        if wanted not in self.examined.candidates:
+            return float("nan")
+        return float(np.sqrt(self.examined.held_out[:, self.examined.candidates.index(wanted)].mean()))
+
+
+def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS, with_lag: bool = True) -> AxisFit:
+    """Of one axis' block means (B,) rad/s, or m/s^2, at rest."""
+    y, V = knots.mean(blocks), knots.covariances()
+    unit = float(np.std(y)) or 1.0  # the search for the noise wants numbers near 1
+    y = y / unit
+    orders = tuple(p for p in orders if p <= _most_order(knots))
+    lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
+    white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
+    every, most, tau = slice(None), max(orders), 0.0
+    noise = estimate_noise(y, columns(knots, 0.0, most), V, white)
+    if len(lags):
+        tau = best_lag(knots, y, noise.factor(), every, lags, most)
+        noise = estimate_noise(y, columns(knots, tau, most), V, white)
+    examined = examine(knots, y, noise, orders, lags)
+    chosen = examined.candidates[examined.chosen]
+    L = noise.factor()
+    if chosen.lagged:
+        tau = best_lag(knots, y, L, every, lags, chosen.order)
+        if not _lag_shows(knots, y, L, tau, chosen.order):
+            chosen = Candidate(chosen.order, False)
+    tau = tau if chosen.lagged else 0.0
+    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
+    p_value, needed = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order
+    if p_value >= BY_CHANCE:
+        needed = 0
+    # What was held out may like a higher order by luck: those above must differ from zero, too.
+    while needed and _by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
+        needed -= 1
+    if needed < chosen.order:
+        chosen = Candidate(needed, chosen.lagged and needed > 0)
+        tau = tau if chosen.lagged else 0.0
+    if not needed:
+        noise = estimate_noise(y, columns(knots, 0.0, 0), V, white)
+    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
+    residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
+    plain = y - columns(knots, 0.0, chosen.order) @ _solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
+    terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
+    zeros = coefficients[: len(knots.logs)]
+    scale = np.append(np.full(len(terms), unit), 1.0)
+    index = examined.candidates.index(chosen)
+    return AxisFit(
+        terms=terms * unit,
+        tau_s=tau,
+        covariance=of_terms * np.outer(scale, scale),
+        examined=Examined(examined.candidates, examined.held_out * unit**2, index, examined.by),
+        held_out=float(np.sqrt(examined.held_out[:, index].mean())) * unit,
+        left=float(np.sqrt(np.mean(residual**2))) * unit,
+        p_value=p_value,
+        noise=Coloured(noise.sizes * unit, noise.C * unit**2),
+        hysteresis_before=hysteresis_of(knots, plain * unit, noise.C * unit**2),
+        hysteresis_after=hysteresis_of(knots, residual * unit, noise.C * unit**2),
+        turn_on=float(np.std(zeros, ddof=1)) * unit if len(zeros) > 1 else float("nan"),
+    )
+
+
+def _most_order(knots: Knots) -> int:
+    """None without a range of temperatures; fewer than knots in any case."""
+    return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
+
+
+def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
+    """Whether a lag leaves less than none does by more than chance; two degrees of freedom, for its sign and size were looked for."""
+    white = whiten(L, y)
+    without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
+    return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
+
+
+def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """Zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
+
+    Every estimate is linear in the knots, so its covariance follows from theirs: coefficients with equal weights, the lag with those of
+    the noise; and the coefficients move with the lag.
+    """
+    A = columns(knots, tau, chosen.order)
+    G = np.linalg.pinv(A)
+    coefficients = G @ y
+    if chosen.lagged:
+        step = 0.02 * abs(tau)
+        slope = (columns(knots, tau + step, chosen.order) - columns(knots, tau - step, chosen.order)) @ coefficients / (2 * step)
+        L = noise.factor()
+        W = whiten(L, np.column_stack([A, slope]))
+        of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
+        G = np.vstack([G - np.outer(G @ slope, of_lag), of_lag])
+    return coefficients, G @ noise.C @ G.T
+
+
+def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
+    """Probability of as good a fit by chance where temperature does nothing: by the ratio of likelihoods, the noise estimated for each.
+
+    With the noise of the polynomial alone a slow wander passes for temperature: what one fit takes for the trend, the other's noise
+    explains (benchmarks/temperature.py, nulls).
+    """
+    if not chosen.order:
+        return 1.0
+    values = []
+    for order, lag in ((0, 0.0), (chosen.order, tau)):
+        A = columns(knots, lag, order)
+        L = estimate_noise(y, A, V, white).factor()
+        values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
+    return float(chi2.sf(values[0] - values[1], chosen.order + 2 * chosen.lagged))
+
+
+def _by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
+    """Probability of such coefficients of the powers beyond ``above`` by chance where they are zero (Wald)."""
+    if order <= above:
+        return 1.0
+    part = slice(logs + above, logs + order)
+    pull = np.linalg.solve(covariance[part, part], coefficients[part])
+    return float(chi2.sf(coefficients[part] @ pull, order - above))
+
+
+def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """terms (P + 1,) per degC^n, the first the mean of the logs' zeros, and the covariance (P + 2, P + 2) of them and the lag."""
+    logs, order = len(knots.logs), chosen.order
+    map_ = np.zeros((order + 2, len(covariance)))
+    map_[0, :logs] = 1 / logs
+    map_[np.arange(1, order + 1), logs + np.arange(order)] = knots.half_c ** -np.arange(1.0, order + 1)
+    if chosen.lagged:
+        map_[-1, -1] = 1.0
+    return map_[:-1, : len(coefficients)] @ coefficients, map_ @ covariance @ map_.T

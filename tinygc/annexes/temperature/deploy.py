@@ -1,0 +1,202 @@
+"""A calibration over temperature in C, and in the terms of PX4 and ArduPilot."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from session.io.units import DEG
+from tinygc.annexes.temperature.model import ThermalModel, time_and_share, weights
+from tinygc.deploy.calibration import ExportError
+from tinygc.deploy.embedded.stages import Inputs, ProgramStage, single
+from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._text import LinearPart
+from tinygc.effects import Cost
+
+# A calibration over temperature in single precision: Horner's rule for zero and E, and the elements' temperatures where there is a lag.
+#
+# A lag of minutes at hundreds of samples a second moves its state by less than single precision can hold, so the state is two numbers, of
+# which the second is what the first has lost (Kahan 1965).
+
+_HELD = """\
+/* The temperature within the range that was measured, less the reference. */
+static float held(float celsius)
+{
+    float t = celsius;
+    if (t < THERMAL_C[1])
+        t = THERMAL_C[1];
+    if (t > THERMAL_C[2])
+        t = THERMAL_C[2];
+    return t - THERMAL_C[0];
+}
+"""
+_FOLLOW = """\
+const float reading = in->temp_c;
+if (!state->warm) {
+    for (int i = 0; i < 3; i++) {
+        state->element[i] = reading;
+        state->lost[i] = 0.0f;
+    }
+    state->reading = reading;
+    state->warm = 1.0f;
+}
+for (int i = 0; i < 3; i++) {
+    const float step = THERMAL_LAG[i][0] * ((state->reading - state->element[i]) - state->lost[i])
+        + THERMAL_LAG[i][1] * (reading - state->reading);
+    const float lost = state->lost[i] + step;
+    const float sum = state->element[i] + lost;
+    state->lost[i] = lost - (sum - state->element[i]);
+    state->element[i] = sum;
+    element[i] = sum + THERMAL_LAG[i][2] * (reading - sum);
+}
+state->reading = reading;
+"""
+_BODY = """\
+float element[3], x[3], s[3];
+{follow}for (int i = 0; i < 3; i++) {{
+    const float t = held(element[i]);
+    float zero = THERMAL_ZERO[{zero}][i];
+    for (int n = {zero} - 1; n >= 0; n--)
+        zero = zero * t + THERMAL_ZERO[n][i];
+    x[i] = r[i] - zero;
+}}
+const float at = held(in->temp_c);
+for (int i = 0; i < 3; i++) {{
+    s[i] = 0.0f;
+    for (int j = 0; j < 3; j++) {{
+        float e = THERMAL_E[{matrix}][i][j];
+        for (int n = {matrix} - 1; n >= 0; n--)
+            e = e * at + THERMAL_E[n][i][j];
+        s[i] += e * x[j];
+    }}
+}}
+for (int i = 0; i < 3; i++)
+    r[i] = x[i] + s[i];"""
+
+
+class Thermal(ProgramStage):
+    """r = E(T) (r - zero(T_e)) as x + (E(T) - I) x."""
+
+    def __init__(self, model: ThermalModel, rate_hz: float | None):
+        matrices = model.E_terms.copy()
+        matrices[0] -= np.eye(3)
+        self._E, self._zero = single(matrices, "E over temperature"), single(model.zero_terms, "the zero over temperature")
+        self._c = single([model.reference_c, *model.range_c], "the temperatures")
+        self.says = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
+        self.constants = {"THERMAL_C": self._c, "THERMAL_ZERO": self._zero, "THERMAL_E": self._E}
+        self.functions, follow = _HELD, "for (int i = 0; i < 3; i++)\n    element[i] = in->temp_c;\n"
+        powers = len(self._zero) - 1, len(self._E) - 1
+        self.cost = Cost(3 * powers[0] + 9 * (powers[1] + 1), 3 * powers[0] + 9 * (powers[1] + 1) + 10, 8)
+        self._lag: np.ndarray | None = None
+        if model.lag_s.any():
+            if rate_hz is None:
+                raise ExportError("a lag of the temperature needs the data rate; give the session's sensor.odr_hz")
+            self._lag = single([_lag(float(tau), rate_hz) for tau in model.lag_s], "the lag")
+            self.constants["THERMAL_LAG"] = self._lag
+            self.state, self.state_bytes = "    float element[3];\n    float lost[3];\n    float reading;\n    float warm;\n", 32
+            self.start, follow = "state->warm = 0.0f;\nstate->reading = 0.0f;\n", _FOLLOW
+            self.start += "for (int i = 0; i < 3; i++)\n    state->element[i] = state->lost[i] = 0.0f;"
+            self.cost = self.cost + Cost(9, 27, 1)
+        self.body = _BODY.format(follow=follow, zero=powers[0], matrix=powers[1])
+
+    def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
+        element = self._elements(inputs.temp_c)
+        t = self._held(element)
+        zero = np.broadcast_to(self._zero[-1], t.shape)
+        for terms in self._zero[-2::-1]:
+            zero = zero * t + terms
+        x, at = rate - zero, self._held(inputs.temp_c)
+        E = np.broadcast_to(self._E[-1], (len(x), 3, 3))
+        for matrix in self._E[-2::-1]:
+            E = E * at[:, None, None] + matrix
+        s = np.zeros_like(x)
+        for j in range(3):
+            s = s + E[:, :, j] * x[:, j : j + 1]
+        return x + s
+
+    def _held(self, celsius: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(celsius, self._c[1]), self._c[2]) - self._c[0]
+
+    def _elements(self, reading: np.ndarray) -> np.ndarray:
+        """(N, 3) float32, one sample after the other."""
+        if self._lag is None or not len(reading):
+            return np.repeat(reading[:, None], 3, axis=1)
+        out = np.zeros((len(reading), 3), dtype=np.float32)
+        a, new, share = self._lag.T
+        state, lost = np.full(3, reading[0]), np.zeros(3, dtype=np.float32)
+        before = reading[0]
+        for n, now in enumerate(reading):
+            step = a * ((before - state) - lost) + new * (now - before)
+            carried = lost + step
+            total = state + carried
+            lost, state, before = carried - (total - state), total, now
+            out[n] = total + share * (now - total)
+        return out
+
+
+def _lag(tau_s: float, rate_hz: float) -> tuple[float, float, float]:
+    """(1 - c, new, r) of an axis; without a lag the element has the reading's temperature."""
+    a_s, share = time_and_share(tau_s)
+    if a_s == 0:
+        return 1.0, 1.0, 0.0
+    c, new, _ = weights(a_s, 1 / rate_hz)
+    return 1 - c, new, share
+
+
+# A zero over temperature as PX4 and ArduPilot hold it: a cubic about a temperature of theirs, and no lag.
+
+#: highest power that they have
+CUBIC = 3
+#: dps: a lag whose loss in a change of 1 degC a minute is below this is not worth a word
+WORTH_DPS = 1e-4
+
+
+def cubic_about(terms: np.ndarray, reference_c: float, range_c: tuple[float, float], about_c: float) -> tuple[np.ndarray, float]:
+    """(4, 3) terms per degC^n about another temperature, from terms (n, 3) about ``reference_c``; and the largest that is lost.
+
+    Exact up to the third order; beyond it the cubic that is nearest, all temperatures of the range alike.
+    """
+    out, lost = np.zeros((CUBIC + 1, 3)), 0.0
+    at = np.linspace(*range_c, 201)
+    for axis in range(3):
+        own = Polynomial(terms[:, axis])
+        near = own if own.trim().degree() <= CUBIC else Polynomial.fit(at - reference_c, own(at - reference_c), CUBIC).convert()
+        lost = max(lost, float(np.abs(near(at - reference_c) - own(at - reference_c)).max()))
+        moved = near(Polynomial([about_c - reference_c, 1.0])).coef
+        out[: len(moved), axis] = moved
+    return out, lost
+
+
+def part_at_reference(model: ThermalModel) -> LinearPart:
+    """The linear model at the reference temperature."""
+    linear = model.at(model.reference_c)
+    return LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), model.reference_c)
+
+
+def say_lost(model: ThermalModel, context: Context, name: str, lost_rps: float) -> None:
+    """What the format cannot carry, to the operator."""
+    full_scale = context.config.sensor.gyro_fs_dps
+    E = model.E(np.array(model.range_c))
+    lost = np.abs(E - np.eye(3)).sum(axis=2).max()
+    if lost > 0:  # of rest logs alone nothing of E is known
+        context.say(
+            f"{name} carries the zero over temperature only, no scale and no misalignment: up to {100 * lost:.2f} % of the rate, "
+            f"{lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
+        )
+    if lost_rps > 0:
+        context.say(f"{name} has no power beyond the third: the nearest cubic is off by up to {lost_rps / DEG:.2g} dps")
+    slope = np.abs(model.zero_terms[1]) if len(model.zero_terms) > 1 else np.zeros(3)
+    behind = float(np.max(np.abs(model.lag_s) * slope)) / 60 / DEG
+    if behind > WORTH_DPS:
+        lags = ", ".join(f"{lag:.0f}" for lag in model.lag_s)
+        context.say(
+            f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {behind:.2g} dps"
+        )
+
+
+def accel_change(context: Context) -> np.ndarray | None:
+    """(n + 1, 3) m/s^2 per degC^n about the reference, what rest logs told of the accelerometer; None where they did not."""
+    change = context.table.get("accel_change_mps2")
+    terms = np.asarray(change, dtype=float) if change else np.zeros((0, 3))
+    return np.vstack([np.zeros(3), terms]) if terms.size and terms.ndim == 2 else None

@@ -1,0 +1,75 @@
+"""A calibration over temperature: from folders with rest logs, and sessions at several temperatures, to one model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from session.io.config import Sensor, read_config
+from session.io.errors import DataError, FitError, FormatError
+from session.io.folder import file_key, input_hashes, log_paths, read_session, sha256_of
+from session.io.texts import printable
+from tinygc.annexes.temperature.axis_fit import ORDERS
+from tinygc.annexes.temperature.rest_fit import RestFit, fit_rests, read_rests
+from tinygc.annexes.temperature.sessions_fit import ThermalFit, join, joined, of_rests_alone, point_of
+from tinygc.library.sessions import Progress
+
+
+def fit_temperature(
+    folders: Path | str | Sequence[Path | str],
+    *,
+    most_order: int = ORDERS[-1],
+    progress: Progress = lambda what, done, of: None,
+) -> ThermalFit:
+    """Of one folder or several of one sensor: all their rest logs, and every session with turns.
+
+    Rest logs alone give the zero over temperature, beside an E that is the identity.  Raises CalibrationError, in one line, for what cannot
+    be read or fitted.
+    """
+    paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
+    sensor = _one_sensor(paths)
+    rest_paths = [path for folder in paths for path in log_paths(folder, "rest")]
+    turning = [folder for folder in paths if log_paths(folder, "log")]
+    if not rest_paths and not turning:
+        raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
+    _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
+    rests: RestFit | None = None
+    hashes = {_named(path, paths): sha256_of(path) for path in rest_paths}
+    name = printable(paths[0].resolve().name)
+    if rest_paths:
+        rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
+    if not turning:
+        assert rests is not None
+        return of_rests_alone(name, rests, {"session.toml": sha256_of(paths[0] / "session.toml")} | hashes)
+    shape = None if rests is None else of_rests_alone(name, rests, {}).model
+    points = []
+    for folder in turning:
+        session = read_session(folder)
+        prefix = f"{session.name}/" if len(paths) > 1 else ""
+        hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
+        points.append(point_of(session, shape, progress))
+    return joined(name, join(points, rests, most_order), rests, hashes)
+
+
+def _refuse_same(paths: list[Path]) -> None:
+    """DataError where two logs are one recording: it would count twice, and halve the variances."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        first = seen.setdefault(sha256_of(path), path)
+        if first is not path:
+            raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")
+
+
+def _one_sensor(folders: list[Path]) -> Sensor:
+    """Of all folders.  FitError where they are of several."""
+    sensors = [read_config(folder / "session.toml").sensor for folder in folders]
+    for folder, sensor in zip(folders[1:], sensors[1:], strict=True):
+        for what in ("model", "serial", "gyro_fs_dps"):
+            mine, first = getattr(sensor, what), getattr(sensors[0], what)
+            if mine != first:
+                raise FitError(f"{folder}: sensor.{what} is {mine!r}, and {folders[0]} has {first!r}; join sessions of one sensor")
+    return sensors[0]
+
+
+def _named(path: Path, folders: list[Path]) -> str:
+    return file_key(path) if len(folders) == 1 else f"{printable(path.parent.resolve().name)}/{file_key(path)}"

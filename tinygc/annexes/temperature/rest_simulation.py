@@ -1,0 +1,213 @@
+"""A simulated rest log: temperature up and down, a zero that follows late, noise; and its folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+from session.io.config import SCHEMA
+from session.io.errors import CalibrationError
+from session.io.files import naming, result_folder
+from session.io.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.io.units import DEG, DEG_PER_HOUR, G
+from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions, choice
+from tinygc.simulation.simulator import bias_instability, white
+from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, SIMULATED, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
+
+# What a person may choose of a simulated rest log.
+
+#: beyond any sensor: what is larger would overflow somewhere
+LARGEST = {
+    "zero_dps": 1e4,
+    "slope_dps_per_c": 100.0,
+    "bend_dps_per_c2": 10.0,
+    "lag_s": 1e5,
+    "hysteresis_dps": 1e4,
+    "random_walk_dps_rts": 100.0,
+}
+MOST_KNOCKS = 100_000
+
+
+@dataclass(frozen=True)
+class RestOptions:
+    """One simulated rest log; what follows temperature is the same size on every axis, with the signs +, −, + for x, y, z."""
+
+    cycles: float = choice(0.0, "of the temperature in the rest log; 0: a session with turns is simulated")
+    cycle_s: float = choice(3600.0, "s, length of a cycle")
+    cold_c: float = choice(-10.0, "degC, coldest, where it begins")
+    warm_c: float = choice(70.0, "degC, warmest")
+    zero_dps: tuple[float, float, float] = choice((0.5, -0.3, 0.6), "dps, the zero in the middle of the range")
+    slope_dps_per_c: float = choice(0.03, "dps/degC, how the zero follows the element's temperature")
+    bend_dps_per_c2: float = choice(2e-4, "dps/degC^2, its curvature")
+    lag_s: float = choice(0.0, "s, by which the element is behind the temperature reading; negative: ahead of it")
+    hysteresis_dps: float = choice(0.0, "dps, between the way up and the way down")
+    random_walk_dps_rts: float = choice(0.0, "dps/sqrt(s), how the zero wanders besides")
+    noise_per_c: float = choice(0.0, "1/degC, how the white noise grows with temperature")
+    knocks: int = choice(0, "blows of a tenth of a second")
+
+    def __post_init__(self) -> None:
+        for option in fields(self):
+            value = getattr(self, option.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            self._require(all(isfinite(number) for number in numbers), option.name, "finite numbers")
+        self._require(0 <= self.cycles <= 1000, "cycles", "0 to 1000")
+        self._require(10 <= self.cycle_s <= 1e7, "cycle_s", "10 to 1e7")
+        self._require(-40 <= self.cold_c <= self.warm_c <= 105, "cold_c", "at most warm_c, both within the sensor's range, -40 to 105 degC")
+        for name, most in LARGEST.items():
+            value = getattr(self, name)
+            fine = all(abs(number) <= most for number in (value if isinstance(value, tuple) else (value,)))
+            self._require(fine, name, f"within {most:g}")
+        self._require(self.random_walk_dps_rts >= 0, "random_walk_dps_rts", "0 or more")
+        self._require(abs(self.noise_per_c) * (self.warm_c - self.cold_c) < 2, "noise_per_c", "less: the noise would be negative")
+        self._require(0 <= self.knocks <= MOST_KNOCKS, "knocks", f"0 to {MOST_KNOCKS}")
+
+    def _require(self, fine: bool, name: str, expected: str) -> None:
+        if not fine:
+            raise CalibrationError(f"{rest_flag(name)} is {getattr(self, name)!r}, expected {expected}")
+
+
+def rest_flag(name: str) -> str:
+    """The command line's flag of an option."""
+    return "--rest-" + name.replace("_", "-")
+
+
+# A simulated rest log: temperature up and down, a zero that follows it late and comes back another way, noise of every colour.
+#
+# The element's lag is stepped sample by sample, and the hysteresis is a play: code of its own, which no estimator shares.
+
+#: of half the range: how far the temperature must turn back before the hysteresis has changed sides
+PLAY_SHARE = 0.2
+#: LSB per degC, and where it is 0 (docs/sensor.md)
+TEMP_LSB_PER_C, TEMP_ZERO_C = 256.0, 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class RestRecording:
+    """Registers of a rest log: t_us (N,), gyro and accel (N, 3), temp (N,), whole numbers; knock_s: when it was knocked."""
+
+    t_us: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp: np.ndarray
+    knock_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class Chip:
+    """What the rest log is recorded with: data rate Hz, full scales dps and g, white densities and bias instability of the datasheet."""
+
+    odr_hz: float
+    gyro_fs_dps: float
+    accel_fs_g: float
+    gyro_noise_dps_rthz: float
+    accel_noise_ug_rthz: float
+    bias_instability_dph: float
+
+
+def simulate_rest(options: RestOptions, chip: Chip, seed: int = 0) -> RestRecording:
+    """The registers.  CalibrationError for a log that memory would not hold."""
+    count = round(options.cycles * options.cycle_s * chip.odr_hz)
+    if not 2 <= count <= MOST_SAMPLES:
+        raise CalibrationError(f"--rest-cycles makes {count} samples, expected 2 to {MOST_SAMPLES:.0e}; shorten it, or lower --odr-hz")
+    rng = np.random.default_rng([seed, 13])
+    dt_s = 1 / chip.odr_hz
+    t_s = np.arange(count) * dt_s
+    middle, half = (options.warm_c + options.cold_c) / 2, (options.warm_c - options.cold_c) / 2
+    sign = np.array([1.0, -1.0, 1.0])
+    heat = middle - half * np.cos(2 * np.pi * t_s / options.cycle_s)
+    element, reading = (heat, _behind(heat, -options.lag_s, dt_s)) if options.lag_s < 0 else (_behind(heat, options.lag_s, dt_s), heat)
+    away = element - middle
+    follows = options.slope_dps_per_c * away + options.bend_dps_per_c2 * away**2
+    if options.hysteresis_dps and half:
+        play = PLAY_SHARE * half
+        follows = follows + options.hysteresis_dps / 2 * (element - _play(element, play)) / play
+    walk = options.random_walk_dps_rts * np.sqrt(dt_s) * np.cumsum(rng.standard_normal((count, 3)), axis=0)
+    louder = 1 + options.noise_per_c * (element - middle)
+    noise = white(chip.gyro_noise_dps_rthz, chip.odr_hz, count, rng) * louder[:, None]
+    flicker = bias_instability(chip.bias_instability_dph * DEG_PER_HOUR / DEG, chip.odr_hz, count, rng)
+    gyro_dps = np.array(options.zero_dps) + follows[:, None] * sign + walk + noise + flicker
+    accel_g = np.array([0.0, 0.0, -1.0]) + white(chip.accel_noise_ug_rthz * 1e-6, chip.odr_hz, count, rng)
+    knock_s = np.sort(rng.uniform(0.05, 0.95, options.knocks)) * t_s[-1]
+    for moment in knock_s:
+        here = (t_s >= moment) & (t_s < moment + max(0.1, 2 * dt_s))
+        gyro_dps[here] += rng.normal(size=(here.sum(), 3)) * 5
+        accel_g[here] += rng.normal(size=(here.sum(), 3)) * 0.3
+    limit = 2**15 - 1
+    gyro = np.clip(np.rint(gyro_dps * DEG / gyro_rps_per_lsb(chip.gyro_fs_dps)), -limit - 1, limit)
+    accel = np.clip(np.rint(accel_g * G / accel_mps2_per_lsb(chip.accel_fs_g)), -limit - 1, limit)
+    temp = np.rint((reading - TEMP_ZERO_C) * TEMP_LSB_PER_C + rng.normal(size=count))
+    return RestRecording(np.rint(t_s * 1e6).astype(int), gyro.astype(int), accel.astype(int), temp.astype(int), knock_s)
+
+
+def _behind(values: np.ndarray, lag_s: float, dt_s: float) -> np.ndarray:
+    """First-order lag, by trapezoids (bilinear), from rest at the first value."""
+    if lag_s <= 0:
+        return values
+    k = dt_s / (2 * lag_s + dt_s)
+    b, a = [k, k], [1.0, -(2 * lag_s - dt_s) / (2 * lag_s + dt_s)]
+    return values[0] + lfilter(b, a, values - values[0])
+
+
+def _play(values: np.ndarray, width: float) -> np.ndarray:
+    """What follows with a play of +/- width, begun in the middle: (N,)."""
+    out, held = np.empty(len(values)), float(values[0])
+    for k, value in enumerate(values.tolist()):
+        held = min(max(held, value - width), value + width)
+        out[k] = held
+    return out
+
+
+# Write a simulated rest log as a session folder, and its truth beside it.
+
+
+def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, force: bool = False) -> Path:
+    """Simulate a rest log and write its folder; returns the folder.  FormatError as of ``write_session``."""
+    check_folder(folder, force)
+    if session.sensor != DEFAULT:
+        raise CalibrationError(
+            f"--sensor is {session.sensor!r}, expected {DEFAULT}: the registers of a rest log are simulated for it alone"
+        )
+    chip = Chip(
+        session.odr_hz,
+        session.gyro_fs_dps,
+        session.accel_fs_g,
+        session.gyro_noise_dps_rthz,
+        session.accel_noise_ug_rthz,
+        session.bias_instability_dph,
+    )
+    made = simulate_rest(options, chip, session.seed)
+    table = np.column_stack([made.t_us, made.gyro, made.accel, made.temp])
+    ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
+    comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
+    truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
+    with result_folder(folder), naming(folder):
+        for stale in (LOG, CLOSURE):
+            (folder / stale).unlink(missing_ok=True)
+        (folder / CONFIG).write_text(_config(session, options), encoding="utf-8")
+        (folder / REST).write_bytes(packed_log(comment, table))
+        (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def _config(session: SimulationOptions, options: RestOptions) -> str:
+    given = [f"{rest_flag('cycles')} {options.cycles:g}", f"--seed {session.seed}"]
+    return f"""\
+{SIMULATED}, not recorded: calibrate.py simulate {" ".join(given)} and what truth.json holds besides
+schema = "{SCHEMA}"
+
+[sensor]
+model = "ASM330LHH"
+serial = "SIM-{session.unit_drawn_from}"
+odr_hz = {float(session.odr_hz)!r}
+gyro_fs_dps = {session.gyro_fs_dps:g}
+accel_fs_g = {session.accel_fs_g:g}
+
+[site]
+latitude_deg = {float(session.latitude_deg)!r}
+gravity_mps2 = {float(session.gravity_mps2)!r}
+"""

@@ -1,1 +1,0 @@
-"""All units as one gyroscope: the best weights, the model and its file."""

@@ -1,0 +1,151 @@
+"""Options that several commands share: of a fit, and of a foreign log."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from tinygc.cli.arguments import (
+    METHODS,
+    accel_full_scale,
+    conditions,
+    count,
+    data_rate,
+    gyro_full_scale,
+    methods,
+    path_read,
+    segment_numbers,
+)
+
+if TYPE_CHECKING:
+    from session.io.dialects import Answers
+    from tinygc.estimation.options import FitOptions
+
+
+# The options of a fit, which ``fit`` and ``report`` share: a report can take again what fit has saved only if they are the same.
+
+#: where a fit takes its bias from
+BIASES = ("auto", "ends", "stills")
+#: what is believed of the accelerometer's calibration
+ACCELEROMETERS = ("auto", "given", "fit", "prior")
+#: methods that a fit with a lot's prior compares, where none are named: of those that are fitted, least squares knows of it
+WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
+
+
+def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
+    """What decides a fit's numbers; of_day: further sources of a bias, for a stored calibration."""
+    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
+    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
+    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
+    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument(
+        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
+    )
+    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument(
+        "--denoise-loss",
+        choices=("neighbours", "still", "endpoint"),
+        default="neighbours",
+        help="what tinygc_denoised learns; endpoint: the paper's",
+    )
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    command.add_argument(
+        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
+    )
+    command.add_argument(
+        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
+    )
+    command.add_argument(
+        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
+    )
+    command.add_argument(
+        "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
+    )
+    sources = "from the ends of the turns, from the stills around each, or whichever closes held-out segments better (auto)"
+    if of_day:
+        sources += "; with --model, of the day: the first still, gravity over the run, --bias-dps"
+    command.add_argument("--bias", choices=(*BIASES, *of_day), metavar="|".join((*BIASES, *of_day)), help=sources)
+    what = (
+        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
+    )
+    command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
+    what = "what many units of its kind tell of this one (lot.json), as the prior of least squares: fewer turns are enough"
+    command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument(
+        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
+    )
+
+
+def fit_options(args: argparse.Namespace) -> FitOptions:
+    """From the parsed arguments; without physics."""
+    from tinygc.estimation.options import DenoiseOptions, FitOptions
+
+    chosen = tuple(args.methods)
+    return FitOptions(
+        methods=WITH_LOT if args.lot is not None and chosen == tuple(METHODS.split(",")) else chosen,
+        folds=args.folds,
+        seed=args.seed,
+        still_rates=args.still_rates,
+        integrator=args.integrator,
+        optimizer=args.optimizer,
+        epochs=args.epochs,
+        loss=args.loss,
+        earth=not args.no_earth,
+        exclude=tuple(dict.fromkeys(args.exclude)),
+        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
+        variant=args.variant,
+        parts=args.parts,
+        conditions=args.conditions,
+        bias_per_log=args.bias_per_log,
+        bias=args.bias or "auto",
+        accelerometer=args.accelerometer,
+        lot=args.lot,
+    )
+
+
+def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
+    """Options of a fit that were asked for otherwise than by default, as a person writes them; ``but`` those that are heeded."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_fit_arguments(parser)
+    usual = {**vars(parser.parse_args([])), "resume": False, "physics": None}
+    return [f"--{name.replace('_', '-')}" for name, value in usual.items() if name not in but and getattr(args, name) != value]
+
+
+# What a log may not tell, as options: the same wherever a foreign log is read.
+
+
+def add_log_options(command: argparse.ArgumentParser) -> None:
+    """``--odr``, ``--gyro-fs``, … in a group of their own."""
+    asked = command.add_argument_group("what a log may not tell")
+    asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (calibrate.py sensors lists those known)")
+    asked.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate")
+    asked.add_argument("--gyro-fs", type=gyro_full_scale, metavar="DPS", help="full scale of the gyroscope")
+    asked.add_argument("--accel-fs", type=accel_full_scale, metavar="G", help="full scale of the accelerometer")
+    asked.add_argument("--time-unit", metavar="UNIT", help="s, ms, us, ns, 25us; none: count samples at --odr")
+    asked.add_argument("--gyro-unit", metavar="UNIT", help="dps, mdps, rad/s, lsb, or one count: 0.061dps")
+    asked.add_argument("--accel-unit", metavar="UNIT", help="g, mg, m/s2, lsb, or one count: g/2048")
+    asked.add_argument("--columns", metavar="LIST", help="of any other CSV: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME")
+    asked.add_argument("--gyro-axes", default="x,y,z", metavar="X,Y,Z", help="the log's axes that become x,y,z: y,-x,z")
+    asked.add_argument(
+        "--accel-axes", default="x,y,z", metavar="X,Y,Z", help="the same for the accelerometer; -x,-y,-z if it shows gravity"
+    )
+
+
+def answers_of(args: argparse.Namespace) -> Answers:
+    """``session.io.dialects.Answers`` of the options."""
+    from session.io.dialects import Answers
+
+    return Answers(
+        odr_hz=args.odr,
+        gyro_fs_dps=args.gyro_fs,
+        accel_fs_g=args.accel_fs,
+        time_unit=args.time_unit,
+        gyro_unit=args.gyro_unit,
+        accel_unit=args.accel_unit,
+        columns=args.columns,
+        gyro_axes=args.gyro_axes,
+        accel_axes=args.accel_axes,
+        sensor=args.sensor,
+    )

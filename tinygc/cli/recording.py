@@ -1,0 +1,403 @@
+"""What ``record`` is made of: views, series of boards, the page after the end, the coach."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import ipaddress
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from session.io.texts import printable, shell_word
+from tinygc.cli.defaults import defaults_json
+from tinygc.cli.results import Interruption, complain, output, write_json
+
+if TYPE_CHECKING:
+    from session.bench.guide import Guide, View
+    from session.bench.guided_session import Watch
+    from session.bench.messages import Advice, Progress
+    from session.bench.page.server import PageServer
+    from session.bench.recorder import Recorder
+    from session.bench.screen import LiveScreen, PlainLines
+    from session.bench.series import Series
+    from session.io.config import Config, Site
+    from tinygc.annexes.lots.lot import Lot
+    from tinygc.planning.coach import Coach
+
+
+# What ``record`` takes of a person's own defaults: the port, and what a session.toml that it writes is to say of the bench.
+
+PORT, LIKE = {"port": "record.port"}, {"like": "record.like"}
+SITE = {"latitude_deg": "site.latitude_deg", "gravity_mps2": "site.gravity_mps2"}
+DEFAULTS = PORT | LIKE | SITE
+
+
+def takes(args: argparse.Namespace, known: Mapping[str, object]) -> dict[str, str]:
+    """Destination -> key of what counts for this recording; known: the keys that the file has.
+
+    A folder's own session.toml says all of it already; another one that the recording is to be like says where the table stands.
+    """
+    if args.out is not None and (args.out / "session.toml").exists():
+        return PORT
+    if args.like is not None:
+        return PORT
+    return PORT | (LIKE if LIKE["like"] in known else SITE)
+
+
+def bench(args: argparse.Namespace) -> Site:
+    """Where the table stands, by these defaults."""
+    from session.io.config import Site
+
+    return Site(args.latitude_deg, args.gravity_mps2)
+
+
+# What a recording is looked at with: a live screen in a terminal, lines elsewhere, and a page where one was asked for.
+
+LOOPBACK = "127.0.0.1:0"
+
+
+def page_address(text: str) -> tuple[str, int]:
+    """``HOST:PORT`` or ``HOST``, an IPv4 address; port 0: any that is free."""
+    host, _, port = text.partition(":")
+    try:
+        address, number = ipaddress.IPv4Address(host), int(port or 0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no address of this computer, such as 127.0.0.1:8000") from None
+    if not 0 <= number <= 65535:
+        raise argparse.ArgumentTypeError(f"port {number} is none: 0 (any that is free) to 65535")
+    if number == 80:
+        raise argparse.ArgumentTypeError("port 80 is not to be had: browsers leave it out where the page wants it named; take 8080")
+    return str(address), number
+
+
+@contextlib.contextmanager
+def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
+    """The page's server, where a page was asked for.  What ends the recording is said on the page, too."""
+    if args.view is None:
+        yield None
+        return
+    from session.bench.page.server import PageServer
+    from session.io.errors import CalibrationError
+
+    server = PageServer(*args.view)
+    server.start()
+    print(f"look at the recording: {server.address}", file=sys.stderr, flush=True)  # also where quiet: it is what was asked for
+    try:
+        yield server
+    except CalibrationError as error:
+        server.publish("end", {"words": printable(str(error)), "command": "", "report": "none"})
+        raise
+    finally:
+        server.close()
+
+
+@contextlib.contextmanager
+def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
+    """What is told of the recording, and what is shown its samples."""
+    with _screen(args, title) as screen:
+        if server is None:
+            yield screen, None
+            return
+        from session.bench.page.state import PageView
+
+        page = PageView(screen, server)
+        yield page, page.watch
+
+
+def _screen(args: argparse.Namespace, title: str) -> contextlib.AbstractContextManager[LiveScreen | PlainLines]:
+    """The live screen in a terminal, lines elsewhere, nothing where quiet."""
+    from session.bench.console import PlainConsole
+    from session.bench.screen import LiveScreen, PlainLines
+
+    console = PlainConsole(stderr=True, quiet=args.quiet)
+    return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
+
+
+# What was recorded, in lines and as JSON.
+
+MOST_NAMED = 3  #: logs
+
+
+def so_far(guide: Guide, recorder: Recorder) -> str:
+    """What there is: segments and files."""
+    names = [path.name for path in recorder.logs.paths] or ["no log yet"]
+    logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
+    return f"{counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
+
+
+def counted(guide: Guide, recorder: Recorder) -> str:
+    """Segments and samples."""
+    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
+
+
+def left_out(recorder: Recorder) -> Iterator[str]:
+    """What is in the raw bytes and in no log, or may be in one and wrong."""
+    from session.bench.frames import cannot_be_told
+    from session.bench.logwriter import said_not_logged
+
+    raw, logs = recorder.raw.path, recorder.logs
+    if crc_errors := recorder.decoder.crc_errors:
+        yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
+    if recorder.undecoded:
+        yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or replay {raw} --out DIR"
+    if logs.not_logged:
+        yield f"{raw}: {said_not_logged(logs.not_logged, logs.not_logged_starts)}"
+
+
+def missing(guide: Guide) -> str:
+    """What the coach would still ask for."""
+    if guide.advice is None or not guide.advice.missing:
+        return ""
+    return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
+
+
+def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
+    """The result as JSON."""
+    health = guide.health
+    troubles = health.troubles  # before the port was closed, which tears the last frame
+    return {
+        "schema": "tinygc-record/1",
+        "session": str(folder),
+        "done": guide.stage.value == "done",
+        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected, "dropped": guide.dropped},
+        "accelerometer": _accelerometer(guide),
+        "samples": recorder.samples,
+        "lost": troubles["lost"],
+        "crc_errors": troubles["crc"],
+        "garbage_bytes": troubles["garbage"],
+        "implausible": troubles["implausible"],
+        "resets": troubles["reset"],
+        "odr_hz": health.odr_hz,
+        "odr_by_host_hz": health.odr_by_host_hz,
+        "logs": [path.name for path in recorder.logs.paths],
+        "missing": list(guide.advice.missing) if guide.advice else None,
+    }
+
+
+def _accelerometer(guide: Guide) -> dict | None:
+    """What the stills make of an accelerometer that nobody has calibrated."""
+    if guide.taken.own is None:
+        return None
+    before, after = guide.taken.own.spread_mg
+    stills = len(guide.taken.own.stills)
+    return {"stills": stills, "attitudes": guide.taken.own.attitudes, "spread_mg": {"before": before, "after": after}}
+
+
+# The page behind the end of a recording, whose files are closed by then: it stays while somebody looks at it, and has the report made
+# by a process of its own where that is asked for.
+
+GONE_S = 5.0  #: without a browser: one that reloads the page is back by then
+LOOK_EVERY_S = 0.1
+CALIBRATE = Path(__file__).resolve().parents[2] / "calibrate.py"
+MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration that fails
+
+
+def say_interrupted(server: PageServer, command: str) -> None:
+    """Say on the page how it goes on."""
+    server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": command, "report": "none"})
+
+
+def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
+    """While somebody looks at the page, and nobody wants it to end."""
+    _Finished(server, folder).stay(wanted)
+
+
+class _Finished:
+    """A recording that is finished, on the page."""
+
+    def __init__(self, server: PageServer, folder: Path):
+        self._server, self._path = server, folder / "report.html"
+        self._command, self._folder = f"calibrate.py report {shell_word(folder)}", folder
+        self._ready = False
+        server.report = lambda: self._path.read_bytes() if self._ready and self._path.is_file() else None
+        self._say("offered", "The files are closed.")
+
+    def stay(self, wanted: Callable[[], bool]) -> None:
+        """Whoever reloads the page, or has a phone that sleeps, is awaited; where nobody ever looked, it ends at once."""
+        seen_s = time.monotonic()
+        if self._server.visited:
+            print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
+        else:
+            return
+        while not wanted() and time.monotonic() - seen_s < GONE_S:
+            if self._server.wishes.report.is_set():
+                self._make(wanted)
+                self._server.wishes.report.clear()
+            if self._server.clients:
+                seen_s = time.monotonic()
+            time.sleep(LOOK_EVERY_S)
+
+    def _make(self, wanted: Callable[[], bool]) -> None:
+        began_s = time.monotonic()
+        with tempfile.TemporaryFile() as said:
+            command = [
+                sys.executable,
+                str(CALIBRATE),
+                "report",
+                str(self._folder.resolve()),
+                "--quiet",
+            ]  # no name that looks like an option
+            with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
+                try:
+                    while making.poll() is None and not wanted():
+                        self._say(
+                            "making", f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all."
+                        )
+                        time.sleep(LOOK_EVERY_S)
+                finally:
+                    making.terminate()
+            self._ready = making.returncode in MADE and self._path.is_file()
+            if self._ready:
+                self._say("ready", f"The report is {self._path}.")
+            else:
+                self._say("failed", f"No report: {_last_line(said) or f'exit code {making.returncode}'}.")
+
+    def _say(self, report: str, words: str) -> None:
+        self._server.publish("end", {"words": printable(words), "command": self._command, "report": report})
+
+
+def _last_line(said: IO[bytes]) -> str:
+    said.seek(0)
+    lines = said.read().decode("utf-8", "replace").strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+# ``record --series``: a row of boards at one bench; unplug, plug in the next, and it begins.
+
+#: of ``record``: leads one recording to its end, None where it has to begin again; says what was recorded, and whether it was interrupted
+Led = Callable[..., Any]
+Tell = Callable[..., bool]
+
+
+def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
+    """Board after board until Ctrl-C, which keeps all; the list is ``series.json`` and the JSON.  130 where a board was cut short."""
+    from session.bench.series import SCHEMA, Listener, Series
+    from session.io.errors import CalibrationError, StorageError
+
+    if args.resume:
+        raise CalibrationError(
+            "--resume: a series goes on with each board that was begun; leave it out, and give the series' folder with --out"
+        )
+    series = Series(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
+    listener, last, code = Listener(lambda: _port(args), args.baud, args.header), None, 0
+    with page_server(args) as page, Interruption() as wanted:  # one for the whole row: none of its moments may miss a Ctrl-C
+        while not wanted():
+            _say(args, "plug in the next board" if last is None else "unplug it, plug in the next board; Ctrl-C ends the row", ring=True)
+            serial = listener.next_board(last, wanted)
+            if serial is None or listener.name is None:
+                break
+            last = serial
+            if (before := series.done(serial)) is not None:
+                _say(args, f"board {serial} is done already ({series.folder / before.session}, {before.segments} segments)", ring=True)
+                continue
+            folder, begun = series.place(serial)
+            _say(args, f"board {serial or 'without a serial number'}: {folder}{', which goes on' if begun else ''}", ring=True)
+            try:
+                if _one(args, series, serial, folder, begun, listener.name, page, wanted, led, tell):
+                    code = 130
+                    break
+            except StorageError:
+                raise
+            except CalibrationError as error:
+                complain(str(error))
+    done = sum(each.done for each in series.entries)
+    output(args).print(f"{series.folder}: {done} of {len(series.entries)} boards done", soft_wrap=True)
+    if series.entries:
+        output(args).print(f"next: calibrate.py fleet {shell_word(series.folder)}", soft_wrap=True)
+    write_json(
+        args.json, {"schema": SCHEMA, "folder": str(series.folder), "boards": [vars(e) for e in series.entries]} | defaults_json(args)
+    )
+    return code
+
+
+def _one(
+    args: argparse.Namespace,
+    series: Series,
+    serial: str,
+    folder: Path,
+    begun: bool,
+    port: str,
+    page: PageServer | None,
+    wanted: Interruption,
+    led: Led,
+    tell: Tell,
+) -> bool:
+    """One board's session; whether it was interrupted."""
+    from session.bench.series import Entry
+
+    of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
+    while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
+        pass  # it began again without another board's bytes
+    interrupted = tell(of_one, folder, port, *found)
+    guide = found[0]
+    ended = datetime.now().astimezone().isoformat(timespec="seconds")
+    series.add(Entry(serial, folder.name, guide.stage.value == "done", guide.accepted, ended))
+    return interrupted
+
+
+def _port(args: argparse.Namespace) -> str | None:
+    """The one that was asked for, or the only one that can be the board; None while there is none, or more than one."""
+    from session.bench.port import only_candidate
+    from session.io.errors import DeviceError
+
+    if args.port:
+        return str(args.port)
+    try:
+        return only_candidate().name
+    except DeviceError:
+        return None
+
+
+def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
+    """A line, and a bell where somebody sits at a terminal."""
+    bell = "\a" if ring and not args.mute and sys.stderr.isatty() else ""
+    if not args.quiet:
+        print(f"{bell}{printable(words)}", file=sys.stderr, flush=True)
+    elif bell:
+        print(bell, end="", file=sys.stderr, flush=True)
+
+
+# The coach of a recording, and the lot that it may know of.
+
+
+def lot_of(args: argparse.Namespace) -> Lot:
+    """Read before the port is opened: nobody turns a board for a lot that is none."""
+    from session.io.errors import CalibrationError
+    from tinygc.annexes.lots.files import read_lot
+    from tinygc.annexes.lots.prior import require_usable
+
+    if args.no_coach:
+        raise CalibrationError("--lot tells the coach how many turns are enough; leave it or --no-coach out")
+    lot = read_lot(args.lot)
+    require_usable(lot, lot.sensor, str(args.lot))
+    return lot
+
+
+def of_the_model(args: argparse.Namespace, config: Config) -> Config:
+    """The configuration, where the board is of the lot's model; CalibrationError where it is of another."""
+    from session.io.errors import CalibrationError
+
+    if config.sensor.model != args.lot_read.sensor:
+        raise CalibrationError(f"{args.lot}: a lot of {args.lot_read.sensor}, and the board is {config.sensor.model}; leave --lot out")
+    return config
+
+
+def coach_of(lot: Lot | None) -> Callable[[Progress], Advice]:
+    """The coach; its modules are loaded in its own thread, not before the recording starts."""
+    coach: Coach | None = None
+
+    def advise(progress: Progress) -> Advice:
+        nonlocal coach
+        if coach is None:
+            from tinygc.planning.coach import Coach
+
+            coach = Coach(lot=lot)
+        return coach(progress)
+
+    return advise

@@ -1,0 +1,298 @@
+"""What every command does with its results: print, write JSON, stop on a signal, go on with the next folder."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import os
+import select
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from session.io.errors import CalibrationError
+from session.io.files import refuse_recorded
+from session.io.results import is_stream, json_text, whole
+from session.io.texts import printable
+from tinygc.cli.arguments import is_standard_output
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from session.bench.console import PlainConsole
+
+
+# What ends a command: Ctrl-C, the end of the system's patience (SIGTERM), a terminal that goes (SIGHUP); in a recording at a good
+# moment, between two steps of its loop and not in the middle of what one of them does.
+#
+# A hang-up that was ignored from the start stays so: ``nohup`` asks for that.  An interrupt that was ignored, as by a shell that started us
+# in the background, still ends what runs at a port until it is told to end.
+
+HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # Windows has none
+PATIENCE = 3  #: who asks so often is obeyed at once
+
+
+class Interruption:
+    """A context.  Call it: whether somebody wants to end."""
+
+    def __init__(self) -> None:
+        self._asked = 0
+        self._handled = contextlib.ExitStack()
+
+    def __call__(self) -> bool:
+        """Whether somebody wants to end."""
+        return self._asked > 0
+
+    def __enter__(self) -> Interruption:
+        self._handled.enter_context(_handled(self._ask, signal.SIGINT))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._handled.close()
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self._asked += 1
+        if number == HANG_UP:
+            _let_go()
+        if self._asked >= PATIENCE:
+            raise KeyboardInterrupt
+
+
+def ended_by_signals(ignored_interrupt: bool = False) -> contextlib.AbstractContextManager[None]:
+    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; and SIGINT too, where it was ignored and that does not count."""
+    return _handled(_end, *([signal.SIGINT] if ignored_interrupt else []))
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    if number == HANG_UP:
+        _let_go()
+    raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _handled(handler: Callable[[int, FrameType | None], Any], *more: signal.Signals) -> Iterator[None]:
+    before: dict[signal.Signals, Any] = {}  # what a signal did before: a function, or the system's own number for it
+    with contextlib.suppress(ValueError):  # not the main thread: nobody interrupts it
+        for number in (*more, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else [])):
+            if number != HANG_UP or signal.getsignal(number) != signal.SIG_IGN:
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, signal.SIG_DFL if earlier is None else earlier)
+
+
+def _let_go() -> None:
+    """Write nowhere what was for a terminal that has gone: the last words must not fail."""
+    for file in (1, 2):
+        with contextlib.suppress(OSError, AttributeError):
+            poll = select.poll()
+            poll.register(file, 0)
+            if any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0)):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, file)
+                os.close(nowhere)
+
+
+# What every command does with its results: print them, write them as JSON, refuse in time what cannot be written.
+
+
+def output(args: argparse.Namespace) -> PlainConsole:
+    """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
+    from tinygc.cli import console
+
+    return console.output(args.quiet or is_standard_output(args.json))
+
+
+def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> None:
+    """What is said of a log that was written: on standard error where the log itself goes to standard output."""
+    for line in lines:
+        if not to_stdout:
+            output(args).print(line, soft_wrap=True)
+        elif not args.quiet:
+            print(printable(line), file=sys.stderr)
+
+
+def verdict(args: argparse.Namespace, line: RenderableType) -> None:
+    """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already,
+    and of several folders a table says it."""
+    from tinygc.cli import console
+
+    if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
+        console.output().print(line, soft_wrap=True)
+
+
+def complain(line: str) -> None:
+    """One line on standard error, whatever file or folder it quotes."""
+    print(f"calibrate: {printable(line)}", file=sys.stderr)
+
+
+def try_destinations(args: argparse.Namespace, default: str) -> None:
+    """Refuse before the work, not after it, what cannot be written: make the folder, write there, and take both away again."""
+    if args.out is None and not args.folder.is_dir():
+        return  # the reading of the session has more to say
+    _try_folder(args.out or args.folder / default, args, "another folder")
+
+
+def try_file(args: argparse.Namespace, path: Path) -> None:
+    """The same where the result is one file."""
+    if args.out is None and not args.folder.is_dir():
+        return
+    if path.is_dir():
+        raise CalibrationError(f"{path}: that is a folder; give --out a file")
+    refuse_recorded(Path(os.path.realpath(path)))
+    _try_folder(path.parent, args, "another file")
+
+
+def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        if args.json is not None and not is_standard_output(args.json):
+            _try_json(args.json)
+    except OSError as error:
+        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
+    finally:
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+
+
+def write_json(path: Path | None, table: dict) -> None:
+    """Where ``--json`` says: nowhere, standard output (-), or a file."""
+    if path is None:
+        return
+    if is_standard_output(path):
+        every = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+        with standard_output():
+            sys.stdout.write(json_text(table, ascii_only=not every) + "\n")
+        return
+    text = json_text(table) + "\n"
+    try:
+        with contextlib.nullcontext(path) if _is_the_systems(path) else whole(_place(path)) as place:
+            place.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise _no_json(path, error) from None
+
+
+def _try_json(path: Path) -> None:
+    if is_stream(path) or _is_the_systems(path):  # which is not opened twice
+        return
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        tempfile.TemporaryFile(dir=_place(path).parent).close()
+    except OSError as error:
+        raise _no_json(path, error) from None
+
+
+def _place(path: Path) -> Path:
+    """Where a link leads, so that it stays one."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _is_the_systems(path: Path) -> bool:
+    """Whether the name is one that the system shows, such as /dev/stdout: nothing can be put in its place."""
+    name = Path(os.path.normpath(path))
+    return name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or name == Path("/dev/stderr")
+
+
+def _no_json(path: Path, error: OSError) -> CalibrationError:
+    return CalibrationError(f"{path}: cannot be written ({error.strerror}); give --json another path")
+
+
+@contextlib.contextmanager
+def standard_output() -> Iterator[None]:
+    """Give a failure to write its name, which a stream's errors lack."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise
+
+
+# Several session folders for one command: each is done by itself, one that fails does not stop the others, and a table ends it all.
+
+
+@dataclass(frozen=True)
+class Done:
+    """code: for the exit; table: the command's JSON; says: its verdict in a few words; held_out, floor, runs: of the calibration that it
+    is about, degrees, None and none where there is no such figure."""
+
+    code: int
+    table: dict
+    says: str = ""
+    held_out_deg: float | None = None
+    floor_deg: float | None = None
+    runs_deg: tuple[float, ...] = ()
+
+
+def folders_of(args: argparse.Namespace) -> list[Path]:
+    """Each once, in the order of the command line."""
+    return list(dict.fromkeys([args.folder, *args.more]))
+
+
+def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done], schema: str, title: str) -> int:
+    """``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
+
+    CalibrationError, before any work, where two results would have one place.
+    """
+    folders, entries, rows, worst = folders_of(args), [], [], 0
+    places = _places(args, folders)
+    for folder in folders:
+        each = argparse.Namespace(**{**vars(args), "folder": folder, "more": [], "out": places.get(folder), "of_several": True})
+        try:
+            done = one(each)
+        except (CalibrationError, OSError) as error:
+            said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
+            code = error.exit_code if isinstance(error, CalibrationError) else 2
+            complain(said if str(folder) in said else f"{folder}: {said}")
+            entries.append({"folder": str(folder), "exit_code": code, "error": printable(said), "result": None})
+            rows.append((str(folder), "–", "–", "–", "FAILED: as said above"))
+        else:
+            code = done.code
+            entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})
+            runs = ", ".join(f"{run:.4f}" for run in done.runs_deg)
+            rows.append((str(folder), _figure(done.held_out_deg), _figure(done.floor_deg), runs or "–", done.says))
+        worst = max(worst, code)
+    _print(args, title, rows)
+    write_json(args.json, {"schema": schema, "sessions": entries})
+    return worst
+
+
+def _places(args: argparse.Namespace, folders: list[Path]) -> dict[Path, Path]:
+    if args.out is None:
+        return {}
+    places = {folder: args.out / folder.resolve().name for folder in folders}
+    taken: dict[Path, Path] = {}
+    for folder, place in places.items():
+        if place in taken:
+            raise CalibrationError(f"--out {args.out}: {taken[place]} and {folder} would both go to {place}; rename one, or run them apart")
+        taken[place] = folder
+    return places
+
+
+def _figure(value_deg: float | None) -> str:
+    return "–" if value_deg is None else f"{value_deg:.4f}"
+
+
+def _print(args: argparse.Namespace, title: str, rows: list[tuple[str, str, str, str, str]]) -> None:
+    from rich.table import Table
+
+    from tinygc.cli import console
+    from tinygc.cli.arguments import is_standard_output
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in ("", "held out", "floor", "closure runs", "it says"):
+        table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(printable, row))
+    console.output(is_standard_output(args.json)).print(table)  # the verdict, with --quiet too

@@ -1,0 +1,482 @@
+"""Build the problem of a session: segments, references, known turns, impacts, bias from adjoining stills."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.detect.events import Impact, find_impacts
+from session.detect.segments import FoundTurn, Segment, cut_segments, find_known_turns, without_excluded
+from session.detect.stills import SessionStills, Still
+from session.io.errors import DataError, FitError, SegmentError
+from session.io.folder import Session
+from session.io.samples import start_times
+from session.io.units import DEG, EARTH_RATE_RPS, NS
+from tinygc import closure
+from tinygc.annexes.lots.lot import Lot
+from tinygc.annexes.lots.prior import prior_of
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.closure.floor import Floor, closure_floor
+from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem, Widening, bridged_sigma, widened_by_bridges
+from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
+from tinygc.closure.stills import StillSet, angle_between, carry_yaw
+from tinygc.closure.truth import build_truth_problem
+from tinygc.models import linear
+from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
+
+# Known turns of a session as the third angle of its batch (``session/detect/segments.py``, ``tinygc/closure/residual.py``).
+
+#: the smallest singular value of three axes at right angles is 1, of three in a plane 0
+AXES_APART = 0.3
+
+
+def known_turns_of(session: Session, found: SessionStills, segments: Sequence[Segment]) -> tuple[FoundTurn, ...]:
+    """The session's known turns among its segments.
+
+    They are counted as ``check`` counts them.  Where stills have since been taken for none, two turns may have become one: then neither is
+    a turn of known angle.
+    """
+    if not session.turns:
+        return ()
+    here = [(log, found.of(log)) for log in session.logs]
+    here = [(log, stills) for log, stills in here if stills.noise is not None]
+    counted: list[Segment] = []
+    config = session.config
+    for number, (_, stills) in enumerate(here):
+        counted += cut_segments(stills.samples, stills.stills, config.sensor, config.protocol, log=number, number=len(counted))
+    names, samples = [log.path.name for log, _ in here], [stills.samples for _, stills in here]
+    now = {(s.log, s.stills[0].start, s.stills[1].start): s for s in segments}
+    turns = []
+    for turn in find_known_turns(session.turns, counted, samples, names):
+        if turn.segment is None:
+            turns.append(turn)
+            continue
+        first, last = turn.segment.stills
+        segment = now.get((turn.segment.log, first.start, last.start))
+        if segment is None:
+            turns.append(replace(turn, segment=None, problem="a still at one of its ends is none"))
+        else:
+            problem = turn.problem or (None if segment.accepted else f"the turn is not used: {segment.problem}")
+            turns.append(replace(turn, segment=segment, problem=problem))
+    return tuple(turns)
+
+
+def as_reference(turns: Sequence[FoundTurn], count: int, segments: Sequence[Segment]) -> KnownTurns | None:
+    """Of ``count`` segments; None where no turn's angle is known."""
+    used = [turn for turn in turns if turn.problem is None]
+    if not used:
+        return None
+    rows = {segment.number: row for row, segment in enumerate(segments)}
+    angle, sigma, axis = np.full(count, np.nan), np.full(count, np.nan), np.tile([1.0, 0.0, 0.0], (count, 1))
+    for turn in used:
+        assert turn.segment is not None
+        row = rows[turn.segment.number]
+        angle[row], sigma[row], axis[row] = turn.known.angle_rad, turn.known.sigma_rad, turn.axis
+    return KnownTurns(angle, sigma, axis)
+
+
+def span_space(turns: Sequence[FoundTurn]) -> bool:
+    """Whether turns of known angle are about three axes that lie apart: then each scale factor has one of its own."""
+    axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
+    return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
+
+
+def tilt_excess(batch: Batch, floor: Floor, start: LinearModel, at_rest: StillRates | None) -> float:
+    """Factor, 1 or more, by which the tilt at the ends misses more than its floor: what a hand, a data rate, or an accelerometer leaves.
+
+    By the model of these ends alone: a stop's error must not count as theirs.  1 where they are no more than the model's parameters.
+    """
+    angles = 2 * len(batch)
+    if angles <= PARAMETERS:
+        return 1.0
+    tilt, sigma = replace(batch, turns=None), floor.sigma[:, :2]
+    model = fit_least_squares(tilt, sigma, start, still_rates=at_rest).model
+    missed = closure_angles(tilt, model) / sigma
+    return max(1.0, float(np.sqrt(np.sum(missed**2) / (angles - PARAMETERS))))
+
+
+def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
+    """The mean rates of the stills as the bias, to the Earth's rate, whose direction nobody knows yet.
+
+    A turn about one axis by one angle cannot tell a scale error from a bias.
+    """
+    rows = [(still, log.noise) for log in logs for still in log.stills if still.problem is None]
+    rate = np.array([still.gyro_mean for still, _ in rows])
+    sigma = np.array([np.hypot(noise.angle_random_walk / np.sqrt(still.duration_s), EARTH_RATE_RPS) for still, noise in rows])
+    return StillRates(rate, np.zeros_like(rate), sigma)
+
+
+# Turns with an impact: how much less certain they are, by the closure of these very turns.
+#
+# An impact of j g makes a turn's end uncertain by s j.  The calibration of the turns without one predicts the others; s is what these miss
+# beyond what that prediction and the usual turn's misfit allow: the median of its likelihood over s (a flat prior), where the turns
+# themselves bear it out, else 0.  One sensor filters an impact and loses nothing of it, another loses degrees (docs/real-recordings.md): a
+# constant would be wrong for both.
+
+#: turns without an impact that tell a calibration of 12 parameters, and how far it misses; with fewer, all turns tell it
+FEWEST_CALM = 9
+#: twice the logarithm of the likelihood by which s must be better than none: by chance once in 20 (Self & Liang 1987: s cannot be negative)
+BORNE_OUT = 2.71
+#: rad per g that are tried: from a thousandth of a degree to ten degrees
+GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 120)]) * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Of S segments: jump_g (S,), root of the sum of squares of their impacts', 0 without one; says (S,): what happened, where."""
+
+    jump_g: np.ndarray
+    says: list[str]
+
+
+def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) -> Hits:
+    """impacts: of each log."""
+    inside = [[each for each in impacts[s.log] if s.start <= each.row < s.stop - 1] for s in segments]
+    jumps = np.array([np.sqrt(sum(each.jump_g**2 for each in own)) for own in inside])
+    return Hits(jumps, [_words(own) for own in inside])
+
+
+def widened_by_impacts(
+    segments: Sequence[Segment], hits: Hits, batch: closure.Batch, floor: Floor, start: LinearModel
+) -> tuple[np.ndarray, list[Widening]]:
+    """(S, 3, 3) rad^2 that impacts add to the ends of S segments; of the batch with its floor, the search begun at a model."""
+    hit = hits.jump_g > 0
+    more = np.zeros((len(batch), 3, 3))
+    if not hit.any():
+        return more, []
+    per_g = _per_g(hits.jump_g, batch, floor, start)
+    if not per_g:
+        return more, []
+    more[hit] = np.square(per_g * hits.jump_g[hit])[:, None, None] * np.eye(3)
+    said = [
+        Widening(segment.number, "impact", float(np.sqrt(2) * per_g * jump), says)
+        for segment, jump, says in zip(segments, hits.jump_g, hits.says, strict=True)
+        if jump > 0
+    ]
+    return more, said
+
+
+def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: LinearModel) -> float:
+    """rad per g and angle."""
+    hit = jump_g > 0
+    own = ~hit if (~hit).sum() >= FEWEST_CALM else np.ones_like(hit)
+    fit = fit_least_squares(batch.pick(own), floor.sigma[own], start)
+    rate = fit.model(batch.rate)
+    angles = closure.error_angles(closure.segment_residuals(batch, rate))[:, :2]
+    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :2]
+    variance = floor.sigma[:, :2] ** 2
+    # What the calibration of the others allows, and by how much more the usual turn misses.
+    freedom = max(2 * int(own.sum()) - PARAMETERS, 1)
+    usual = max(1.0, float(np.sum(angles[own] ** 2 / variance[own])) / freedom)
+    known = np.einsum("sdp,pq,seq->sde", design[hit], fit.covariance, design[hit]) + variance[hit][:, :, None] * np.eye(2)
+    size, axes = np.linalg.eigh(usual * known)
+    square = np.einsum("sd,sde->se", angles[hit], axes) ** 2
+    total = size + np.square(GRID[:, None, None] * jump_g[hit][:, None])
+    likelihood = -np.sum(np.log(total) + square / total, axis=(1, 2)) / 2
+    if 2 * (likelihood.max() - likelihood[0]) < BORNE_OUT:
+        return 0.0
+    weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID)
+    return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), GRID))
+
+
+def _words(impacts: list[Impact]) -> str:
+    if not impacts:
+        return ""
+    worst = max(impacts, key=lambda each: each.jump_g)
+    count = f"{len(impacts)} impacts, the hardest" if len(impacts) > 1 else "an impact"
+    return f"{count} of {worst.jump_g:.1f} g from one reading to the next at {worst.at_s:.2f} s"
+
+
+# Each turn's bias from the stills that adjoin it, instead of from the ends of all turns.
+#
+# A still turns with the Earth, so what it measures beyond that is the bias: b = m - E^-1 R_bt w_earth, in measured units.  Between the
+# middles of the still before a turn and the one after it the bias is taken to run straight.
+
+
+def rest_biases(problem: Problem) -> np.ndarray:
+    """(Q, 3) rad/s, measured: the bias that each reference still shows.
+
+    E is that of the first linear fit; its error of a percent is one of the Earth's rate, not of the bias.
+    """
+    rates = problem.still_rates
+    return rates.rate - np.linalg.solve(problem.first.E, rates.earth.T).T
+
+
+def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (S,) of the reference stills before and after each used segment, and the share (S, T) of the latter in each sample's bias."""
+    rates = problem.still_rates
+    assert rates.middle_s is not None
+    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    number = {id(still): q for q, still in enumerate(stills)}
+    first = np.array([number[id(segment.first)] for segment in problem.used])
+    last = np.array([number[id(segment.last)] for segment in problem.used])
+    began = problem.began_s
+    start = np.array([began[segment.log] + segment.start_s for segment in problem.used])
+    at_s = start[:, None] + np.concatenate([np.zeros((len(first), 1)), np.cumsum(problem.batch.dt, axis=1)], axis=1)
+    before, after = rates.middle_s[first][:, None], rates.middle_s[last][:, None]
+    return first, last, np.clip((at_s - before) / (after - before), 0.0, 1.0)
+
+
+def with_still_bias(problem: Problem) -> Problem:
+    """The problem with every turn at the session's mean bias, which its ``rest_rps`` then has: only E is left to be found.
+
+    What a turn's bias is apart from the mean is taken off as the Earth's rate is: for any model, without touching what it is given.
+    Raises FitError where the turns do not lie between stills (a truth file).
+    """
+    if problem.session.truths is not None or not len(problem.still_rates.rate):
+        raise FitError("the turns of this session do not lie between stills, so these show no bias of theirs; fit without --bias stills")
+    bias = rest_biases(problem)
+    mean = bias.mean(axis=0)
+    first, last, share = bias_shares(problem)
+    apart = bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
+    batch = replace(problem.batch, earth=problem.batch.earth + apart @ problem.first.E.T)
+    return replace(problem, batch=batch, rest_rps=mean)
+
+
+# From a session to the problem that every method solves: the same segments, references, Earth and floor for all.
+
+#: how well a person reads a dial
+DIAL_SIGMA_RAD = 0.05 * DEG
+DIAL_LIMIT_RAD = 1.0 * DEG
+#: of a segment, before its floor is known
+FIRST_SIGMA_RAD = 1e-3
+#: a linear fit with 12 parameters and two angles a segment needs at least this many
+FEWEST_SEGMENTS = 7
+#: what a lot tells of a unit's first fit, which only carries the yaw of so few turns: as a variance, three sigmas for one
+FIRST_WIDER = 9.0
+
+
+def build_problem(
+    session: Session,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    moving: tuple[int, ...] = (),
+    clipped: tuple[int, ...] = (),
+    found: SessionStills | None = None,
+    near: LinearModel | None = None,
+    lot: Lot | None = None,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Problem:
+    """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
+
+    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
+    segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
+    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins; lot: that
+    the unit is taken to be of where its turns are too few for a fit of their own.
+    Raises SegmentError (no stills, nothing accepted, too few) and DataError.
+    """
+    found = found or SessionStills(session)
+    if session.truths is not None:
+        return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
+    logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
+    turns = known_turns_of(session, found, segments)
+    _require_enough(session, logs, segments, turns, lot)
+    chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
+    used = np.array([segment.accepted for segment in segments])
+    sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
+    start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    few = np.count_nonzero(used) < FEWEST_SEGMENTS
+    beforehand = None if lot is None or not few else prior_of(lot, start.vector).scaled(FIRST_WIDER)
+    at_rest = rates_at_rest(logs) if chain.turns is not None else None
+    # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    for _ in range(2):
+        batch = chain.pick(used).trimmed()
+        fit = fit_least_squares(batch, sigma, start, still_rates=at_rest, begin=near, prior=beforehand)
+        near = fit.model
+        logs, chain = carry_yaw(logs, segments, chain, fit.model)
+        earths = _earths(session, logs, fit.model)
+        if not use_earth:
+            earths = dict.fromkeys(earths, no_earth())
+        at = attitudes(chain, fit.model(chain.rate))
+        group_of = {id(still): int(group) for log in logs for still, group in zip(log.stills, log.group, strict=True)}
+        groups = np.array([group_of[id(segment.stills[0])] for segment in segments])
+        earth = np.empty_like(chain.rate)
+        for group in np.unique(groups):
+            for some in np.array_split(rows := np.flatnonzero(groups == group), -(-len(rows) // TOGETHER)):
+                earth[some] = earths[group].in_body(at[some])
+        chain = replace(chain, earth=earth)
+    batch = chain.pick(used).trimmed()
+    accepted = [segment for segment in segments if segment.accepted]
+    at = attitudes(batch, fit.model(batch.rate))
+    floor = closure_floor(
+        batch,
+        at,
+        [segment.stills for segment in accepted],
+        [logs[segment.log].noise for segment in accepted],
+        DIAL_SIGMA_RAD,
+    )
+    more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
+    about = directions(batch, at[:, -1])
+    floor = floor.widened(about @ more @ about.transpose(0, 2, 1)) if widened else floor
+    more, hit = widened_by_impacts(accepted, hits_of(accepted, [find_impacts(log.samples) for log in logs]), batch, floor, fit.model)
+    if hit:  # and a first fit that they do not bend
+        floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
+        sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
+        fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest, prior=beforehand)
+    if batch.turns is not None:
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
+    rates = _still_rates(logs, earths)
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
+
+
+def _stills_and_segments(
+    session: Session,
+    found: SessionStills,
+    exclude: Collection[int],
+    moving: Collection[int],
+    clipped: Collection[int],
+    progress: Callable[[str], None],
+) -> tuple[list[StillSet], list[Segment]]:
+    logs: list[StillSet] = []
+    segments: list[Segment] = []
+    number = 0
+    for log in session.logs:
+        progress(f"stills of {log.path.name}")
+        here = found.of(log)
+        samples, noise = here.samples, here.noise
+        if noise is None:
+            continue
+        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
+        number += len(stills)
+        sensor, protocol, numbered = session.config.sensor, session.config.protocol, len(segments)
+        cut = cut_segments(samples, stills, sensor, protocol, log=len(logs), number=numbered, put_in=log.put_in)
+        segments += without_excluded(cut, samples, log.path, session.config.exclude)
+        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int), log.bridges))
+    segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
+    excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]
+    if session.config.protocol.reference == "table":
+        excluded = [_with_dials(session, logs, segment) for segment in excluded]
+        _require_agreement(session, logs)
+    unknown = sorted(set(exclude) - {segment.number for segment in segments})
+    if unknown and segments:
+        raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(segments) - 1}")
+    return logs, excluded
+
+
+def _require_agreement(session: Session, logs: list[StillSet]) -> None:
+    """The dials and gravity see the same tilt, or their numbers do not belong together."""
+    apart = []
+    for number, log in enumerate(logs):
+        for still in log.stills:
+            if still.problem is None and (reading := _dial(session, logs, number, still)) is not None:
+                down = rotation.matrix(rotation.from_euler(*reading))[2]
+                apart.append(angle_between(-still.accel_mean, down))
+    if apart and np.median(apart) > DIAL_LIMIT_RAD:
+        raise DataError(
+            f"attitudes.csv: the dials' tilt differs from gravity's by {np.median(apart) / DEG:.1f} deg (median of {len(apart)} stills); "
+            f"the log has {sum(len(log.stills) for log in logs)} stills, counted from 0: does the numbering match?"
+        )
+
+
+def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
+    """A segment whose ends have no dial reading cannot be used with reference = "table"."""
+    dials = [_dial(session, logs, segment.log, still) for still in segment.stills]
+    missing = any(dial is None for dial in dials)
+    return replace(segment, problem="no dial reading in attitudes.csv for one of its stills") if missing and segment.accepted else segment
+
+
+def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.ndarray | None:
+    """Roll, pitch, yaw (3,) rad of a still, counted over all logs, or None."""
+    number = sum(len(before.stills) for before in logs[:log]) + logs[log].stills.index(still)
+    table = session.attitudes
+    if table is None or number >= len(table) or np.isnan(table[number]).any():
+        return None
+    return table[number]
+
+
+def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...], lot: Lot | None) -> None:
+    where = session.folder
+    still_s = session.config.protocol.still_s
+    if not logs:
+        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `calibrate.py check`")
+    if not segments:
+        stills = [still for log in logs for still in log.stills]
+        bad = next((still.problem for still in stills if still.problem), None)
+        raise SegmentError(
+            f"{where}: {len(stills)} still phase{'s' * (len(stills) != 1)} but no turn between two that are usable"
+            + (f" ({bad})" if bad else "")
+            + "; record still - turn - still"
+        )
+    used = [segment for segment in segments if segment.accepted]
+    if not used:
+        raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
+    if len(used) < FEWEST_SEGMENTS and lot is None and not span_space(turns):
+        raise SegmentError(
+            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
+            "12 parameters, 2 angles a segment"
+            + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
+        )
+
+
+def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:
+    """All segments, accepted or not, with attitudes from the reference; yaw 0 where it is not known, no Earth yet."""
+    dials = session.config.protocol.reference == "table"
+    longest = max(segment.stop - segment.start for segment in segments)
+    rate = np.moveaxis(np.zeros((3, len(segments), longest)), 0, -1)  # each component contiguous in memory: faster to compute with
+    dt = np.zeros((len(segments), longest - 1))
+    ends = np.stack([rotation.from_gravity(np.array([segment.stills[end].accel_mean for segment in segments])) for end in (0, 1)])
+    for i, segment in enumerate(segments):
+        samples = logs[segment.log].samples
+        count = segment.stop - segment.start
+        rate[i, :count] = samples.gyro[segment.start : segment.stop]
+        rate[i, count:] = rate[i, count - 1]
+        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
+        for end, still in zip(ends, segment.stills, strict=True):
+            if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
+                # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.
+                end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])
+    return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
+
+
+def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[int, EarthRate]:
+    """The Earth's rate in the frame of each yaw group."""
+    site = session.config.site
+    groups = sorted({int(g) for log in logs for g, still in zip(log.group, log.stills, strict=True) if still.problem is None})
+    if site.latitude_deg is None:
+        return {g: no_earth() for g in groups}
+    q_tb, rate, sigma, group = _reference_stills(logs)
+    found = {}
+    for g in groups:
+        mine = group == g
+        found[g] = vertical_only(site.latitude_deg)
+        if mine.sum() > 2:
+            found[g] = estimate_heading(site.latitude_deg, q_tb[mine], model(rate[mine]), sigma[mine])
+    if site.heading_deg is not None:
+        # The table's index: where the first still is, by protocol.  Believed unless the stills contradict it.
+        given = with_heading(site.latitude_deg, site.heading_deg)
+        if not contradicts(found[0], given):
+            found[0] = given
+    return found
+
+
+def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Attitudes (Q, 4), mean rates (Q, 3), their sigmas (Q, 3) and yaw groups (Q,) of all stills that are references."""
+    rows = [
+        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
+        for log in logs
+        for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
+        if still.problem is None
+    ]
+    q_tb, rate, sigma, group = (np.array(column) for column in zip(*rows, strict=True))
+    return q_tb, rate, sigma, group
+
+
+def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
+    q_tb, rate, sigma, group = _reference_stills(logs)
+    if not (sigma > 0).all():
+        raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
+    began = start_times(log.samples for log in logs)
+    middle_s = [
+        began[number] + still.start_s + still.duration_s / 2
+        for number, log in enumerate(logs)
+        for still in log.stills
+        if still.problem is None
+    ]
+    return StillRates(
+        rate, np.array([earths[int(g)].in_body(q) for g, q in zip(group, q_tb, strict=True)]), sigma, q_tb, np.array(middle_s)
+    )

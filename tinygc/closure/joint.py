@@ -1,0 +1,221 @@
+"""Accelerometer and gyroscope in one estimation; a problem with another accelerometer calibration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from session.detect.accelerometer import (
+    BIASES,
+    IDENTITY,
+    NAMES,
+    PARAMETERS,
+    SCALES,
+    SHEARS,
+    after,
+    corrected,
+    force_columns,
+    length_columns,
+    units,
+)
+from session.detect.stills import Still
+from session.io.numeric import sigma_of
+from session.io.units import MG
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.build import tilt_excess
+from tinygc.closure.least_squares import OBSERVED_BELOW
+from tinygc.closure.problem import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, Problem, System, bent
+from tinygc.closure.residual import nearest_yaw
+from tinygc.closure.uncertainty import chi_square_above
+from tinygc.models import linear
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+
+# Accelerometer and gyroscope in one estimation: gravity's length in every still, the closure at the ends of every turn.
+#
+# Nine numbers of the accelerometer (``session/detect/accelerometer.py``), twelve of the gyroscope and, beside a calibration that is
+# given, the length of gravity.  A still's force that is moved by df tilts its attitude by R df / g about the horizontal, and with it the
+# ends of the turns around it; so a turn says of the accelerometer what its stills' lengths do not.  The sizes of what lengths and turns
+# miss by are estimated with the numbers; single ones that miss by far more (a knock, a still that is none) hardly count.
+
+#: what a calibration that is given is good for, at zero g and at one g, where session.toml states no sigma
+GIVEN_SIGMA_MG = 0.1
+#: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
+SPREAD_MPS2 = np.zeros(PARAMETERS)
+SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
+#: sigma of gravity's length at the site, beside a calibration that has a scale of its own
+GRAVITY_SIGMA_MPS2 = 20 * MG
+KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2
+#: a given calibration that is as improbable as this no longer holds
+REFUTED_P = 1e-4
+RELINEARISED, ROUNDS = 4, 12
+BAR_SIGMAS = 2.0
+SETTLED_MPS2 = 1e-3 * MG
+
+
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True) -> JointFit | None:
+    """Of a problem whose reference is gravity; mode ``fit``: nothing is known of the accelerometer but its make; ``prior``: the calibration
+    that the problem was built with, with sigma_mg of each number at one g; judged: whether its probability is asked for, which takes
+    another fit.  None where there is no still to a turn."""
+    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    number = {id(still): q for q, still in enumerate(stills)}
+    if problem.session.truths is not None or not stills or not problem.used:
+        return None
+    first, last = (np.array([number[id(getattr(s, end))] for s in problem.used]) for end in ("first", "last"))
+    force = np.array([still.accel_mean for still in stills])
+    gravity = problem.session.config.site.expected_gravity_mps2
+    noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
+    white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
+    spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
+    site = problem.session.config.site
+    length = max(site.gravity_sigma_mps2, KNOWN_MPS2) if mode == "fit" else GRAVITY_SIGMA_MPS2
+    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [length]])
+    # The prior's centre: no correction of either sensor, but the bias that a fit begins with.
+    centre = np.concatenate([IDENTITY, problem.first.vector, [gravity]])
+    x = np.zeros(COUNT)
+    for _ in range(RELINEARISED):
+        at = centre + x
+        system = _weighed(problem, at, x, prior, force, first, last, white)
+        moved = system.solve() - x
+        x = x + moved
+        if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
+            break
+    found = centre[ACCELEROMETER] + x[ACCELEROMETER]
+    # Whether stills and turns tell a number is asked for the true length of gravity: that nobody knows it better is another matter.
+    told = replace(system, prior=np.append(prior[:GRAVITY], KNOWN_MPS2)).covariance
+    sure = np.sqrt(np.diag(told))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
+    now = corrected(found, force)
+    return JointFit(
+        mode=mode,
+        accelerometer=after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior"),
+        x=found,
+        model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
+        unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
+        p_value=None if mode == "fit" or not judged else _improbable(problem, prior),
+        system=replace(system, x=x, values=system.values + system.design @ moved),
+        first=first,
+        last=last,
+        force=now,
+        before=np.linalg.norm(force, axis=1) - gravity,
+        after=np.linalg.norm(now, axis=1) - (centre + x)[GRAVITY],
+    )
+
+
+def _weighed(
+    problem: Problem,
+    at: np.ndarray,
+    x: np.ndarray,
+    prior: np.ndarray,
+    force: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+    white: np.ndarray,
+) -> System:
+    """The rows at a point, with weights by what they are found to miss by."""
+    number = at[ACCELEROMETER]
+    batch = bent(problem.batch, first, last, corrected(number, force))
+    model = LinearModel.from_vector(at[GYROSCOPE])
+    rate = model(batch.rate)
+    d, rows = batch.angles, len(batch) * batch.angles
+    end, sensitivity = closure.end_and_sensitivity(batch, rate)
+    angles = closure.error_angles(closure.batch_residual(batch, end))
+    design = np.zeros((rows + len(force), COUNT))
+    design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
+    tilted = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
+    design[:rows, ACCELEROMETER] = tilted[:, :d].reshape(rows, -1)
+    design[rows:, ACCELEROMETER] = length_columns(number, force)
+    design[rows:, GRAVITY] = -1.0
+    values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
+    sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # what tilt misses is found here
+    system = System(design, values, 1 / sigma, prior, x, vague=prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
+    # A known angle has its stop's sigma; what the ends of turns miss by in tilt is none of its.
+    stops = np.arange(2, rows, d) if batch.turns is not None else np.arange(0)
+    ends = np.setdiff1d(np.arange(rows), stops)
+    together = len(ends) // len(batch)
+    for _ in range(ROUNDS):
+        left = values + design @ (system.solve() - x)
+        scaled, taken = design * system.root[:, None] * prior, system.covariance / np.outer(prior, prior)
+        used = np.einsum("np,pq,nq->n", scaled, taken, scaled)
+        root = 1 / (sigma * np.sqrt(1 + (left / sigma / BAR_SIGMAS) ** 2))
+        for part in (ends, np.arange(rows, len(values))):
+            spare = max(1 - float(np.mean(used[part])), 0.1)
+            miss = left[part] / sigma[part]
+            size = max(1.0, float(sigma_of(miss)) / np.sqrt(spare))
+            if part is ends:  # a turn's angles stand or fall together
+                miss = np.repeat(np.linalg.norm(miss.reshape(-1, together), axis=1) / np.sqrt(together), together)
+            root[part] = 1 / (sigma[part] * size * np.sqrt(1 + (miss / (BAR_SIGMAS * size)) ** 2))
+        settled = np.abs(root / system.root - 1).max() < 1e-3
+        system = replace(system, root=root)
+        if settled:
+            break
+    return system
+
+
+def _improbable(problem: Problem, prior: np.ndarray) -> float:
+    """Probability that lengths and closures ask for so much of another calibration, if the given one is as good as the prior (COUNT,) says.
+
+    Weighed by what they miss by under the calibration that they ask for: under one that is wrong they would seem to be noise.
+    """
+    free = fit_joint(problem, "fit")
+    assert free is not None  # it was asked of the same problem before
+    system = replace(free.system, prior=prior)
+    scaled = system.design * system.root[:, None] * system.prior
+    known = scaled.T @ scaled
+    pull = scaled.T @ (system.root * (system.design @ system.x - system.values))
+    rest = slice(PARAMETERS, COUNT)
+    inner = np.linalg.inv(known[rest, rest] + np.eye(COUNT - PARAMETERS))
+    told = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
+    asked = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
+    # asked has the covariance told + told told, if the calibration errs by its prior.
+    size, axes = np.linalg.eigh(told)
+    seen = size > 1e-6
+    chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))
+    return chi_square_above(chi_square, int(seen.sum()))
+
+
+def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(S, 3, 9) rad: how each number turns attitudes (S, 4) whose tilt is that of forces (S, 3), about the table's axes; nothing about z.
+
+    R f stays -g z.  So a turn phi of the attitude makes up for R df across the vertical: R df = g phi x z there.
+    """
+    moved = rotation.matrix(q_tb) @ force_columns(x, force) / np.linalg.norm(corrected(x, force), axis=1)[:, None, None]
+    return np.stack([-moved[:, 1], moved[:, 0], np.zeros_like(moved[:, 0])], axis=1)
+
+
+# A problem with another calibration of its accelerometer: the same stills and turns, with other references.
+
+
+def recalibrated(problem: Problem, joint: JointFit) -> Problem:
+    """The problem under the accelerometer that a joint fit found, and with its linear model.
+
+    A calibration is affine, so a still's mean moves as each of its samples does; which samples are still does not depend on it.
+    """
+    session = replace(problem.session, config=replace(problem.session.config, accelerometer=joint.accelerometer))
+    found = problem.found.recalibrated(session)
+    samples = dict(zip(map(id, problem.found.samples()), found.samples(), strict=True))
+    logs = []
+    now: dict[int, Still] = {}
+    for log in problem.logs:
+        stills = [replace(still, accel_mean=joint.moved(still.accel_mean)) for still in log.stills]
+        now |= {id(old): new for old, new in zip(log.stills, stills, strict=True)}
+        q_tb = nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
+        logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))
+    segments = [replace(s, first=now[id(s.first)], last=now[id(s.last)]) for s in problem.segments]
+    references = np.concatenate([log.q_tb[[still.problem is None for still in log.stills]] for log in logs])
+    batch, floor = bent(problem.batch, joint.first, joint.last, joint.force), problem.floor
+    if batch.turns is not None:
+        floor = replace(floor, tilt_excess=1.0)
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, joint.model, problem.still_rates))
+    return replace(
+        problem,
+        session=session,
+        segments=segments,
+        batch=batch,
+        floor=floor,
+        logs=logs,
+        first=joint.model,
+        still_rates=replace(problem.still_rates, q_tb=references),
+        found=found,
+        joint=joint,
+    )

@@ -1,0 +1,129 @@
+"""Closure runs: a still, a long turn, a still in the same attitude.  Never fitted; the paper's Table 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.detect.segments import RETURN_RAD, run_ends
+from session.detect.stills import Still
+from session.io.errors import DataError
+from session.io.folder import Session
+from session.io.logfile import Log
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate, vertical_only
+from tinygc.closure.floor import gyro_variance, still_tilt_variance
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
+from tinygc.closure.stills import goes_on
+from tinygc.models.model import Model
+
+#: stillness that is integrated at either end, for what the detector may be late
+MARGIN_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureRun:
+    """One run ready to be integrated: file, duration_s of the movement, batch of one segment with three known angles,
+    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used; samples of the whole log, of which
+    rows are the batch's; began_s of the session when the log began; yaw_carried: whether its yaw is that of the last log's end."""
+
+    file: str
+    duration_s: float
+    batch: Batch
+    floor_rad: np.ndarray
+    earth: EarthRate
+    samples: Samples
+    rows: slice
+    began_s: float
+    yaw_carried: bool
+
+    def errors(self, model: Model, integrator: str = "exact") -> np.ndarray:
+        """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
+        if model.pointwise:
+            return self.errors_at(model(self.batch.rate[0]), integrator)
+        return self.errors_at(self.rates(model), integrator)
+
+    def rates(self, model: Model) -> np.ndarray:
+        """Calibrated rates (N, 3) rad/s of the batch's rows by a model that needs more than them.
+
+        A net with a memory begins at the log's beginning; physics may look at what lies around the run.  The run was recorded after the
+        session: what follows the session's time has stood still since.
+        """
+        return model.at_end().calibrate(self.samples)[self.rows]
+
+    def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
+        """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""
+        if self.earth.source in ("none", "unknown") and not self.yaw_carried:
+            return self
+        turn = rotation.matrix(closure.attitudes(self.batch, rate[None]))
+        return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
+
+    def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
+        """The same for calibrated rates (N, 3) of the batch's rows."""
+        return closure.error_angles(closure.segment_residuals(self.batch, rate[None], integrator))[0]
+
+
+def read_closure_runs(problem: Problem) -> list[ClosureRun]:
+    """The session's closure runs; DataError names a run without two stills, or that does not return."""
+    return [_prepare(problem, log) for log in problem.session.closures]
+
+
+def _prepare(problem: Problem, log: Log) -> ClosureRun:
+    session, name = problem.session, log.path.name
+    found = problem.found.of(log)
+    samples, noise = found.samples, found.noise
+    ends = run_ends(samples, found.stills, session.config.sensor, log.put_in)
+    if noise is None or ends is None:
+        stills = sum(still.problem is None for still in found.stills)
+        raise DataError(f"{name}: {stills} still phases, expected one before and one after the turn; record still - long turn - still")
+    if not ends.returned:
+        raise DataError(
+            f"{name}: does not return: gravity at its end is {ends.away_rad / DEG:.2f} deg from where it began, expected at most "
+            f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
+        )
+    if ends.broken:
+        raise DataError(f"{name}: {ends.broken}; a closure run must be whole: record it again, or remove the file")
+    first, last = ends.first, ends.last
+    margin = round(MARGIN_S / samples.period_s)
+    rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
+    part = samples.between(rows.start, rows.stop)
+    # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
+    earth, start, carried = _earth_and_start(problem, session, samples, first)
+    end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
+    bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
+    attitudes = closure.attitudes(bare, problem.first(bare.rate))
+    batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
+    variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
+    variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
+    for bridge in (each for each in log.bridges if rows.start <= each.row < rows.stop):
+        variance += rotation.matrix(attitudes[0, bridge.row - rows.start]) ** 2 @ bridge.sigma_rad**2
+    return ClosureRun(
+        file=name,
+        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS,
+        batch=batch,
+        floor_rad=np.sqrt(variance),
+        earth=earth,
+        samples=samples,
+        rows=rows,
+        yaw_carried=carried,
+        began_s=float(problem.began_s[-1]),
+    )
+
+
+def _earth_and_start(problem: Problem, session: Session, samples: Samples, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
+    """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
+    before = problem.logs[-1]
+    start = rotation.from_gravity(first.accel_mean)
+    references = [i for i, still in enumerate(before.stills) if still.problem is None]
+    if references and goes_on(before.samples, before.stills[references[-1]], samples, first):
+        earth = problem.earths[int(before.group[references[-1]])]
+        return earth, closure.nearest_yaw(before.q_tb[references[-1]], start), True
+    latitude_deg = session.config.site.latitude_deg
+    if latitude_deg is None or problem.earth.source == "none":
+        return problem.earth, start, False
+    return vertical_only(latitude_deg), start, False

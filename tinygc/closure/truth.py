@@ -1,0 +1,205 @@
+"""The problem of a session whose reference is a truth file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from session.detect.segments import Segment, without_excluded
+from session.detect.stills import LogStills, Noise, SessionStills
+from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
+from session.io.errors import SegmentError
+from session.io.folder import Session
+from session.io.logfile import Truth
+from session.io.samples import Samples, start_times
+from session.io.units import DEG
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
+from tinygc.attitude.rotation import steps
+from tinygc.closure.floor import Floor, gyro_variance
+from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges
+from tinygc.closure.residual import Batch, RateMap, attitudes
+from tinygc.closure.stills import StillSet
+from tinygc.models.linear import LinearModel, bias_only
+
+# The problem of a session whose reference is a truth file: segments between moments of truth, three angles each.
+#
+# Stills are not needed.  Where there are some they are used for what only they tell, the sensor's noise and its rate at rest; a log that
+# never rests has its noise measured in the sample-to-sample scatter of its quietest half seconds, which holds the vibration, too.
+
+#: "stills" noisier than this are a steady flight: no MEMS gyro is worse by itself
+STILL_NOISE_RPS_RTHZ = 0.1 * DEG
+#: twelve parameters, three angles a segment
+FEWEST_SEGMENTS = 5
+QUIET_BLOCK_S = 0.5
+QUIETEST = 0.05
+#: over much more, a bias of some dps turns by more than half a turn, from where no search returns
+SHORT_S = 2.0
+
+
+def build_truth_problem(
+    session: Session,
+    found: SessionStills,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    progress: Callable[[str], None] = lambda what: None,
+) -> Problem:
+    """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (the truth's times are not the log's)."""
+    logs: list[StillSet] = []
+    cut: list[tuple[Segment, Ends]] = []
+    protocol, sensor = session.config.protocol, session.config.sensor
+    for number, (log, truth) in enumerate(zip(session.logs, session.truths or (), strict=True)):
+        progress(f"truth of {log.path.name}")
+        here = found.of(log)
+        part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut), put_in=log.put_in)
+        kept = without_excluded([segment for segment, _ in part], here.samples, log.path, session.config.exclude)
+        cut += [(segment, ends) for segment, (_, ends) in zip(kept, part, strict=True)]
+        logs.append(replace(_still_set(here, part), bridges=log.bridges))
+    unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
+    if unknown:
+        raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(cut) - 1}")
+    segments = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s, _ in cut]
+    used = np.array([segment.accepted for segment in segments])
+    if used.sum() < FEWEST_SEGMENTS:
+        why = next((segment.problem for segment in segments if segment.problem), None)
+        raise SegmentError(
+            f"{session.folder}: {used.sum()} usable segments between moments of truth, expected at least {FEWEST_SEGMENTS}"
+            + (f"; the first that is none: {why}" if why else "; give more moments, or a shorter protocol.segment_s")
+        )
+    ends = [ends for (_, ends), ok in zip(cut, used, strict=True) if ok]
+    accepted = [segment for segment, ok in zip(segments, used, strict=True) if ok]
+    batch = batch_of(logs, accepted, ends)
+    model = _first_fit(session, logs, batch)
+    earth = _earth(session) if use_earth else no_earth()
+    at = attitudes(batch, model(batch.rate))
+    batch = replace(batch, earth=earth.in_body(at))
+    model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
+    logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
+    floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
+    more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
+    floor = floor.widened(more) if widened else floor
+    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found, widened=tuple(widened))
+
+
+def _still_set(found: LogStills, cut: list[tuple[Segment, Ends]]) -> StillSet:
+    samples, stills, noise = found.samples, found.stills, found.noise
+    if noise is None or noise.gyro.max() > STILL_NOISE_RPS_RTHZ or not (noise.gyro > 0).all():
+        stills, noise = [], _noise_in_motion(samples)
+    covered = [still for still in stills if any(s.start <= still.middle < s.stop for s, _ in cut if s.accepted)]
+    return StillSet(samples, covered, noise, np.tile([1.0, 0, 0, 0], (len(covered), 1)), np.zeros(len(covered), dtype=int))
+
+
+def _noise_in_motion(samples: Samples) -> Noise:
+    """White noise from second differences, which a movement of some Hz hardly reaches, in the quietest half seconds."""
+    size = max(4, round(QUIET_BLOCK_S / samples.period_s))
+
+    def density(values: np.ndarray) -> np.ndarray:
+        second = np.diff(values, n=2, axis=0)
+        second = second[: max(len(second) // size, 1) * size].reshape(-1, min(size, len(second)), 3)
+        variance = np.quantile(np.mean(second**2, axis=1), QUIETEST, axis=0) / 6
+        return np.sqrt(np.maximum(variance, np.finfo(float).tiny) * 2 * samples.period_s)
+
+    return Noise(density(samples.gyro), density(samples.accel))
+
+
+def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[Ends]) -> Batch:
+    """Segments side by side, with the truth's attitudes at their ends."""
+    longest = max(segment.stop - segment.start for segment in segments)
+    rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
+    for i, segment in enumerate(segments):
+        samples, count = logs[segment.log].samples, segment.stop - segment.start
+        rate[i, :count] = samples.gyro[segment.start : segment.stop]
+        rate[i, count:] = rate[i, count - 1]
+        dt[i, : count - 1] = samples.dt_s[segment.start : segment.stop - 1]
+    start, end = (np.array([getattr(one, name) for one in ends]) for name in ("start", "end"))
+    return Batch(rate, dt, np.zeros_like(rate), start, end, yaw_known=True)
+
+
+def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearModel:
+    """A linear model that closes the segments, from nothing: from short segments, if the truth has moments enough inside the long ones."""
+    still = next((still for log in logs for still in log.stills if still.problem is None), None)
+    model = bias_only(None if still is None else still.gyro_mean)
+    protocol = session.config.protocol
+    if protocol.segment_s > SHORT_S:
+        short = replace(protocol, segment_s=SHORT_S)
+        cut = [
+            pair
+            for number, (log, truth) in enumerate(zip(logs, session.truths or (), strict=True))
+            for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number, put_in=session.logs[number].put_in)
+            if pair[0].accepted
+        ]
+        inside = batch_of(logs, [segment for segment, _ in cut], [ends for _, ends in cut])
+        model = fit_least_squares(inside, np.full(len(inside), 1e-3), model).model
+    return fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
+
+
+def _earth(session: Session) -> EarthRate:
+    site = session.config.site
+    if site.latitude_deg is None:
+        return no_earth()
+    # The truth's own x axis is what the heading is of.
+    return vertical_only(site.latitude_deg) if site.heading_deg is None else with_heading(site.latitude_deg, site.heading_deg)
+
+
+def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Segment], at: np.ndarray, model: LinearModel) -> StillSet:
+    """The stills with the attitude that truth and gyro give them."""
+    q = []
+    for still in log.stills:
+        i = next(i for i, s in enumerate(segments) if s.log == number and s.start <= still.middle < s.stop)
+        q.append(at[i, still.middle - segments[i].start])
+    return replace(log, q_tb=np.array(q).reshape(-1, 4))
+
+
+def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[Ends], logs: list[StillSet], truth_sigma: float) -> Floor:
+    """Gyro noise and the truth's own at both ends; neighbours share a moment of truth."""
+    own = gyro_variance(batch, at, [logs[segment.log].noise for segment in segments])
+    truth = np.eye(3) * truth_sigma**2
+    shared = np.zeros((len(batch) - 1, 3, 3))
+    for i in range(len(batch) - 1):
+        if segments[i].log == segments[i + 1].log and ends[i].last == ends[i + 1].first:
+            shared[i] = -truth
+    return Floor(own + 2 * truth, shared)
+
+
+def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
+    rate, sigma, q, middle_s = [], [], [], []
+    for log, began in zip(logs, start_times(log.samples for log in logs)[:-1], strict=True):
+        for still, q_tb in zip(log.stills, log.q_tb, strict=True):
+            if still.problem is None:
+                rate.append(still.gyro_mean)
+                sigma.append(log.noise.angle_random_walk / np.sqrt(still.duration_s))
+                q.append(q_tb)
+                middle_s.append(began + still.start_s + still.duration_s / 2)
+    attitude = np.array(q).reshape(-1, 4)
+    turned = earth.in_body(attitude) if len(attitude) else np.zeros((0, 3))
+    return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), attitude, np.array(middle_s))
+
+
+# Absolute orientation error (AOE) of a run: the attitude carried by the gyro alone, from the first true one, against the truth.
+#
+# AOE = sqrt(mean |log(R_true^T R_carried)|^2) over all moments of the truth (Brossard et al. 2020, and the paper's Table 1): one number, in
+# which yaw counts as much as tilt, and an error early in the run as much as one at its end.
+
+
+def orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> tuple[np.ndarray, np.ndarray]:
+    """t_s (K,) since the first moment, and rotation vectors (K, 3) rad in the body's axes, of the truth's moments within the log.
+
+    ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError where the truth's times are not the log's.
+    """
+    rows, q_true = moments_inside(samples, truth)
+    part = samples.between(int(rows[0]), int(rows[-1]) + 1)
+    # The whole log goes through the model: one with a memory has its past then.
+    rate = np.asarray(model(samples.gyro))[rows[0] : rows[-1] + 1]
+    running = rotation.accumulate(steps(rate, part.dt_s, integrator))
+    q = np.concatenate([q_true[:1], rotation.multiply(q_true[0], running)])[rows - rows[0]]
+    return part.t_s[rows - rows[0]], rotation.log(rotation.multiply(rotation.conjugate(q_true), q))
+
+
+def absolute_orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> float:
+    """AOE in rad."""
+    _, error = orientation_error(samples, truth, model, integrator)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

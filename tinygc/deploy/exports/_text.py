@@ -1,0 +1,251 @@
+"""What text formats share: matrix and bias of a model, comment lines, YAML, the autopilots' terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from session.io.config import Sensor
+from session.io.texts import comment
+from session.io.units import DEG, G
+from tinygc.annexes.temperature.model import ThermalModel
+from tinygc.deploy.calibration import Calibration, ExportError
+from tinygc.deploy.exports._context import Context
+from tinygc.models.conditions_net import ConditionsModel
+from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import Model
+from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.physics import CarriedNet, PhysicsModel
+
+# What formats that hold a matrix and a bias can carry of a model, and a refusal of the rest.
+
+#: slopes this near to 1 are 1 but for the rounding of a fit
+UNBENT = 1e-9
+ELSEWHERE = "export --to json carries every model, or choose another with --model"
+#: nets that no linear format carries, in words
+NETS_BESIDE = {CarriedNet.kind: "a net behind physics", ConditionsModel.kind: "a net that is told temperature or force"}
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPart:
+    """omega = E m + B - K a - k (T - T0): E (3, 3); B (3,) rad/s; K (3, 3) (rad/s)/(m/s^2); k (3,) (rad/s)/degC from T0 degC."""
+
+    E: np.ndarray
+    B: np.ndarray
+    K: np.ndarray
+    k: np.ndarray
+    first_c: float
+
+    @property
+    def M(self) -> np.ndarray:
+        """The sensor itself, m = M (omega + K a + k (T - T0)) + bias."""
+        return np.linalg.inv(self.E)
+
+    @property
+    def bias(self) -> np.ndarray:
+        """(3,) rad/s, what the sensor reads at rest, at T0 and without gravity."""
+        return -self.M @ self.B
+
+    def example(self) -> str:
+        """One vector in and out, to try an implementation with."""
+        m, a = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -9.0])
+        omega = self.E @ m + self.B - self.K @ a
+        force = f" with specific force {words(a)} m/s^2" if self.K.any() else ""
+        return f"Try: measured {words(m)} rad/s{force} must give {words(np.round(omega, 9))} rad/s."
+
+
+def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
+    """Of a model that is linear, up to effects that are ``linear_in`` what the format ``carries``.  Raises ExportError for the rest."""
+    if isinstance(model, DenoisedNet):
+        raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
+    if isinstance(model, CalibrationNet | PublishedNet):
+        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in model.SHAPES if name.startswith("slope")])
+        if np.abs(slopes - 1).max() > UNBENT:
+            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {slopes.tolist()}); {ELSEWHERE}")
+        linear = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
+    K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
+    if model.kind in NETS_BESIDE:
+        raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
+    if isinstance(model, ThermalModel):
+        raise ExportError(f"{name} cannot carry a calibration over temperature; px4 and ardupilot carry its zero, c and json all of it")
+    if isinstance(model, PhysicsModel):
+        unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
+        if unable:
+            raise ExportError(f"{name} cannot carry {', '.join(unable)}; {ELSEWHERE}")
+        for claim in model.claims:
+            if claim.effect.linear_in == "force":
+                K = K + claim.theta.reshape(3, 3) / G
+            else:
+                k, first_c = k + claim.theta, model.known.first_temp_c
+        linear = model.linear
+    if isinstance(model, LinearModel):
+        linear = model
+    return LinearPart(np.asarray(linear.E, dtype=float), np.asarray(linear.B, dtype=float), K, k, float(first_c))
+
+
+def words(numbers: ArrayLike) -> str:
+    """Numbers as YAML and JSON read them, every digit kept."""
+    array = np.asarray(numbers, dtype=float)
+    if array.ndim:
+        return "[" + ", ".join(words(part) for part in array) + "]"
+    text = repr(float(array))
+    # YAML 1.1 takes 1e-05 for a word: it wants the point.
+    mantissa, e, power = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{power if power[:1] in '+-' or not e else '+' + power}"
+
+
+# Comment lines that every text format begins with: what this is, of what, in which frame.
+#
+# Names and serial numbers are another's words: each line goes through ``comment``, and is one line.
+
+FRAME = (
+    "Frame: the sensor's own axes, right-handed, exactly as in the log that was calibrated (this project's b: forward, right, down,",
+    "where they are so mounted).  If your driver turns the axes before this is applied (REP 103: forward, left, up), turn it too:",
+    "E' = R E R^T, B' = R B with R from logged to driver's axes.",
+)
+
+
+def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None = None) -> str:
+    """Source and frame, then the format's own lines, as comments; longest: bytes of a line, where a reader takes the rest for the next."""
+    sensor = context.config.sensor
+    head = (
+        f"TinyGC calibration of session {context.session}, method {context.method}: {sensor.model} {sensor.serial}".rstrip(),
+        *(f"sha256 {digest}  {name}" for name, digest in context.hashes.items()),
+        *FRAME,
+        *lines,
+    )
+    written = [comment(line) for line in head]
+    if longest is not None:
+        written = [piece for line in written for piece in _pieces(line, longest - len(mark) - 1)]
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in written)
+
+
+def _pieces(line: str, most: int) -> list[str]:
+    """Of at most so many bytes of UTF-8, broken at blanks where there are any."""
+    for width in (most, most // 2, most // 4):  # no character has more than four bytes
+        pieces = wrap(line, width, subsequent_indent="  ", break_on_hyphens=False)
+        if all(len(piece.encode()) <= most for piece in pieces):
+            break
+    return pieces
+
+
+# A short log and what the model makes of it, for whoever writes the model anew.
+
+#: beyond the longest memory that a model has
+SAMPLES = 64
+SEED = 20240302
+#: of the full scale
+FILLED = 0.8
+
+
+def self_test(model: Model, sensor: Sensor, samples: int = SAMPLES) -> dict:
+    """Consecutive samples at the nominal data rate, drawn with a fixed seed: inputs and outputs, all SI."""
+    rng = np.random.default_rng(SEED)
+    full_scale = sensor.gyro_fs_dps * DEG
+    raw = rng.uniform(-FILLED * full_scale, FILLED * full_scale, (samples, 3))
+    raw[0] = 0.0
+    force = rng.uniform(-G, G, (samples, 3))
+    temperature = 25 + np.linspace(0, 2, samples)
+    omega = Calibration(model, sensor.odr_hz)(raw, force, temperature)
+    return {
+        "rate_hz": sensor.odr_hz,
+        "measured_rps": raw.tolist(),
+        "specific_force_mps2": force.tolist(),
+        "temperature_c": temperature.tolist(),
+        "omega_rps": omega.tolist(),
+    }
+
+
+# YAML by a writer of YAML (PyYAML): a key on a line, lists of numbers and rows of a matrix on one line each, every digit kept.
+
+
+def yaml_text(table: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:
+    """Keys in their order; arrays as lists; remarks: behind the lines of these keys of the uppermost table, as comments.
+
+    YAML 1.1 takes 1e-05 for a word: the writer knows that it wants the point.
+    """
+    import yaml
+
+    class Writer(yaml.SafeDumper):
+        """Tables are never written within a line."""
+
+    Writer.add_representer(dict, lambda writer, value: writer.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=False))
+    lines = []
+    for key, value in table.items():
+        text = yaml.dump({key: _plain(value)}, Dumper=Writer, default_flow_style=None, width=float("inf"), allow_unicode=True)
+        lines.append(f"{text.removesuffix(chr(10))}  # {remarks[key]}\n" if remarks and key in remarks else text)
+    return "".join(lines)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+# What PX4 and ArduPilot share: a gyroscope's zero and temperature terms without scale, an accelerometer's zero and scale of each axis.
+
+#: degC around the session's temperatures within which a straight line may be trusted
+BEYOND_C = 5.0
+#: scales that ArduPilot takes (INS_ACCSCAL_*); beyond them the axes are others
+SCALES = (0.8, 1.2)
+
+
+def offsets(model: Model, context: Context, name: str) -> tuple[LinearPart, tuple[float, float] | None]:
+    """The linear part, and the range of temperatures of a model that follows temperature; says what is lost."""
+    part = linear_part(model, name, carries=("temperature",))
+    full_scale = context.config.sensor.gyro_fs_dps
+    lost = np.abs(part.E - np.eye(3)).sum(axis=1).max()
+    context.say(
+        f"{name} carries the gyroscope's offsets and temperature terms only, no scale and no misalignment: "
+        f"up to {100 * lost:.2f} % of the rate, {lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
+    )
+    if not part.k.any():
+        return part, None
+    warmest = context.temperature_c()
+    if warmest is None or not np.isfinite(part.first_c):
+        raise ExportError(f"{name} needs the range of temperatures, which the session's logs do not tell")
+    return part, (warmest[0] - BEYOND_C, warmest[1] + BEYOND_C)
+
+
+def cannot_scale(part: LinearPart) -> tuple[str, ...]:
+    """For the file's head."""
+    errors = ", ".join(f"{1e6 * (value - 1):+.0f}" for value in np.diag(part.M))
+    return (
+        "SCALE CANNOT BE CARRIED of the gyroscope: these parameters hold its offsets only.  Left uncorrected: scale factor errors of",
+        f"{errors} ppm (x, y, z) and misalignment; apply the whole calibration in the driver if that matters.",
+        f"Offsets in deg/s: {', '.join(f'{value / DEG:+.4f}' for value in part.bias)}; they are this switch-on's.",
+    )
+
+
+def force_terms(context: Context, name: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
+    """Offsets (3,) m/s^2 and scales (3,) of the accelerometer, and words for the file's head; None where there is nothing to carry.
+
+    corrected = (measured - offset) scale is all that these parameters know.  What the matrix has beside its diagonal is lost: said.
+    """
+    accelerometer = context.accelerometer
+    if accelerometer.source == "none":
+        context.say(f"{name}: nobody has calibrated the accelerometer: its parameters are left out")
+        return None
+    scale = np.diag(accelerometer.matrix)
+    if not ((scale > SCALES[0]) & (scale < SCALES[1])).all():
+        values = ", ".join(f"{value:.3f}" for value in scale)
+        context.say(f"{name}: the accelerometer's matrix turns its axes (diagonal {values}): its parameters are left out")
+        return None
+    lost = float(np.abs(accelerometer.matrix - np.diag(scale)).sum(axis=1).max())
+    words = f"up to {1e3 * lost:.2g} mrad, {1e3 * lost:.2g} mg at one g"
+    context.say(f"{name} carries an offset and a scale of each of the accelerometer's axes; what leans between them stays: {words}")
+    return (
+        accelerometer.bias_mps2,
+        scale,
+        (
+            f"Accelerometer: {context.accelerometer_words}",
+            f"Its nonorthogonality, and a turn of its frame, cannot be carried: {words}.",
+        ),
+    )

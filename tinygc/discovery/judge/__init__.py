@@ -1,1 +1,0 @@
-"""The best forms, refitted exactly, against the catalogue, against each other, and on what the search never saw."""

@@ -1,1 +1,0 @@
-"""All forms by their linear columns, and what chance makes of so many."""

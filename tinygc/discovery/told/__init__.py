@@ -1,1 +1,0 @@
-"""The answer: effect files, JSON, words, pictures."""

@@ -1,0 +1,239 @@
+"""The catalogue: effects of this package, of installed packages, and of folders that the user named."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import pkgutil
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.effects.effect import Effect
+from tinygc.effects.movement import EffectError, Movement
+
+# A first try of an effect that comes from outside: what is plainly wrong is said where the file can still be named.
+
+SAMPLES, RATE_HZ, FULL_SCALE_DPS = 64, 104.0, 500.0
+
+
+def tried(effect: Any, where: str) -> Effect:
+    """The effect, if it is one and gives what it should for a short movement.  EffectError that begins with ``where``."""
+    if not isinstance(effect, Effect):
+        raise EffectError(f"{where}: EFFECT is of type {type(effect).__name__}, expected tinygc.effects.Effect")
+    try:
+        grid = None if effect.scan is None else effect.scan.grid
+        values = np.array([SAMPLES / RATE_HZ / 2]) if grid is None else grid([short_movement()])
+        for one in effect.variants(values[:1]):
+            _try(one)
+    except EffectError as error:
+        raise EffectError(f"{where}: {error}") from None
+    except Exception as error:
+        what = " ".join(str(error).split())
+        raise EffectError(f"{where}: {effect.id} fails on a movement of {SAMPLES} samples: {type(error).__name__}: {what}") from None
+    return effect
+
+
+def _try(effect: Effect) -> None:
+    movement, size = short_movement(), effect.parameter.size
+    _expect(effect, "columns", effect.columns(effect.shown(movement)), (SAMPLES, 3, size))
+    theta = np.full(size, 1e-3 * effect.parameter.plausible)
+    if effect.kind == "rate":
+        _expect(effect, "distort", effect.distort(movement, theta), (SAMPLES, 3))
+        _expect(effect, "correct", effect.correct(movement.rate, movement, theta), (SAMPLES, 3))
+    if not isinstance(said := effect.says(theta), str):
+        raise EffectError(f"{effect.id}: says gives {type(said).__name__}, expected a sentence")
+
+
+def _expect(effect: Effect, name: str, value: Any, shape: tuple[int, ...]) -> None:
+    if np.shape(value) != shape or not np.isfinite(value).all():
+        raise EffectError(f"{effect.id}: {name} gives shape {np.shape(value)} or numbers that are not finite, expected {shape}")
+
+
+def short_movement() -> Movement:
+    """Half a second of a hand's turn, warming up, vibrated."""
+    t_s = np.arange(SAMPLES) / RATE_HZ
+    turn = np.stack([np.sin(9 * t_s), np.cos(7 * t_s), np.sin(5 * t_s + 1)], axis=-1)
+    force = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    return Movement(
+        t_s, 1 / RATE_HZ, 100 * DEG * turn, force, 25 + t_s, 0.1 + 0 * t_s, SAMPLES / RATE_HZ, FULL_SCALE_DPS * DEG, first_temp_c=25.0
+    )
+
+
+# The effects of a folder: each of its Python files that does not begin with an underscore defines ``EFFECT``.
+
+
+def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
+    """Each effect with its file, in the order of the names; ``said``: the folder as the user wrote it.
+
+    Raises EffectError for a folder that is none or holds no effect, and for a file that cannot be loaded or defines none.
+    """
+    if folder.is_file():
+        raise EffectError(f"{said}: that is a file; give its folder, {said.parent}")
+    if not folder.is_dir():
+        raise EffectError(f"{said}: no such folder; --effects names a folder of files that define EFFECT")
+    files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
+    if not files:
+        raise EffectError(f"{said}: no effect in it, expected files that define EFFECT (names that begin with _ are passed over)")
+    package = _package(folder)
+    return [(_effect(package, path, said / path.name), said / path.name) for path in files]
+
+
+def _package(folder: Path) -> str:
+    """A package of the folder's files alone, freshly: its name is no file's, so that nothing else imports it by chance."""
+    name = f"tinygc_effects_folder_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]}"
+    for loaded in [module for module in sys.modules if module == name or module.startswith(f"{name}.")]:
+        del sys.modules[loaded]
+    importlib.invalidate_caches()
+    package = ModuleType(name)
+    package.__path__ = [str(folder)]
+    sys.modules[name] = package
+    return name
+
+
+def _effect(package: str, path: Path, said: Path) -> Effect:
+    if not path.stem.isidentifier():
+        raise EffectError(f"{said}: the file's name is no name in Python; use letters, digits and underscores")
+    if not path.is_file():  # Python would wait for a named pipe
+        raise EffectError(f"{said}: is no file; take it out of the folder")
+    try:
+        module = importlib.import_module(f"{package}.{path.stem}")
+    except EffectError as error:
+        raise EffectError(f"{said}: {error}") from None
+    except (Exception, SystemExit) as error:
+        raise EffectError(f"{said}: cannot be loaded: {_words(error, path)}; mend it, or take it out of the folder") from None
+    if not hasattr(module, "EFFECT"):
+        raise EffectError(f"{said}: defines no EFFECT; a helper's name begins with _")
+    return tried(module.EFFECT, str(said))
+
+
+def _words(error: BaseException, path: Path) -> str:
+    """In one line: the kind, what it says, and the file's line where that is known."""
+    line, at = getattr(error, "lineno", None), error.__traceback__
+    while at is not None:
+        if Path(at.tb_frame.f_code.co_filename) == path:
+            line = at.tb_lineno
+        at = at.tb_next
+    what = " ".join(str(getattr(error, "msg", None) or error).split())
+    return f"{type(error).__name__}: {what}" + ("" if line is None else f" (line {line})")
+
+
+# The catalogue: the effects of this package, of installed packages, and of the folders that the user named; from nowhere else.
+#
+# A session folder and a model file only name ids: reading them executes nothing.
+
+ENTRIES, GROUP = "tinygc.effects.entries", "tinygc.effects"
+#: how the ids begin of effects that ``explain --discover`` writes
+FOUND = "discovered."
+#: folder -> its effects by id, each with the file that defines it
+_folders: dict[Path, dict[str, tuple[Effect, Path]]] = {}
+
+
+def catalogue() -> dict[str, Effect]:
+    """All effects by id, in the order of their ids.  EffectError for an installed effect that is broken."""
+    whole = dict(_installed())
+    for effects in _folders.values():
+        whole |= {name: effect for name, (effect, _) in effects.items()}
+    return dict(sorted(whole.items()))
+
+
+def effect_of(name: str) -> Effect:
+    """The effect with that id.  EffectError, with what to do, where this machine has none."""
+    known = catalogue()
+    if name not in known and name.startswith(FOUND):
+        raise EffectError(
+            f"effect {name[:60]!r} was found in a recording, and stands in no catalogue; explain --discover wrote its file: name that "
+            "recording's folder of them with --effects DIR/explain/effects (tinygc.effects.load_folder in Python)"
+        )
+    if name not in known:
+        raise EffectError(
+            f"effect {name[:60]!r} is not on this machine; name the folder that holds its file with --effects DIR "
+            "(tinygc.effects.load_folder in Python), or install the package that has it"
+        )
+    return known[name]
+
+
+def load_folder(path: Path | str) -> list[Effect]:
+    """Add the effects of a folder, one file each, to the catalogue; loading it again takes its files as they are now.
+
+    Files whose names begin with an underscore are no effects; effects may import them (``from ._name import …``).
+    Raises EffectError, which names the file, for a folder or file that cannot be read, an effect of the wrong type, and an id that is
+    another effect's.
+    """
+    folder = Path(path).resolve()
+    before = _folders.pop(folder, None)
+    try:
+        found = effects_in(Path(path), folder)
+        others = {name: str(file) for effects in _folders.values() for name, (_, file) in effects.items()}
+        for effect, file in found:
+            taken = others.get(effect.id) or ("an effect of TinyGC or of an installed package" if effect.id in _installed() else None)
+            if taken is not None:
+                raise EffectError(f"{file}: its id {effect.id!r} is already that of {taken}; give it an id of its own")
+            others[effect.id] = str(file)
+    except EffectError:
+        if before is not None:
+            _folders[folder] = before
+        raise
+    _folders[folder] = {effect.id: (effect, file) for effect, file in found}
+    return [effect for effect, _ in found]
+
+
+@contextmanager
+def using(folders: Iterable[Path | str]) -> Iterator[None]:
+    """The catalogue with the effects of these folders; as it was afterwards."""
+    before = dict(_folders)
+    try:
+        for folder in folders:
+            load_folder(folder)
+        yield
+    finally:
+        _folders.clear()
+        _folders.update(before)
+
+
+@contextmanager
+def having(effect: Effect) -> Iterator[None]:
+    """The catalogue with one effect in the place of any with its id; as it was afterwards."""
+    before = dict(_folders)
+    try:
+        _folders[Path(f"<{effect.id}>")] = {effect.id: (effect, Path("<given>"))}
+        yield
+    finally:
+        _folders.clear()
+        _folders.update(before)
+
+
+def loaded_folders() -> list[Path]:
+    """The folders that are loaded, in order: what a further process has to be told."""
+    return list(_folders)
+
+
+@cache
+def _installed() -> dict[str, Effect]:
+    """The package's own effects, and those of installed packages."""
+    own = importlib.import_module(ENTRIES)
+    names = sorted(module.name for module in pkgutil.iter_modules(own.__path__) if not module.name.startswith("_"))
+    effects = {effect.id: effect for effect in (importlib.import_module(f"{ENTRIES}.{name}").EFFECT for name in names)}
+    if len(effects) != len(names):
+        raise EffectError(f"{ENTRIES}: two files give one id")
+    from importlib.metadata import entry_points
+
+    for point in entry_points(group=GROUP):
+        where = f"installed effect {point.name!r} ({point.value})"
+        try:
+            given = point.load()
+        except Exception as error:
+            raise EffectError(f"{where}: cannot be loaded: {type(error).__name__}: {error}; mend or uninstall its package") from None
+        effect = tried(given.EFFECT if isinstance(given, ModuleType) and hasattr(given, "EFFECT") else given, where)
+        if effect.id in effects:
+            raise EffectError(f"{where}: its id {effect.id!r} is already that of another effect")
+        effects[effect.id] = effect
+    return effects

@@ -1,0 +1,197 @@
+"""The paper's optimiser: AdamW with a cosine decay, seeded and resumable."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.errors import FitError, FormatError
+from session.io.results import Array, Keys, Text, read_required, write_whole
+from tinygc.closure import problem
+from tinygc.closure.least_squares import StillRates
+from tinygc.closure.residual import Batch
+from tinygc.estimation.network_training import TrainableNet, Training
+from tinygc.estimation.options import NAME, Checkpoint
+from tinygc.models.nets import CalibrationNet
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+# The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable to the bit.
+#
+# Only this and what calls it import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of what is being trained,
+# so that no run is resumed with other data or settings.  That of a training that has ended stays until all that belongs to it has
+# (``forget``): a fit is many trainings, and one that is resumed repeats none.  It runs on the device of its tensors.
+
+SCHEMA = "tinygc-checkpoint/1"
+#: s between two checkpoints
+EVERY_S = 5.0
+
+
+def device() -> str:
+    """Of what there is: an accelerator with double precision, or the processor."""
+    import torch
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def minimise(
+    loss_of: Callable[[Tensor], Tensor],
+    start: np.ndarray,
+    *,
+    epochs: int,
+    learning_rate: float,
+    identity: list,
+    checkpoint: Checkpoint | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """The last weights, those of the least loss, and the loss before each epoch; identity: arrays and settings to be fingerprinted.
+
+    Raises FitError where the loss is not finite, or where a checkpoint does not belong to this training.
+    """
+    import torch
+
+    weights = torch.as_tensor(start, device=device()).clone().requires_grad_()
+    optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
+    mark = _fingerprint([start, np.array([epochs, learning_rate]), *identity])
+    best, losses = start.copy(), []
+    if checkpoint is not None and checkpoint.resume and checkpoint.path.exists():
+        state = _read(checkpoint.path, mark, start.shape)
+        losses, best = state["losses"], state["best"]
+        moments = {name: torch.as_tensor(state[name], device=weights.device) for name in ("exp_avg", "exp_avg_sq")}
+        optimizer.state[weights] = {"step": torch.tensor(float(len(losses))), **moments}
+        with torch.no_grad():
+            weights.copy_(torch.as_tensor(state["weights"]))
+    whole: dict | None = None
+    written = time.monotonic()
+    try:
+        for epoch in range(len(losses), epochs):
+            optimizer.param_groups[0]["lr"] = learning_rate * (1 + math.cos(math.pi * epoch / epochs)) / 2
+            optimizer.zero_grad()
+            loss = loss_of(weights)
+            if not torch.isfinite(loss):
+                raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
+            value = float(loss.detach())
+            if not losses or value < min(losses):
+                best = _array(weights)
+            loss.backward()
+            optimizer.step()
+            losses.append(value)
+            if checkpoint is not None:
+                whole = _state(mark, weights, best, losses, optimizer.state[weights])
+                if time.monotonic() - written > EVERY_S:
+                    _write(checkpoint.path, whole)
+                    written = time.monotonic()
+            progress(epoch + 1, epochs)
+    except KeyboardInterrupt:
+        if checkpoint is not None and whole is not None:
+            _write(checkpoint.path, whole)
+        raise
+    if checkpoint is not None and whole is not None:
+        _write(checkpoint.path, whole)
+    return _array(weights), best, losses
+
+
+def forget(folder: Path) -> None:
+    """Remove the checkpoints of a fit that is whole."""
+    for path in folder.glob(NAME.format("*")):
+        path.unlink(missing_ok=True)
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def _state(mark: str, weights: Tensor, best: np.ndarray, losses: list[float], adam: dict) -> dict:
+    """After a whole epoch; lists are made of it only when it is written."""
+    moments = {name: _array(adam[name]) for name in ("exp_avg", "exp_avg_sq")}
+    return {"schema": SCHEMA, "of": mark, "losses": list(losses), "weights": _array(weights), "best": best, **moments}
+
+
+def _write(path: Path, state: dict) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in state.items()})
+
+
+def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
+    arrays = {name: Array(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
+    wanted = Keys({"schema": Text((SCHEMA,)), "of": Text(), "losses": Array((None,)), **arrays})
+    try:
+        table = read_required(path, wanted, "remove it, or train without --resume")
+    except FormatError as error:
+        raise FitError(str(error)) from None
+    if table.get("of") != mark:
+        raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")
+    return {"losses": [float(value) for value in table["losses"]], **{name: np.asarray(table[name], dtype=float) for name in arrays}}
+
+
+def _fingerprint(arrays: list) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(np.asarray(array)).tobytes())
+    return digest.hexdigest()
+
+
+# First order: the paper's AdamW at 0.01 on the whole batch, differentiating through the tree product.
+#
+# The loss is the mean square of the residuals in sigmas, or, as the paper states it, a mean of distances: of segment i, its residual in
+# sigmas over sigma_i, which is what the reweighting of ``distance_loss.fit_distance`` settles at.
+
+#: in sigmas: below it a distance is as good as zero, and its gradient exists there
+SHORTEST = 1e-3
+
+
+def train_adamw(
+    batch: Batch,
+    sigma: np.ndarray,
+    *,
+    epochs: int = 2000,
+    learning_rate: float = 0.01,
+    loss: str = "squared",
+    integrator: str = "exact",
+    still_rates: StillRates | None = None,
+    start: TrainableNet | None = None,
+    before: np.ndarray | None = None,
+    checkpoint: Checkpoint | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> Training:
+    """From ``start``, the identity of the kind of net that is wanted (the paper's), with a cosine decay so that it ends somewhere.
+
+    before (S,): the part that each goes on from, as in ``train_second_order``; loss: "squared" or "distance".
+    Raises FitError where the loss is not finite, or where a checkpoint that is to be resumed belongs to other data or settings.
+    """
+    import torch
+
+    start = start or CalibrationNet.identity()
+    where = device()
+    before = np.full(len(batch), -1) if before is None else before
+    spread_of_rows = problem.carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
+    weights_of_rows = 2 / spread_of_rows
+    trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1, where=batch.known))
+    rate, weight, trust = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows, trust / trust.mean()))
+    settings = np.array(list((integrator + loss).encode()))
+    identity = [before, batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, settings]
+    if still_rates is not None:
+        still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
+        identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
+
+    def loss_of(weights: Tensor) -> Tensor:
+        net = start.with_vector(weights)
+        r = problem.residuals(batch, net(rate), before, integrator) * weight
+        total = (r**2).sum() if loss == "squared" else ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles
+        if still_rates is None:
+            return total / r.numel()
+        rows = (net(still) - earth) / spread
+        return (total + (rows**2).sum()) / (r.numel() + rows.numel())
+
+    vector, _, losses = minimise(
+        loss_of, start.vector, epochs=epochs, learning_rate=learning_rate, identity=identity, checkpoint=checkpoint, progress=progress
+    )
+    return Training(start.with_vector(vector), np.inf, tuple(losses))

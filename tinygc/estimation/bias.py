@@ -1,0 +1,183 @@
+"""A fit's bias: from the ends of the turns or from the stills, and one for each log over several days."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.io.errors import CalibrationError
+from session.io.units import DEG
+from tinygc import closure
+from tinygc.closure.build import FEWEST_SEGMENTS, with_still_bias
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch, RateMap
+from tinygc.closure.uncertainty import signed_ranks_above
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.network_training import distance_weights
+from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.models.linear import BIAS, NAMES
+
+# A fit's bias: from the ends of the turns, or from the stills around each; as asked, or what closes held-out segments better.
+
+#: one-sided, of the held-out errors in pairs: the stills must be better by more than chance
+BETTER_P = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class BiasChoice:
+    """asked: the option; used: ``ends`` or ``stills``; held_out: of both, least squares' error angles (S, d) rad on segments that it never
+    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias; of_lot:
+    whether a lot's prior is there."""
+
+    asked: str
+    used: str
+    held_out: dict[str, np.ndarray]
+    p_value: float | None = None
+    unseen: bool = False
+    of_lot: bool = False
+
+    def to_json(self) -> dict:
+        """``bias_from`` of ``tinygc-fit/1``."""
+        rms = {name: float(_rms(angles)) / DEG for name, angles in self.held_out.items()}
+        return {
+            "asked": self.asked,
+            "used": self.used,
+            "ends_holdout_tilt_rms_deg": rms.get("ends"),
+            "stills_holdout_tilt_rms_deg": rms.get("stills"),
+            "p_value": self.p_value,
+        }
+
+    @property
+    def words(self) -> str:
+        """One sentence."""
+        where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[self.used]
+        if not self.held_out:
+            return f"Bias {where}."
+        ends, stills = (_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
+        better = "better by more than chance" if self.used == "stills" else "not better by more than chance"
+        why = "as asked" if self.asked != "auto" else f"the stills are {better}: p = {self.p_value:.2g}"
+        if self.unseen and self.asked == "auto":
+            return f"Bias {where}: the ends of so few turns do not show it."
+        if self.of_lot and self.asked == "auto" and self.used == "stills":
+            return f"Bias {where}: beside a lot's prior the turns are few, and their ends are not better by more than chance."
+        return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
+
+
+def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, MethodFit]:
+    """The choice, the problem with it, and its least squares.
+
+    Raises CalibrationError where the stills are asked for and cannot be used, and FitError.
+    """
+    asked = options.bias
+    why = _why_not(problem, options)
+    if asked == "stills" and why:
+        raise CalibrationError(f"--bias stills: {why}")
+    if why:
+        return BiasChoice(asked, "ends", {}), problem, run_method("least_squares", problem, options)
+    level = with_still_bias(problem)
+    ends = run_method("least_squares", problem, options)
+    fits = {"ends": ends, "stills": run_method("least_squares", level, options, before={"least_squares": ends})}
+    held = {name: fit.held_out for name, fit in fits.items()}
+    p_value = less_by_chance(held["ends"], held["stills"])
+    unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
+    unseen = unseen or (problem.batch.turns is None and len(problem.batch) < FEWEST_SEGMENTS)
+    of_lot = problem.prior is not None
+    # Beside a lot's prior the turns are few: what their ends leave of the bias is many times what the stills do.
+    stills = unseen or p_value < BETTER_P or (of_lot and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
+    used = asked if asked != "auto" else ("stills" if stills else "ends")
+    return BiasChoice(asked, used, held, p_value, unseen, of_lot), level if used == "stills" else problem, fits[used]
+
+
+def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
+    """Probability that tilt errors (S, d) of the other are so often and so much less, segment by segment, if neither is better.
+
+    Wilcoxon's signed ranks: a few turns that hardly close have a long tail, in which a mean of squares drowns.  1 where the root mean
+    square is not less as well.
+    """
+    less = np.linalg.norm(usual[:, :2], axis=1) - np.linalg.norm(other[:, :2], axis=1)
+    if _rms(other) >= _rms(usual) or not less.any():
+        return 1.0
+    return signed_ranks_above(less)
+
+
+def _why_not(problem: Problem, options: FitOptions) -> str:
+    if problem.session.truths is not None or not len(problem.still_rates.rate):
+        return "the turns of this session do not lie between stills; leave it out"
+    if options.still_rates:
+        return "the stills are data already with --still-rates; leave one of them out"
+    if options.bias_per_log:
+        return "with --bias-per-log each log has a bias of its own from its ends; leave one of them out"
+    return ""
+
+
+def _rms(angles: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
+
+
+# A calibration over several days: one E for all, a bias for each log, and how far the next day's may be.
+#
+# E lasts, the bias does not.  A single bias for logs of several days bends E towards whatever mixes with it (on the EuRoC windows by 0.4
+# %). Here each log has a bias of its own, E is common, and the stored bias is the logs' median: the day that is unlike the others pulls on
+# neither.  Weights follow the distances, as in ``distance_loss.py``, for the same reason.
+
+#: iterations, not bars: of weights by distance; Gauss-Newton steps of three numbers, nearly linear
+PASSES = 25
+STEPS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """Segments as if all logs had the bias of the middle one: batch, its sigma (S, d) rad with the distances' weights; offsets (L, 3) rad/s
+    of each log's bias from the middle one's, NaN where a log has too few segments; sigma_rps (3,) their spread."""
+
+    batch: Batch
+    sigma: np.ndarray
+    offsets: np.ndarray
+    sigma_rps: np.ndarray
+
+
+def level_days(problem: Problem) -> Levelled:
+    """Find each log's bias together with the linear model, and take the difference from the median off its segments."""
+    owner = np.array([segment.log for segment in problem.used])
+    batch, sigma, model = problem.batch, problem.floor.sigma, problem.first
+    offsets = np.zeros((len(problem.logs), 3))
+    for _ in range(PASSES):
+        offsets = bias_by_log(problem, model, sigma)
+        offsets = offsets - np.nanmedian(offsets, axis=0)
+        # What a log's calibrated rate lacks is taken off as the Earth's rate is: for any model, without touching what it is given.
+        each = np.nan_to_num(offsets)[owner]
+        batch = replace(problem.batch, earth=problem.batch.earth - each[:, None])
+        model = fit_least_squares(batch, sigma, model).model
+        sigma = problem.floor.sigma * distance_weights(batch, model)[:, None]
+    known = offsets[np.isfinite(offsets).all(axis=1)]
+    return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
+
+
+def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
+    """The problem with each log's bias levelled, for any method to be fitted to, and the biases' spread (3,) rad/s."""
+    days = level_days(problem)
+    factor = (days.sigma / problem.floor.sigma)[:, 0]
+    square, before = factor[:, None, None] ** 2, problem.floor
+    shared = before.shared * (factor[:-1] * factor[1:])[:, None, None]
+    floor = replace(before, own=before.own * square, shared=shared, wider=None if before.wider is None else before.wider * square)
+    return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
+
+
+def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
+    """(L, 3) rad/s: what must be added to a model's calibrated rate for each log's segments to close best, NaN where a log has but one."""
+    sigma = problem.floor.sigma if sigma is None else sigma
+    changes = np.full((len(problem.logs), 3), np.nan)
+    owner = np.array([segment.log for segment in problem.used])
+    for log in range(len(changes)):
+        batch = problem.batch.pick(owner == log)
+        if len(batch) < 2:
+            continue
+        weight, rate = 1 / sigma[owner == log][..., None], np.asarray(model(batch.rate))
+        columns = closure.sensitivity(batch, rate)[:, :, : batch.angles].sum(axis=1)
+        changes[log] = 0
+        for _ in range(STEPS):
+            angles = 2 * closure.segment_residuals(batch, rate + changes[log])[..., None]
+            changes[log] -= np.linalg.lstsq((columns * weight).reshape(-1, 3), (angles * weight).ravel(), rcond=None)[0]
+    return changes

@@ -1,0 +1,525 @@
+"""A stored calibration in a new session: E is kept, the bias is estimated again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session import VERSION
+from session.detect.truth_segments import find_rests, moments_inside
+from session.io import folder as hashes
+from session.io.errors import FitError, FormatError, SegmentError
+from session.io.files import result_folder
+from session.io.folder import Session, hash_of_log
+from session.io.numeric import runs_of
+from session.io.results import read_json, write_whole
+from session.io.samples import Samples
+from session.io.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
+from tinygc import models
+from tinygc.attitude import rotation
+from tinygc.attitude.rotation import steps
+from tinygc.closure.prepared import prepare
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import closure_angles
+from tinygc.closure.runs import ClosureRun, read_closure_runs
+from tinygc.closure.stills import StillSet
+from tinygc.estimation import results
+from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.results import SCHEMA
+from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.model import Model
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+
+# The bias of the day: from the first still, from gravity, over several days.
+
+#: what is left beside a fit's own files: the stored model with its new bias, and its figures
+MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
+
+
+# The bias of the day, from gravity over a whole run: slow, and robust to motion.
+#
+# A calibration's E lasts; its bias is another one after each switch-on.  The accelerometer tells it even while the sensor moves: with the
+# right bias, the specific force that is carried to the navigation frame by the gyro's attitude adds up, with gravity, to a velocity that
+# stays small, because nothing that is tested keeps accelerating.  With a bias wrong by db it runs off as g db t^2 / 2.
+#
+# Unknowns: the bias as a slow walk about its mean, a bias of the accelerometer, the tilt of the first attitude, a velocity at the start of
+# each uninterrupted piece.  Data: the velocity every tenth of a second, which is taken for an Ornstein-Uhlenbeck process (whitened as
+# such); the mean rate at rest, if the run has rests, which is only loosely that of the run, because a gyro that shakes has another zero.
+# A prior holds what gravity cannot see, the turn about the vertical, near the stored bias.  Gauss-Newton; everything is linear but the
+# attitude.
+
+#: velocities are summed over it: a twentieth of what a velocity lasts, so that it is constant within
+BLOCK_S = 0.1
+#: the vehicle's or the hand's own velocity, and how long it lasts (by benchmarks/paper_tables.py, the EuRoC training sequences)
+VELOCITY_MPS, VELOCITY_LASTS_S = 0.5, 2.0
+#: how fast a bias walks, rad/s/sqrt(s) (by the same); knots, between which that is 0.005 dps; more of them cost time only
+WALK, KNOT_S, MOST_KNOTS = 3e-5, 10.0, 40
+#: what is not known of the accelerometer: 10 mg, a data sheet's typical zero-g offset; of the first attitude's tilt: what they turn it by
+ACCEL_BIAS_MPS2, TILT_RAD = 0.1, 0.5 * DEG
+#: zero of a gyro at rest against its zero in motion (up to 0.06 dps on the EuRoC vehicle, paper_tables.py --only explain)
+REST_SIGMA_RPS = 0.05 * DEG
+#: of a stored bias, where nothing better is known: the EuRoC days' spread is 0.03 to 0.14 dps (paper_tables.py --only table1)
+DAY_SIGMA_RPS = 0.1 * DEG
+#: an uninterrupted piece shorter than a velocity lasts says nothing
+SHORTEST_S = 2.0
+#: Gauss-Newton: steps, and where they end, 0.002 degrees an hour
+MAX_STEPS = 8
+TOLERANCE_RPS = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class BiasOfDay:
+    """change (3,) rad/s to add to the calibrated rate, over the run's mean; sigma (3,); directions (3, 3), rows in body axes from the
+    best known to the least, with their sigmas direction_sigma (3,); walk (K, 3) rad/s, the change at knots_s (K,)."""
+
+    change: np.ndarray
+    sigma: np.ndarray
+    directions: np.ndarray
+    direction_sigma: np.ndarray
+    knots_s: np.ndarray
+    walk: np.ndarray
+
+    @property
+    def excess(self) -> float:
+        """How much farther the bias walked than a bias does, as a factor of at least 1: what a wrong E leaves looks like it."""
+        steps = np.diff(self.walk, axis=0) / (WALK * np.sqrt(np.diff(self.knots_s)))[:, None]
+        return float(np.sqrt(max(1.0, float(np.mean(steps**2))))) if steps.size else 1.0
+
+
+def bias_from_gravity(
+    samples: Samples,
+    rate: np.ndarray,
+    q_first: np.ndarray,
+    *,
+    prior: np.ndarray | float = DAY_SIGMA_RPS,
+    rest: np.ndarray | None = None,
+    rest_sigma: np.ndarray | float = REST_SIGMA_RPS,
+    earth_n: np.ndarray | None = None,
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+) -> BiasOfDay:
+    """From samples with pre-calibrated specific force, calibrated rates (N, 3) rad/s with the stored bias, and q_nb (4,) at the first.
+
+    prior (3,) rad/s: how much the stored bias may be off.  rest (3,) rad/s: the change that the run's rests ask for, whose zero differs
+    from the one in motion by rest_sigma.  earth_n (3,) rad/s: the Earth's rate in the frame of q_first.  Rows whose specific force is
+    exactly zero have none.  Raises FitError if no piece of the run has a specific force.
+    """
+    run = _Run(samples, rate, np.asarray(q_first, dtype=float), earth_n, gravity_mps2)
+    knots = run.knots
+    count = 3 * len(knots)
+    size = count + 5 + 3 * len(run.pieces)
+    precision, mean = _prior(knots, np.broadcast_to(prior, 3), size, run)
+    target = np.zeros(size)
+    if rest is not None:
+        weight = 1 / np.broadcast_to(rest_sigma, 3) ** 2
+        precision += mean.T @ (mean * weight[:, None])
+        target += mean.T @ (weight * rest)
+    x = np.zeros(size)
+    for _ in range(MAX_STEPS):
+        jacobian, r = run.linearised(x)
+        step = np.linalg.solve(precision + jacobian.T @ jacobian, target - precision @ x - jacobian.T @ r)
+        x = x + step
+        if np.abs(step[:count]).max() < TOLERANCE_RPS:
+            break
+    covariance = mean @ np.linalg.inv(precision + jacobian.T @ jacobian) @ mean.T
+    if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
+        raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units that the header says?")
+    variance, directions = np.linalg.eigh(covariance)
+    walk = x[:count].reshape(-1, 3)
+    return BiasOfDay(mean @ x, np.sqrt(np.diag(covariance)), directions.T, np.sqrt(variance), knots, walk)
+
+
+def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _Run) -> tuple[np.ndarray, np.ndarray]:
+    """Precision (P, P) of all unknowns, and what takes them to the bias's mean (3, P)."""
+    precision, mean = np.zeros((size, size)), np.zeros((3, size))
+    for knot in range(len(knots)):
+        mean[:, 3 * knot : 3 * knot + 3] = np.eye(3) * run.share[knot]
+    precision += mean.T @ (mean / sigma[:, None] ** 2)
+    for knot in range(len(knots) - 1):
+        step = np.zeros((3, size))
+        step[:, 3 * knot : 3 * knot + 6] = np.concatenate([-np.eye(3), np.eye(3)], axis=1)
+        precision += step.T @ step / (WALK**2 * (knots[knot + 1] - knots[knot]))
+    rest = np.array([ACCEL_BIAS_MPS2] * 3 + [TILT_RAD] * 2 + [2 * VELOCITY_MPS] * 3 * len(run.pieces))
+    precision[3 * len(knots) :, 3 * len(knots) :] += np.diag(1 / rest**2)
+    return precision, mean
+
+
+class _Run:
+    """A run in blocks: what does not change from step to step."""
+
+    def __init__(self, samples: Samples, rate: np.ndarray, q_first: np.ndarray, earth_n: np.ndarray | None, gravity_mps2: float):
+        self.earth_n = earth_n
+        self.earth_b: np.ndarray | float = 0.0
+        self.rate, self.dt, self.q_first, self.gravity = rate, samples.dt_s, q_first, gravity_mps2
+        self.force, self.t_s = samples.accel, samples.t_s
+        self.size = max(1, round(BLOCK_S / samples.period_s))
+        self.blocks = len(samples) // self.size
+        duration = samples.duration_s
+        self.knots = np.linspace(0, duration, min(max(2, round(duration / KNOT_S) + 1), MOST_KNOTS))
+        hats = np.eye(len(self.knots))
+        self.hat = np.stack([np.interp(self._blocked(self.t_s), self.knots, hat) for hat in hats], axis=-1)
+        self.hat_each = np.stack([np.interp(self.t_s, self.knots, hat) for hat in hats], axis=-1)
+        self.share = self.hat.mean(axis=0)
+        first, last = self.t_s[: self.blocks * self.size : self.size], self.t_s[self.size - 1 : self.blocks * self.size : self.size]
+        self.span = last - first + samples.period_s
+        whole = np.abs(self.force[: self.blocks * self.size]).sum(axis=1) > 0
+        self.pieces = self._pieces(whole.reshape(self.blocks, self.size).all(axis=1), samples)
+        if not self.pieces:
+            raise FitError(f"no {SHORTEST_S:g} s of the run have a specific force throughout: the bias cannot be had from gravity")
+
+    def _blocked(self, values: np.ndarray) -> np.ndarray:
+        part = values[: self.blocks * self.size]
+        return part.reshape(self.blocks, self.size, *values.shape[1:]).mean(axis=1)
+
+    def _pieces(self, whole: np.ndarray, samples: Samples) -> list[slice]:
+        """Blocks that follow one another without a gap, in stamps or in specific force."""
+        late = np.diff(samples.t_ns[: self.blocks * self.size : self.size]) * NS > 1.5 * self.size * samples.period_s
+        found = []
+        for start, stop in zip(*runs_of(whole), strict=True):
+            inner = [start, *(int(k) + 1 for k in np.flatnonzero(late) if start <= k < stop - 1), stop]
+            found += [slice(int(a), int(b)) for a, b in pairwise(inner)]
+        return [piece for piece in found if self.span[piece].sum() >= SHORTEST_S]
+
+    def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (n, P) and residuals (n,) of the whitened velocities."""
+        knots = len(self.knots)
+        bias = self.hat_each @ x[: 3 * knots].reshape(knots, 3)
+        at = 3 * knots
+        accel_bias, tilt = x[at : at + 3], np.array([*x[at + 3 : at + 5], 0.0])
+        q = rotation.accumulate(steps(self.rate + bias - self.earth_b, self.dt))
+        q = np.concatenate([self.q_first[None], rotation.multiply(self.q_first, q)])
+        if self.earth_n is not None:  # of the attitude before this step: they differ by far less than the Earth's rate would notice
+            self.earth_b = np.einsum("tji,j->ti", rotation.matrix(q), self.earth_n)
+        turn = rotation.matrix(rotation.exp(tilt)) @ rotation.matrix(q)
+        force = self._blocked(np.einsum("tij,tj->ti", turn, self.force - accel_bias))
+        turn = self._blocked(turn)
+        # An error of the rate turns the attitude, in navigation axes, by what it adds up to; so does the first attitude's.
+        turned = np.cumsum(turn[:, :, None, :] * self.hat[:, None, :, None] * self.span[:, None, None, None], axis=0)
+        columns = np.concatenate([turned.reshape(len(turn), 3, -1), np.broadcast_to(np.eye(3)[:, :2], (len(turn), 3, 2))], axis=-1)
+        moved = -np.cross(force[:, :, None], columns, axis=1)
+        accelerated = np.concatenate([moved[..., :-2], -turn, moved[..., -2:]], axis=-1)
+        rows, values = [], []
+        for number, piece in enumerate(self.pieces):
+            span = self.span[piece]
+            r = np.cumsum((force[piece] + [0, 0, self.gravity]) * span[:, None], axis=0)
+            J = np.zeros((len(span), 3, len(x)))
+            J[..., : at + 5] = np.cumsum(accelerated[piece] * span[:, None, None], axis=0)
+            J[..., at + 5 + 3 * number : at + 8 + 3 * number] = np.eye(3)
+            r = r + x[at + 5 + 3 * number : at + 8 + 3 * number]
+            rows.append(_whitened(J, span).reshape(-1, len(x)))
+            values.append(_whitened(r, span).ravel())
+        return np.concatenate(rows), np.concatenate(values)
+
+
+def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """(n, …): an Ornstein-Uhlenbeck process in units of its own innovations."""
+    keep = np.exp(-span[1:] / VELOCITY_LASTS_S).reshape(-1, *[1] * (velocity.ndim - 1))
+    innovations = (velocity[1:] - keep * velocity[:-1]) / np.sqrt(1 - keep**2)
+    return np.concatenate([velocity[:1], innovations]) / VELOCITY_MPS
+
+
+# What a stored model was fitted to, and whether that is the session at hand: its closure there is then no proof of anything.
+
+
+@dataclass(frozen=True)
+class Origin:
+    """session: the name that the model has of its own, or None; here: whether it was fitted to a log of the session at hand, None where
+    only the names agree, or nothing is known; says: the same for people."""
+
+    session: str | None
+    here: bool | None
+    says: str
+
+
+def origin_of(path: Path, session: Session) -> Origin:
+    """Compare the hashes that the model file, or ``fit``'s record beside it, has of its logs with those of the session's logs."""
+    table = read_json(path)
+    logs = {hash_of_log(log) for log in session.logs}
+    stored = table["stored"] if isinstance(table.get("stored"), dict) else table
+    name = stored.get("session") if isinstance(stored.get("session"), str) else None
+    known = _hashes(stored.get("sha256")) or (_beside(path) if stored is table else set())
+    if logs & known:
+        return Origin(name, True, "the stored model was fitted to this very session: its closure is that of fitted segments")
+    if name == session.name:
+        return Origin(
+            name, None, f"the stored model is of a session of the same name ({name}): if it is this one, its segments were fitted"
+        )
+    if stored is not table and logs & _hashes(table.get("sha256")):
+        return Origin(name, False, f"the stored model was fitted to other logs ({name}), and had its bias from this very session already")
+    if known:
+        return Origin(name, False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})")
+    if name:
+        return Origin(name, False, f"the stored model is of another session by its name ({name})")
+    return Origin(None, None, "what the stored model was fitted to is not known: its file does not say")
+
+
+def _hashes(entry: object) -> set[str]:
+    return {value for value in entry.values() if isinstance(value, str)} if isinstance(entry, dict) else set()
+
+
+def _beside(path: Path) -> set[str]:
+    """From what ``fit`` leaves beside its models."""
+    try:
+        return _hashes(read_json(path.parent / results.SAVED_NAME)["key"]["inputs"])
+    except (FormatError, KeyError, TypeError):
+        return set()
+
+
+# A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.
+
+#: the first still and gravity that differ by so many sigmas do not speak of the same bias: for normal errors once in 600 000 (3 axes)
+DISAGREE_SIGMAS = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rebiased:
+    """problem, runs of the new session; stored model; changes (3,) rad/s to its calibrated rate by source, with sigma (3,) or None;
+    source that was asked for; angles (S, d) rad that each leaves, and run errors, by "stored" and source; path of the stored model, and
+    its origin."""
+
+    problem: Problem
+    runs: list[ClosureRun]
+    stored: Model
+    changes: dict[str, tuple[np.ndarray, np.ndarray | None]]
+    source: str
+    angles: dict[str, np.ndarray]
+    run_errors: list[dict[str, np.ndarray]]
+    path: Path
+    origin: Origin
+
+    @property
+    def model(self) -> Model:
+        """The stored calibration with the bias that was asked for."""
+        return self.stored.with_bias_moved(self.changes[self.source][0])
+
+    @property
+    def disagreement(self) -> float:
+        """Sigmas between the first still's bias and gravity's, on the axis where it is most; 0 without both."""
+        if not {"start", "gravity"} <= set(self.changes):
+            return 0.0
+        (start, one), (gravity, other) = self.changes["start"], self.changes["gravity"]
+        assert one is not None
+        assert other is not None
+        return float(np.max(np.abs(start - gravity) / np.hypot(one, other)))
+
+
+def rebias_session(
+    folder: Path,
+    path: Path,
+    source: str,
+    given_dps: np.ndarray | None = None,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Rebiased:
+    """Take the bias from ``source``, and from the others for comparison where they can be had.
+
+    given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
+    Raises SegmentError where ``source`` needs a still or a rest and there is none.
+    """
+    stored = models.load(path)
+    stored.with_bias_moved(np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
+    problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
+    session = problem.session
+    changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
+    if (start := from_start(problem, stored)) is not None:
+        changes["start"] = start
+    progress("bias from gravity", 2, 3)
+    found = from_gravity(problem, stored, _day_sigma(path))
+    changes["gravity"] = (found.change, found.sigma)
+    if given_dps is not None:
+        changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
+    if source not in changes:
+        raise SegmentError(f"{folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z")
+    all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
+    runs = read_closure_runs(problem)
+    angles = {name: _closure(problem, model) for name, model in all_models.items()}
+    errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
+    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session))
+
+
+def _closure(problem: Problem, model: Model) -> np.ndarray:
+    """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
+    if isinstance(model, DenoisedNet):
+        from tinygc.estimation.denoiser import denoised_angles
+        from tinygc.estimation.denoiser_training import of_problem
+
+        return denoised_angles(of_problem(problem), model)
+    return closure_angles(problem.batch, model)
+
+
+def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
+    """The change that makes the first still's mean rate the Earth's, with its sigma; the first rest's, where nothing is still."""
+    rates = problem.still_rates
+    if len(rates.rate):
+        return rates.earth[0] - _at_rest(model, rates.rate[0]), rates.sigma[0]
+    for log in problem.logs:
+        for rest in find_rests(log.samples)[:1]:
+            duration_s = (rest.stop - rest.start) * log.samples.period_s
+            return -_at_rest(model, rest.gyro_mean), log.noise.angle_random_walk / np.sqrt(duration_s)
+    return None
+
+
+def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
+    """From all logs of a session, one after the other: what one has found is the next one's prior."""
+    # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
+    model = model.without_denoiser()
+    change, sigma, found, excess = np.zeros(3), prior, None, 1.0
+    g = problem.session.config.site.expected_gravity_mps2
+    for number, log in enumerate(problem.logs):
+        row, q_first, earth_n = _first_attitude(problem, number)
+        samples = log.samples.between(row, len(log.samples))
+        rate = np.asarray(model(samples.gyro)) + change
+        found = bias_from_gravity(
+            samples, rate, q_first, prior=sigma, rest=_rest_change(log, model, change), earth_n=earth_n, gravity_mps2=g
+        )
+        change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
+    assert found is not None  # a session has a log
+    # A wrong E turns each turn into a bias of its own: they scatter by far more than a bias walks, and so does their mean.
+    return replace(found, change=change, sigma=found.sigma * excess, direction_sigma=found.direction_sigma * excess)
+
+
+def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Row of a log from which its attitude is known, q (4,) there, and the Earth's rate (3,) in that frame."""
+    session, log = problem.session, problem.logs[number]
+    if session.truths is not None:
+        rows, q = moments_inside(log.samples, session.truths[number])
+        return int(rows[0]), q[0], problem.earth.rate_t
+    first = next((i for i, still in enumerate(log.stills) if still.problem is None), None)
+    if first is None:
+        raise SegmentError(f"{session.folder}: a log without a still: from where should its attitude be carried?")
+    still = log.stills[first]
+    return still.middle, log.q_tb[first], problem.earths[int(log.group[first])].rate_t
+
+
+def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
+    """(3,): what a log's rests ask for; their median, since a hand that moves slowly may pass for a rest."""
+    good = [(still, q) for still, q in zip(log.stills, log.q_tb, strict=True) if still.problem is None]
+    rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in find_rests(log.samples)]
+    if not rates:
+        return None
+    return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change
+
+
+def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
+    """(3,): a constant rate, calibrated.  A model with a memory is given it for long enough."""
+    model = model.without_denoiser()
+    return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
+
+
+def _day_sigma(path: Path) -> np.ndarray | float:
+    """(3,) rad/s from the model's own file, where the fit has seen several days; else what is usual."""
+    found = read_json(path).get("bias_sigma_rps")
+    return DAY_SIGMA_RPS if found is None else np.maximum(np.asarray(found, dtype=float), 1e-6)
+
+
+def rebias_to_json(result: Rebiased) -> dict:
+    """``tinygc-fit/1``: the stored calibration, and it with the bias of each source, as methods.  No E was fitted here: all is held out,
+    unless ``bias.fitted_here`` says that the stored model is this session's own."""
+    session: Session = result.problem.session
+
+    def figures(name: str) -> dict:
+        own = {"parameters": result.stored.parameters, "seconds": 0.0}
+        held_out = closure_figures(result.angles[name])
+        return own | {"train": dict.fromkeys(held_out), "holdout": held_out}
+
+    return {
+        "schema": SCHEMA,
+        "session": session.name,
+        "stills": len(result.problem.stills),
+        "segments": {
+            "found": len(result.problem.segments),
+            "used": len(result.problem.used),
+            "rejected": [{"segment": s.number, "why": s.problem} for s in result.problem.segments if not s.accepted],
+            "notes": [{"segment": s.number, "note": s.note} for s in result.problem.segments if s.accepted and s.note],
+        },
+        "noise": {
+            "gyro_dps_rthz": (result.problem.noise.gyro / DEG).tolist(),
+            "accel_g_rthz": (result.problem.noise.accel / G).tolist(),
+            **result.problem.instability.to_json(),
+            "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
+        },
+        "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
+        "bias": {
+            "model": str(result.path),
+            "source": result.source,
+            "fitted_here": result.origin.here,
+            "remarks": remarks(result),
+            "change_dps": {name: (change / DEG).tolist() for name, (change, _) in result.changes.items()},
+            "sigma_dps": {name: None if sigma is None else (sigma / DEG).tolist() for name, (_, sigma) in result.changes.items()},
+        },
+        "closure_runs": [
+            {"file": run.file, "duration_s": run.duration_s}
+            | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
+            for run, errors in zip(result.runs, result.run_errors, strict=True)
+        ],
+        "version": VERSION,
+    }
+
+
+def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
+    """Write ``model_rebiased.json`` and ``rebiased.json`` into a folder, the session's ``fit`` by default; returns that folder.
+
+    ``fit.json`` belongs to the models that were fitted there, and stays.
+    """
+    session = result.problem.session
+    folder = folder or session.folder / "fit"
+    table = read_json(result.path)
+    before = table["stored"] if isinstance(table.get("stored"), dict) else table
+    more = {
+        "method": f"stored, bias {result.source}",
+        "session": session.name,
+        "sha256": hashes.input_hashes(session),
+        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
+        "version": VERSION,
+        **{name: table[name] for name in ("sensor", "accelerometer") if name in table},  # E is in that one's body frame
+    }
+    with result_folder(folder):
+        write_whole(folder / MODEL, models.to_dict(result.model, **more))
+        write_whole(folder / FIGURES, rebias_to_json(result))
+    return folder
+
+
+def remarks(result: Rebiased) -> list[str]:
+    """What to know about the figures."""
+    said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+    if result.disagreement > DISAGREE_SIGMAS:
+        said.append(
+            f"start and gravity differ by {result.disagreement:.0f} sigmas: E is not this sensor's (an uncalibrated model?), or its zero "
+            "moves between rest and motion; one of the two sigmas does not hold"
+        )
+    return said
+
+
+def rebias_report(result: Rebiased) -> Group:
+    """A table for the terminal."""
+    from rich.console import Group
+    from rich.table import Table
+
+    from session.bench.console import one_line
+
+    titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
+    table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
+    for column in ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs)):
+        table.add_column(column, justify="left" if not column else "right")
+    for name, angles in result.angles.items():
+        change, sigma = result.changes.get(name, (np.zeros(3), None))
+        own = closure_figures(angles)
+        cells = [
+            f"{c / DEG:+.4f}" + ("" if sigma is None else f" ± {s / DEG:.4f}")
+            for c, s in zip(change, np.zeros(3) if sigma is None else sigma, strict=True)
+        ]
+        yaw = "–" if own["yaw_rms_deg"] is None else f"{own['yaw_rms_deg']:.4f}"
+        rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
+        table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
+    table.caption, table.caption_justify = "bold is what is saved", "left"
+    first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
+    return Group(table, one_line(first), *(one_line(each, "yellow") for each in warnings))

@@ -1,0 +1,191 @@
+"""Closure figures, whether a calibration is better than raw rates, and which of the models to use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isinf
+from typing import TypedDict
+
+import numpy as np
+
+from session.detect.check_stills import ENOUGH_SEGMENTS
+from session.io.units import DEG
+from tinygc.closure.problem import Problem
+from tinygc.estimation.bias import BETTER_P, less_by_chance
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import METHODS, FitOptions, MethodFit
+
+# The contract's figures of closure errors, in degrees.
+
+
+class ClosureFigures(TypedDict):
+    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known.  Where some turns have a known angle, it is
+    that of these turns, about each one's own axis."""
+
+    tilt_rms_deg: float
+    roll_rms_deg: float
+    pitch_rms_deg: float
+    yaw_rms_deg: float | None
+
+
+def closure_figures(angles: np.ndarray) -> ClosureFigures:
+    """The four figures of error angles (S, 2 or 3) rad, in degrees."""
+    rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
+    third = angles[:, 2:][angles[:, 2:] != 0]  # 0, exactly, where a segment's angle is not known
+    return {
+        "tilt_rms_deg": float(np.hypot(rms[0], rms[1])),
+        "roll_rms_deg": float(rms[0]),
+        "pitch_rms_deg": float(rms[1]),
+        "yaw_rms_deg": float(np.sqrt(np.mean(third**2))) / DEG if len(third) else None,
+    }
+
+
+def run_figures(errors: np.ndarray) -> dict[str, float]:
+    """The figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
+    roll, pitch, yaw = (float(error) / DEG for error in errors)
+    return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": float(np.sqrt(np.mean(errors**2))) / DEG}
+
+
+# A calibration is worth something only where it closes turns that it never saw better than the raw rates do.
+#
+# Raw is whichever is the better of the two that fit nothing: the rates as they were measured, or less what the first still reads.  Below
+# ``ENOUGH_SEGMENTS`` it is not decided: folds of a few turns leave a fit too little to be judged by, and it is said, but no fail.
+
+#: methods that fit nothing: shown as the sensor measured
+RAW = ("raw", "raw_bias_removed")
+
+
+@dataclass(frozen=True)
+class AgainstRaw:
+    """method: the better of the raw ones; tilt_rms_deg that it leaves; held_out: method -> the same of each that was fitted, on segments
+    that it never saw; segments: how many there are."""
+
+    method: str
+    tilt_rms_deg: float
+    held_out: Mapping[str, float]
+    segments: int = ENOUGH_SEGMENTS
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Methods that leave more than raw does: not to be used."""
+        return tuple(name for name, tilt in self.held_out.items() if self.is_worse(tilt))
+
+    @property
+    def failed(self) -> bool:
+        """Whether nothing that was fitted is better than raw, by turns enough to say so."""
+        return bool(self.held_out) and len(self.worse) == len(self.held_out) and self.segments >= ENOUGH_SEGMENTS
+
+    def is_worse(self, tilt_rms_deg: float) -> bool:
+        """Whether a held-out tilt is worse than raw, or no number at all."""
+        return not tilt_rms_deg <= self.tilt_rms_deg
+
+    def condemns(self, tilt_rms_deg: float) -> bool:
+        """Whether a held-out tilt is worse than raw, by turns enough to say so."""
+        return self.is_worse(tilt_rms_deg) and self.segments >= ENOUGH_SEGMENTS
+
+    @property
+    def words(self) -> str:
+        """One sentence on those that are worse; empty without one."""
+        if not self.worse:
+            return ""
+        listed = ", ".join(f"{METHODS[name].title} {self.held_out[name]:.4f}°" for name in self.worse)
+        few = f"by {self.segments} turns this is not decided" if self.segments < ENOUGH_SEGMENTS else "do not apply these"
+        whom = "nothing that was fitted is worth applying" if self.failed else few
+        return (
+            f"Held out worse than raw ({METHODS[self.method].title}, {self.tilt_rms_deg:.4f}°): {listed}: {whom}. "
+            "Record more turns, to more attitudes, and look at the first look's warnings."
+        )
+
+    def to_json(self) -> dict:
+        """``against_raw`` of ``tinygc-fit/1``."""
+        return {"method": self.method, "tilt_rms_deg": self.tilt_rms_deg, "worse": list(self.worse), "passed": not self.failed}
+
+
+def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, MethodFit]) -> AgainstRaw:
+    """Of the methods by name; problem: with the rates as they were measured, for the raw ones that are not among them."""
+    raw = {name: _tilt(fits[name] if name in fits else run_method(name, problem, options)) for name in RAW}
+    best = min(raw, key=raw.__getitem__)
+    held_out = {name: _tilt(fit) for name, fit in fits.items() if name not in RAW}
+    return AgainstRaw(best, raw[best], held_out, len(problem.used))
+
+
+def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
+    """Held-out tilt of a method and raw's, degrees, inf where there is no number, of a ``fit.json`` (``fit_file.JUDGED``) where the first
+    is worse, or no number, by turns enough; None where it is not, or where the file says nothing of that method."""
+    if method not in fit.get("methods", {}) or "against_raw" not in fit or fit["segments"]["used"] < ENOUGH_SEGMENTS:
+        return None
+    tilts = (fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"])
+    mine, raw = (inf if tilt is None else float(tilt) for tilt in tilts)
+    return (mine, raw) if mine > raw or isinf(mine) else None
+
+
+def _tilt(fit: MethodFit) -> float:
+    return closure_figures(fit.held_out)["tilt_rms_deg"]
+
+
+# Which of a fit's models to use: the simplest that no other betters, on segments that neither has seen, by more than chance.
+#
+# Better by more than chance is what ``bias_choice`` asks of the stills: Wilcoxon's signed ranks of the held-out tilts, segment by segment,
+# shared among as many models as are tried.  And by something: models that minimise the same residual differ by a last digit, always the
+# same way round, which is no chance and worth nothing.
+
+#: two closures that differ by less are one (as two floors are, in the report)
+SAME = 0.01
+
+
+@dataclass(frozen=True)
+class ModelToUse:
+    """method: whose model to use, None: no one's; best: of those fitted, the one with the least held-out tilt, None without one; p_value:
+    that it, or ``method`` in place of a simpler one, is better by chance, None where nothing was compared; why: a sentence."""
+
+    method: str | None
+    best: str | None
+    p_value: float | None
+    why: str
+
+    def to_json(self) -> dict:
+        """``use`` of ``tinygc-fit/1``."""
+        return {"method": self.method, "best": self.best, "p_value": self.p_value, "why": self.why}
+
+
+def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mapping[str, list[int]]) -> ModelToUse:
+    """Of the methods by name; numbers: of the segments that each one's angles belong to."""
+    fitted = sorted((name for name in fits if name not in RAW), key=lambda name: (fits[name].parameters, list(METHODS).index(name)))
+    tilts = {name: closure_figures(fits[name].held_out)["tilt_rms_deg"] for name in fitted}
+    able = [name for name in fitted if not raw.is_worse(tilts[name])]
+    if not able:
+        why = "nothing that was fitted closes held-out turns better than the raw rates" if fitted else "nothing was fitted"
+        why += f", which {raw.segments} turns do not decide" if fitted and not raw.failed else ""
+        return ModelToUse(None, min(tilts, key=tilts.__getitem__, default=None), None, why)
+
+    def chance(usual: str, other: str) -> float:
+        if not tilts[other] < (1 - SAME) * tilts[usual]:
+            return 1.0
+        common = sorted(set(numbers[usual]) & set(numbers[other]))
+        pair = [fits[name].held_out[[numbers[name].index(number) for number in common]] for name in (usual, other)]
+        return less_by_chance(*pair) if common else 1.0
+
+    used, p_value, others = able[0], None, able[1:]
+    for name in others:
+        p = chance(used, name)
+        if p < BETTER_P / len(others):
+            used, p_value = name, p
+    best = min(able, key=tilts.__getitem__)
+    if p_value is None and (near := chance(used, best)) < 1:
+        p_value = near
+    return ModelToUse(used, best, p_value, _why(used, p_value, able, tilts))
+
+
+def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, float]) -> str:
+    held, best = f"held out {tilts[used]:.4f}°", min(able, key=tilts.__getitem__)
+    if len(tilts) == 1:
+        return f"{held}, the only one fitted"
+    if len(able) == 1:
+        return f"{held}, the only one that is better than the raw rates"
+    if used != able[0]:
+        simpler = METHODS[able[0]].title
+        return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), better by more than chance (p = {p_value:.2g})"
+    if p_value is None:
+        return f"{held}, the simplest, and none is better by {100 * SAME:g} %"
+    return f"{held}, the simplest; none is better by more than chance ({METHODS[best].title} {tilts[best]:.4f}°, p = {p_value:.2g})"

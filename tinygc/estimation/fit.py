@@ -1,0 +1,186 @@
+"""``calibrate.py fit``: from a session folder to models, closure figures and a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.errors import SegmentError
+from session.io.folder import Session, input_hashes, read_session
+from tinygc.annexes.lots.fit import fit_with_lot, lot_file, require_possible
+from tinygc.annexes.lots.prior import require_usable
+from tinygc.closure.prepared import Prepared, prepare
+from tinygc.closure.problem import GYROSCOPE, Problem
+from tinygc.closure.residual import closure_angles
+from tinygc.closure.runs import ClosureRun, read_closure_runs
+from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
+from tinygc.estimation import results
+from tinygc.estimation.bias import choose
+from tinygc.estimation.choice import RAW, against_raw
+from tinygc.estimation.held_out import run_method
+from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.stated_noise import (
+    StatedNoise,
+    stated_covariance,
+    stated_goodness,
+    stated_joint_covariance,
+    stated_joint_shared,
+    stated_noise,
+)
+from tinygc.models.linear import LinearModel
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+if TYPE_CHECKING:
+    from tinygc.estimation.physics import PhysicsFit
+
+
+def fit_session(
+    session: Session | Path,
+    options: FitOptions,
+    progress: Progress = lambda what, done, of: None,
+    saved: Path | None = None,
+    prepared: Prepared | None = None,
+) -> FitResult:
+    """Run the main job on a session, or on a session folder.
+
+    progress is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are taken as they are where
+    they were made from the same files with the same options; prepared: the session, where somebody has it already.
+    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
+    there are none.
+    """
+    given = None
+    if options.lot is not None:
+        require_possible(options)
+        given, saved = lot_file(options.lot), None
+        session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+        require_usable(given.lot, session.config.sensor.model, given.file)
+    if prepared is None:
+        prepared = prepare(
+            session,
+            use_earth=options.earth,
+            exclude=options.exclude,
+            accelerometer=options.accelerometer,
+            lot=None if given is None else given.lot,
+            progress=lambda what: progress(what, 0, 1),
+        )
+    problem = prepared.problem
+    if options.still_rates and not len(problem.still_rates.rate):
+        raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
+    runs, spread, floor = read_closure_runs(problem), None, problem.floor
+    if options.bias_per_log:
+        from tinygc.estimation.bias import levelled
+
+        problem, spread = levelled(problem)
+    noise, use = None, None
+    if given is None:
+        progress("bias", 0, 1)
+        bias_from, level, linear = choose(problem, options)
+    else:
+        progress("noise", 0, 1)
+        noise = stated_noise(problem)
+        progress("lot", 0, 1)
+        bias_from, level, linear, use = fit_with_lot(problem, options, given, noise)
+    fits, reused = _run_methods(problem, level, options, linear, progress, saved)
+    errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
+    linear = fits.get("least_squares") or linear
+    physics: PhysicsFit | None = None
+    lost: tuple[np.ndarray, ...] = ()
+    if options.physics is not None:
+        # A given calibration is what `explain` weighs against reference.accelerometer.
+        whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
+        physics, more, more_errors, lost = _run_physics(whole, options, runs, progress)
+        fits |= more
+        errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
+    model = linear.model
+    assert isinstance(model, LinearModel)  # that is what least squares fits
+    if given is None:
+        progress("noise", 0, 1)
+        noise = None if options.bias_per_log else stated_noise(problem)
+    found, widened, covariance, accelerometer = _stated(level, model, noise, options)
+    joint = shared = None
+    if noise is not None and level.joint is not None:
+        joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
+    if use is not None:
+        covariance = covariance + use.more
+        if joint is not None:
+            joint[GYROSCOPE, GYROSCOPE] += use.more
+    turned = replace(options, still_rates=not options.still_rates)
+    other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
+    exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
+    return FitResult(
+        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # several days' weights are no noise
+        options=options,
+        methods=fits,
+        runs=runs,
+        run_errors=errors,
+        physics=physics,
+        lost_s=lost,
+        goodness=found,
+        linear=linear,
+        covariance=covariance,
+        widened=widened,
+        accelerometer_covariance=accelerometer,
+        joint_covariance=joint,
+        joint_shared=shared,
+        noise=noise,
+        bias_from=bias_from,
+        other_choice=other,
+        warnings=prepared.warnings,
+        bias_sigma_rps=spread,
+        reused=reused,
+        against_raw=against_raw(problem, options, fits),
+        first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
+        lot=use,
+    )
+
+
+def _stated(
+    problem: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions
+) -> tuple[GoodnessOfFit, float, np.ndarray, np.ndarray | None]:
+    """Goodness of fit; the factor by which the covariance is widened beyond all noise; the covariance (12, 12), widened; and what of it
+    the accelerometer's pre-calibration adds, None where that is not in it."""
+    if noise is None:
+        wander = problem.wander
+        found = goodness(problem.batch, problem.floor, model, wander)
+        rates = problem.still_rates if options.still_rates else None
+        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, wander, problem.prior)
+        return found, found.excess, found.excess * covariance, None
+    found, widened = stated_goodness(problem, model, noise)
+    covariance, accelerometer = stated_covariance(problem, model, noise, options.still_rates)
+    return found, widened, widened * covariance, widened * accelerometer
+
+
+def _run_methods(
+    problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress, saved: Path | None
+) -> tuple[dict[str, MethodFit], tuple[str, ...]]:
+    """The methods by name, and the names of those that were taken as they had been saved; level: the problem with the bias that was
+    chosen, to which all that is fitted is fitted; linear: least squares of it."""
+    known = {} if saved is None else results.saved_methods(saved, level, options, input_hashes(problem.session))
+    known.setdefault("least_squares", linear)
+    fits: dict[str, MethodFit] = {}
+    for name in (*options.methods, *(["tinygc_conditions"] if options.conditions else [])):
+        words = "tinygc with " + " and ".join(options.conditions) if name == "tinygc_conditions" else name.replace("_", " ")
+        own = problem if name in RAW else level
+        fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
+    return fits, tuple(name for name in options.methods if name in known and known[name] is not linear)
+
+
+def _run_physics(
+    problem: Problem, options: FitOptions, runs: list[ClosureRun], progress: Progress
+) -> tuple[PhysicsFit, dict[str, MethodFit], list[dict[str, np.ndarray]], tuple[np.ndarray, ...]]:
+    """The physics that was asked for, or that ``explain`` names; the methods that carry it; of each closure run their errors, and the
+    moments after which samples seem to be lost in it."""
+    from tinygc.estimation.physics import lost_in, physics_methods, run_errors
+
+    ids = None if options.physics == ("auto",) else options.physics
+    physics, fits = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))
+    errors = [{name: run_errors(run, fit, physics) for name, fit in fits.items()} for run in runs]
+    return physics, fits, errors, tuple(lost_in(run) for run in runs)

@@ -1,0 +1,123 @@
+"""Run a method: on all segments, then on all but each fold, for the closure of segments that it never saw."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tinygc.annexes.lots.prior import Prior
+from tinygc.closure.least_squares import StillRates
+from tinygc.closure.problem import Problem, consecutive
+from tinygc.closure.residual import Batch, closure_angles
+from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.model import Model
+
+# Run a method by its name.  All minimise the same residual on the same segments, and all give a model: measured rates in, rates out.
+
+
+def run_method(
+    name: str,
+    problem: Problem,
+    options: FitOptions,
+    progress: Progress = lambda done, of: None,
+    before: dict[str, MethodFit] | None = None,
+) -> MethodFit:
+    """Fit to all segments, and to all but each fold in turn; ``before``: what was fitted already, of use to what builds upon it.
+
+    Raises ValueError for a name that is no method, or not one that is fitted by itself, and FitError where the fit does not settle.
+    """
+    if name not in METHODS:
+        raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
+    module = METHODS[name].module
+    if module is None:
+        raise ValueError(f"{name} is fitted with the physics (FitOptions.physics), not by itself")
+    return importlib.import_module(module).run(problem, options, progress, before or {})
+
+
+# Fit to all segments, then to all but each fold in turn: the closure of segments that a fit never saw.
+
+#: segments from which on a search may begin where another one of them ended, and see them gathered (benchmarks/long_sessions.py)
+MANY = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one fit sees: some of the segments, or all.
+
+    batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
+    that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
+    model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees; same: whether
+    their references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
+    not to be fitted; prior: of the problem.
+    """
+
+    batch: Batch
+    sigma: np.ndarray
+    options: FitOptions
+    start: LinearModel
+    still_rates: StillRates | None
+    order: np.ndarray | None
+    progress: Progress
+    whole: Model | None = None
+    among: np.ndarray | None = None
+    same: bool = True
+    label: str = "whole"
+    rest_rps: np.ndarray | None = None
+    prior: Prior | None = None
+
+    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
+        """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
+        order = None if self.order is None else self.order[seen]
+        same = batch is self.batch
+        batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
+        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, among=seen, same=same, progress=progress, label=label)
+
+
+#: a model, and notes on how it was found
+FitOnce = Callable[[Seen], tuple[Model, dict]]
+
+
+def held_out(
+    name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Progress, integrator: str | None = None
+) -> MethodFit:
+    """``fit`` as the method of that name; integrator: that it is judged by, where it is not the options'."""
+    batch, judged_by = problem.batch, integrator or options.integrator
+    folds = min(options.folds, len(batch))
+    steps = folds + 1
+    everything = Seen(
+        batch=batch,
+        sigma=problem.floor.sigma,
+        options=options,
+        # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
+        start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
+        still_rates=problem.still_rates if options.still_rates else None,
+        order=consecutive(problem.used) if options.parts > 1 else None,
+        progress=lambda done, of: progress(done, of * steps),
+        rest_rps=problem.rest_rps,
+        prior=problem.prior,
+    )
+    began = time.perf_counter()
+    model, notes = fit(everything)
+    seconds = time.perf_counter() - began
+    angles, models = np.zeros((len(batch), batch.angles)), []
+    fold = np.arange(len(batch)) % folds
+    for k in range(folds):
+        seen = fold != k
+        # The accelerometer, too, is estimated without the turns that it is judged by.
+        apart = batch if problem.joint is None else problem.joint.without(~seen, batch)
+        part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
+        models.append(part)
+        angles[~seen] = closure_angles(apart.pick(~seen), part, judged_by)
+    progress(steps, steps)
+    return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
+
+
+def tell(progress: Progress, before: int, steps: int, done: int, of: int) -> None:
+    """So many of the ``steps`` are behind, each of ``of``."""
+    progress(before * of + done, of * steps)

@@ -1,0 +1,61 @@
+"""The method ``least_squares``: Gauss-Newton on the closure, 12 parameters (``tinygc/closure/least_squares.py``)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+
+from tinygc.closure.least_squares import Ends, Rows, fit_least_squares
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
+from tinygc.estimation.held_out import Seen, held_out
+from tinygc.estimation.options import FitOptions, MethodFit, Progress
+from tinygc.models.linear import LinearModel
+
+
+def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+    """E and B.  Raises FitError where the search does not settle."""
+    near = before.get("least_squares")
+    begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
+    return held_out("least_squares", _Fits(begin), problem, options, progress)
+
+
+class _Fits:
+    """The fit to all segments, from a model near its answer if there is one, then to folds of them, each of which begins where the first
+    ended: what it needs there is known."""
+
+    def __init__(self, near: LinearModel | None):
+        self.near = near
+        self.rows: Rows | None = None
+        self.all: Batch | None = None
+        self.ends: Ends | None = None
+
+    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+        options, rest = seen.options, seen.rest_rps
+        rates = seen.still_rates if rest is None else None  # the stills are in the readings already
+        begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
+        if self.rows is not None and seen.among is not None and seen.same:
+            begin = self.rows.pick(seen.among)
+        elif self.all is not None and seen.among is not None and seen.batch.turns is None and options.integrator == "exact":
+            # Other references, but the same rates: what those turn is known.
+            if self.ends is None:
+                model, batch = cast(LinearModel, seen.whole), self.all
+                if rest is not None:
+                    model, batch = replace(model, B=np.zeros(3)), replace(batch, rate=batch.rate - rest)
+                self.ends = Ends.of(model, batch)
+            begin = self.ends.rows(seen.batch, seen.among)
+        fit = fit_least_squares(
+            seen.batch,
+            seen.sigma,
+            seen.start,
+            still_rates=rates,
+            integrator=options.integrator,
+            rest_rps=rest,
+            begin=begin,
+            prior=seen.prior,
+        )
+        if seen.whole is None:
+            self.rows, self.all = fit.rows, seen.batch
+        return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}

@@ -1,0 +1,144 @@
+"""The sessions of a folder, each in a line: what was recorded when with what, and what ``fit`` and ``explain`` last said of it.
+
+Nothing is computed and no log is read: session.toml, the names of the files, ``fit/fit.json`` and ``explain/explain.json``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from session.io.config import Config, read_config
+from session.io.errors import CalibrationError
+from session.io.files import open_file
+from session.io.folder import array_folders, array_size, log_paths, unit_of
+from session.io.results import Keys, Text, read_required
+from session.io.texts import printable
+from tinygc.estimation.results import read_fit
+
+#: folders below the one that is listed: data/2026/session1
+DEEPEST = 3
+MOST_FOLDERS = 10_000
+FIRST_BYTES = 4096  #: of raw.times, for the port's first opening
+EXPLAINED = Keys({"verdict": Text()})
+
+
+@dataclass(frozen=True)
+class ListedSession:
+    """One session folder.  date: when it was recorded, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: whose
+    model to use (of an older fit, None); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
+    cannot be read; units: of an array, whose logs and closure runs are each of all its units; a part that is not known is None."""
+
+    folder: Path
+    date: str | None = None
+    date_from: str | None = None
+    model: str | None = None
+    serial: str | None = None
+    logs: int | None = None
+    closures: int | None = None
+    segments: int | None = None
+    method: str | None = None
+    held_out_deg: float | None = None
+    floor_deg: float | None = None
+    runs_deg: tuple[float, ...] = field(default=())
+    verdict: str | None = None
+    problem: str | None = None
+    units: int | None = None
+
+    def to_json(self) -> dict:
+        """A row of ``tinygc-list/1``."""
+        return {**vars(self), "folder": str(self.folder), "runs_deg": list(self.runs_deg)}
+
+
+def list_sessions(folder: Path) -> list[ListedSession]:
+    """Those in a folder, or the folder itself, by name; one that cannot be read is listed with the reason."""
+    return [_listed(each) for each in _folders(folder)]
+
+
+def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
+    try:
+        if (folder / "session.toml").exists() or (depth and any(folder.glob("log*.csv*"))):
+            yield folder
+            return
+        inside = sorted(each for each in folder.iterdir() if not each.name.startswith(".") and each.is_dir() and not each.is_symlink())
+    except OSError:  # what nobody may look into; those beside it are listed
+        return
+    for each in inside[:MOST_FOLDERS] if depth <= DEEPEST else ():
+        yield from _folders(each, depth + 1)
+
+
+def _listed(folder: Path) -> ListedSession:
+    known: dict[str, Any] = {}
+    try:
+        if (units := array_size(folder)) is not None:
+            return ListedSession(folder, **_array(folder, units))
+        config = read_config(folder / "session.toml")
+        known |= {"model": config.sensor.model, "serial": config.sensor.serial or None}
+        logs, closures = log_paths(folder, "log"), log_paths(folder, "closure")
+        rests = log_paths(folder, "rest")
+        known |= {"logs": len(logs) + len(rests), "closures": len(closures)}
+        known["date"], known["date_from"] = date_of(folder, config, [*logs, *closures, *rests])
+        if not (logs or rests):
+            known["problem"] = "no log*.csv: nothing was recorded, or it lies elsewhere"
+        known |= _fitted(folder / "fit" / "fit.json")
+        if (path := folder / "explain" / "explain.json").exists():
+            known["verdict"] = read_required(path, EXPLAINED, "explain again")["verdict"]
+    except (CalibrationError, OSError) as error:
+        known["problem"] = printable(str(error)).replace(f"{folder}/", "")
+    return ListedSession(folder, **known)
+
+
+def _array(folder: Path, units: int) -> dict[str, Any]:
+    """Of an array: its sensor as session.toml, or its first unit's, names it, and its first unit's logs."""
+    listed = array_folders(folder)
+    first = folder / listed[0] if listed else folder
+    config = read_config(first / "session.toml")
+    logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
+    date, source = date_of(folder, config, [*logs, *closures])
+    counts = [len(paths) if listed else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
+    serial = None if listed else config.sensor.serial or None
+    known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}
+    return {**known, "logs": counts[0], "closures": counts[1], **_fitted(folder / "fit" / "fit.json")}
+
+
+def _fitted(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        return {}
+    fit = read_fit(path)
+    method, methods = (fit.get("use") or {}).get("method"), fit.get("methods", {})
+    shown = method if method in methods else "least_squares"
+    held = methods.get(shown, {}).get("holdout", {}).get("tilt_rms_deg")
+    listed = fit.get("closure_runs")
+    runs = [run.get(shown) for run in listed if isinstance(run, dict)] if isinstance(listed, list) else []
+    figures = [run.get("rmse_deg") for run in runs if isinstance(run, dict)]
+    return {
+        "segments": fit.get("segments", {}).get("used"),
+        "method": method,
+        "held_out_deg": held,
+        "floor_deg": fit.get("noise", {}).get("closure_floor_rms_deg"),
+        "runs_deg": tuple(figure for figure in figures if isinstance(figure, float) and math.isfinite(figure)),
+    }
+
+
+def date_of(folder: Path, config: Config, logs: Sequence[Path] = ()) -> tuple[str | None, str | None]:
+    """When a session was recorded, and who says so: when the port was first opened; else what the notes say; else when the oldest of these
+    logs was last written."""
+    times = folder / "raw.times"
+    if times.exists():
+        with open_file(times) as file:
+            for line in file.read(FIRST_BYTES).decode("utf-8", "replace").splitlines():
+                words = line.split(",", 2)[-1].split()
+                if len(words) > 1 and words[0] == "open":
+                    with contextlib.suppress(ValueError):
+                        return datetime.fromisoformat(words[1]).astimezone(UTC).isoformat(timespec="seconds"), "port"
+    if (noted := config.notes.get("date")) is not None:
+        return printable(str(noted)), "notes"
+    if not logs:
+        return None, None
+    oldest = min(path.stat().st_mtime for path in logs)
+    return datetime.fromtimestamp(oldest, UTC).isoformat(timespec="seconds"), "file"

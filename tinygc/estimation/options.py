@@ -1,0 +1,198 @@
+"""The methods by name, what each gives, and the options of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from session.io.errors import CalibrationError
+from tinygc.models.model import Model
+
+# The methods by name, in the order of the report.  Adding a method is adding a line here, and the module that it names.
+#
+# Nothing heavy is imported before a method runs: the command line takes its names from here.
+
+#: told how many steps of how many are done
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way from a problem to a model.
+
+    name: in the JSON and on the command line; title: in tables; module: whose ``run(problem, options, progress, before)`` gives the
+    ``MethodFit``, ``before`` being what was fitted already, by name; None for what ``tinygc/fitting/physics`` fits, above the methods;
+    parameters: how many it fits, None for as many as its model has; chosen: whether ``--methods`` may name it (the others come with an
+    option of their own); trained: whether AdamW can train it.
+    """
+
+    name: str
+    title: str
+    module: str | None = None
+    parameters: int | None = None
+    chosen: bool = True
+    trained: bool = False
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method("raw", "raw", "tinygc.estimation.raw", parameters=0),
+        Method("raw_bias_removed", "raw, first still's bias off", "tinygc.estimation.raw_bias_removed", parameters=3),
+        Method("least_squares", "least squares", "tinygc.estimation.least_squares"),
+        Method("pso", "PSO", "tinygc.estimation.particle_swarm"),
+        Method("tinygc", "TinyGC-Net", "tinygc.estimation.network", trained=True),
+        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.estimation.denoiser", trained=True),
+        Method("tinygc_conditions", "TinyGC-Net with conditions", "tinygc.estimation.conditions", chosen=False),
+        Method("physics", "linear model with physics", chosen=False),
+        Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
+    )
+}
+#: what ``--methods`` may name, and does by default
+CHOSEN = tuple(method.name for method in METHODS.values() if method.chosen)
+
+
+# What each method gives: a model, and the closure that it leaves.
+
+
+@dataclass(frozen=True, eq=False)
+class MethodFit:
+    """One method's model; angles (S, d) rad it leaves on the segments it was fitted to, and held_out (S, d) on those it never saw;
+    seconds that the fit to all segments took; notes on how it was found; fold_models: the model of each fold."""
+
+    name: str
+    model: Model
+    angles: np.ndarray
+    held_out: np.ndarray
+    seconds: float
+    notes: dict = field(default_factory=dict)
+    fold_models: tuple[Model, ...] = ()
+
+    @property
+    def parameters(self) -> int:
+        """Numbers that were fitted."""
+        own = METHODS[self.name].parameters
+        return self.model.parameters if own is None else own
+
+
+# What a person may set of the denoiser.
+
+DENOISE_LOSSES = ("endpoint", "still", "neighbours")
+
+
+@dataclass(frozen=True)
+class DenoiseOptions:
+    """loss; delay in samples at which ``neighbours`` aims; reduction: factor by which it takes the noise at rest down; slope of the leaky
+    ReLUs (AdamW only, if not 1); optimizer, epochs, seed of the start."""
+
+    loss: str = "neighbours"
+    delay: int = 12
+    reduction: float = 3.2
+    slope: float = 1.0
+    optimizer: str = "second-order"
+    epochs: int = 400
+    seed: int = 0
+
+
+# Where a training leaves what it can go on from: the record alone, which the options hold; what is in the file, ``minimise`` knows.
+
+NAME = "checkpoint_{}.json"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """path of the file; resume: whether to go on from it where it is there."""
+
+    path: Path
+    resume: bool = False
+
+
+# What a person may set of a fit.
+
+INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
+BIASES = ("auto", "ends", "stills")
+ACCELEROMETERS = ("auto", "given", "fit", "prior")
+LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What decides a fit's numbers.  CalibrationError for what cannot be; one name may stand for a tuple of one.
+
+    methods: in the order of the report, those that ``tinygc/estimation/options.py`` lets a person choose;
+    folds: of the held-out closure, 2 or more;
+    seed: of the swarm, 0 or more;
+    still_rates: whether the mean rate in each still is data, too;
+    integrator: ``exact``, or the paper's ``first-order``;
+    optimizer: of the nets, ``second-order``, or the paper's ``adamw``;
+    epochs: of adamw;
+    loss: of the net, ``squared``, or the paper's ``distance``, not squared;
+    earth: whether the Earth's rotation is taken off;
+    physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none;
+    exclude: numbers of segments to leave out;
+    denoise: options of tinygc_denoised;
+    variant: of the calibration subnet, ``paper`` (27 parameters) or ``published`` (26);
+    parts: segments that the net's training carries the attitude through;
+    conditions: what a further net is told, some of ``temperature``, ``force``;
+    checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does;
+    bias_per_log: whether each log has a bias of its own, of which the median is kept;
+    bias: from the ``ends`` of the turns, as everything else, from the ``stills`` around each, or ``auto``: what closes held-out
+        segments better.
+    accelerometer: its calibration is the one ``given``, that of a ``fit``, or a given one is a ``prior``; ``auto``: a prior where one is
+        given and holds, else a fit;
+    lot: file of a lot of units, the prior of least squares; other methods are fitted without it.
+    """
+
+    methods: tuple[str, ...] = CHOSEN
+    folds: int = 5
+    seed: int = 0
+    still_rates: bool = False
+    integrator: str = "exact"
+    optimizer: str = "second-order"
+    epochs: int = 2000
+    loss: str = "squared"
+    earth: bool = True
+    physics: tuple[str, ...] | None = None
+    exclude: tuple[int, ...] = ()
+    denoise: DenoiseOptions = field(default_factory=DenoiseOptions)
+    variant: str = "paper"
+    parts: int = 1
+    conditions: tuple[str, ...] = ()
+    checkpoints: Path | None = None
+    resume: bool = False
+    bias_per_log: bool = False
+    bias: str = "auto"
+    accelerometer: str = "auto"
+    lot: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("methods", "physics", "conditions"):
+            if isinstance(getattr(self, name), str):
+                object.__setattr__(self, name, (getattr(self, name),))
+        self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
+        for name, known in (
+            ("integrator", INTEGRATORS),
+            ("optimizer", OPTIMIZERS),
+            ("loss", LOSSES),
+            ("variant", VARIANTS),
+            ("bias", BIASES),
+            ("accelerometer", ACCELEROMETERS),
+        ):
+            self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
+        self._require(set(self.conditions) <= set(CONDITIONS), "conditions", f"some of {', '.join(CONDITIONS)}")
+        for name, least in (("folds", 2), ("seed", 0), ("epochs", 1), ("parts", 1)):
+            value = getattr(self, name)
+            self._require(isinstance(value, int) and value >= least, name, f"a whole number of {least} or more")
+
+    def _require(self, fine: bool, name: str, expected: str) -> None:
+        if not fine:
+            raise CalibrationError(f"{name} is {getattr(self, name)!r}, expected {expected}")
+
+    def checkpoint(self, name: str) -> Checkpoint | None:
+        """Of one training, or None."""
+        if self.checkpoints is None or self.optimizer != "adamw":
+            return None
+        return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

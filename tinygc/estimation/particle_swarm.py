@@ -1,0 +1,167 @@
+"""The method ``pso``: particle swarm on the 12 linear parameters, the paper's rival.  The whole swarm is one batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc import closure
+from tinygc.closure.least_squares import Nearby, StillRates
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
+from tinygc.estimation.held_out import Seen, held_out
+from tinygc.estimation.options import FitOptions, MethodFit, Progress
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+
+# Particle swarm on the 12 linear parameters: the paper's rival.  The whole swarm is one batch.
+#
+# Global-best swarm with Clerc and Kennedy's constriction (2002): v <- chi (v + c1 r1 (own best - x) + c2 r2 (swarm's best - x)).
+# ``minimise`` knows nothing of gyroscopes; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
+# swarm begins (``closure/nearby.py``), and swarms on until that is exact.  Through every sample it would cost ten times as much.
+
+
+@dataclass(frozen=True)
+class SwarmOptions:
+    """particles; steps at most; constriction 0.7298 with both attractions 1.496 (Clerc and Kennedy, phi = 4.1); the search stops
+    when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps: a swarm that begins around its best must
+    contract before it finds a better one."""
+
+    particles: int = 48
+    steps: int = 500
+    constriction: float = 0.7298
+    attraction: float = 1.49618
+    patience: int = 80
+    tolerance: float = 1e-6
+
+
+#: swarms one after the other, at most; the box of each, as a share of the one before
+LEGS, NEARER = 6, 0.05
+#: segments beyond which a swarm sees all of them as one quadratic form (benchmarks/long_sessions.py)
+GATHERED = 400
+#: half angles in sigmas: what a swarm saw of the closure is the closure
+AS_SEEN = 1e-4
+#: half-width of the box the swarm starts in: 5 % for each element of E, 2 dps for the bias
+START_BOX = np.array([0.05] * 9 + [2 * DEG] * 3)
+
+
+def minimise(
+    cost: Callable[[np.ndarray], np.ndarray],
+    centre: np.ndarray,
+    half_width: np.ndarray,
+    rng: np.random.Generator,
+    options: SwarmOptions | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> np.ndarray:
+    """Best position (D,) found for ``cost``, which takes (P, D) to (P,), from a box around ``centre``."""
+    options = options or SwarmOptions()
+    shape = (options.particles, len(centre))
+    x = centre + half_width * rng.uniform(-1, 1, shape)
+    x[0] = centre
+    v = half_width * rng.uniform(-0.5, 0.5, shape)
+    own, own_cost = x.copy(), cost(x)
+    history = []
+    for step in range(options.steps):
+        best = own[np.argmin(own_cost)]
+        pull = rng.uniform(0, options.attraction / options.constriction, (2, *shape))
+        v = options.constriction * (v + pull[0] * (own - x) + pull[1] * (best - x))
+        x = x + v
+        now = cost(x)
+        better = now < own_cost
+        own[better], own_cost[better] = x[better], now[better]
+        history.append(own_cost.min())
+        progress(step + 1, options.steps)
+        if step > options.patience and history[-1 - options.patience] - history[-1] < options.tolerance * history[-1]:
+            break
+    return own[np.argmin(own_cost)]
+
+
+def fit_pso(
+    batch: Batch,
+    sigma: np.ndarray,
+    start: LinearModel,
+    *,
+    seed: int,
+    still_rates: StillRates | None = None,
+    prior: LinearModel | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> LinearModel:
+    """The swarm's best linear model, searched for from a box around ``start``.
+
+    The swarm sees the closure to second order about where it begins.  Where its best is another model, it begins again there, in a box of a
+    twentieth, until the closure is what it saw.  prior: where what no segment shows belongs, held as weakly as least squares holds it;
+    None: nowhere.
+    """
+    centre, box, rng = start, 1.0, np.random.default_rng(seed)
+    for leg in range(LEGS):
+        nearby = Nearby.about(centre, batch)
+        told = partial(_tell, progress, leg)
+        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=told)
+        box *= NEARER
+        seen = nearby.residuals(centre.vector[None])[0]
+        exact = closure.segment_residuals(batch, centre(batch.rate))
+        if np.abs((exact - seen) / sigma.reshape(len(batch), -1)).max() < AS_SEEN:
+            break
+    progress(1, 1)
+    return centre
+
+
+def near_best(
+    nearby: Nearby,
+    sigma: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    box: float = NEARER,
+    still_rates: StillRates | None = None,
+    prior: LinearModel | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> LinearModel:
+    """The best of one swarm, which sees the closure through ``nearby``, from a box around its model."""
+    weight = (2 / sigma.reshape(len(nearby.batch), -1)) ** 2
+    gathered = nearby.gathered(weight) if len(nearby.batch) > GATHERED else None
+
+    def cost(vectors: np.ndarray) -> np.ndarray:
+        total = gathered(vectors) if gathered is not None else np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
+        if still_rates is not None:
+            total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
+        if prior is not None:
+            total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
+        return total
+
+    return LinearModel.from_vector(minimise(cost, nearby.vector, box * START_BOX, rng, progress=progress))
+
+
+def _tell(progress: Callable[[int, int], None], leg: int, step: int, steps: int) -> None:
+    progress(leg * steps + step, LEGS * steps)
+
+
+# The method ``pso``: the paper's rival, a particle swarm on the 12 linear parameters (``tinygc/estimation/particle_swarm.py``).
+
+
+def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+    """E and B; the same answer for the same ``options.seed``."""
+    # What a swarm sees of the closure is exact, and so it is judged.
+    return held_out("pso", _Fits(), problem, options, progress, integrator="exact")
+
+
+class _Fits:
+    """The fit to all segments, then to folds of them: a fold's optimum is near the whole's, its swarm begins around it."""
+
+    nearby: Nearby | None = None
+
+    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+        options, rates = seen.options, seen.still_rates
+        # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
+        prior = None if seen.batch.turns is None else seen.start
+        if self.nearby is None or seen.whole is None or seen.among is None:
+            model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)
+            self.nearby = Nearby.about(model, seen.batch)
+            return model, {}
+        rng = np.random.default_rng(options.seed)
+        nearby = self.nearby.pick(seen.among)
+        if not seen.same:
+            nearby = nearby.with_references(seen.batch)
+        return near_best(nearby, seen.sigma, rng, still_rates=rates, prior=prior, progress=seen.progress), {}

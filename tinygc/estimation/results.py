@@ -1,0 +1,453 @@
+"""Everything that a fit found, and its files: ``fit.json``, models, methods that a later fit takes again."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from session import VERSION
+from session.detect.findings import Finding
+from session.detect.truth_alignment import alignment_table
+from session.io.errors import CalibrationError, FormatError
+from session.io.files import result_folder
+from session.io.folder import Session, file_key, input_hashes
+from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
+from session.io.units import DEG, G
+from tinygc import models
+from tinygc.annexes.lots.fit import LotUse
+from tinygc.closure.problem import Problem
+from tinygc.closure.runs import ClosureRun
+from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit, accelerometer_fit
+from tinygc.estimation.bias import BiasChoice
+from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
+from tinygc.estimation.options import METHODS, FitOptions, MethodFit
+from tinygc.estimation.stated_noise import StatedNoise
+from tinygc.models.model import accelerometer_table, sensor_table
+
+if TYPE_CHECKING:
+    from tinygc.estimation.physics import PhysicsFit
+
+
+# The versions that made a result.
+
+PACKAGES = ("numpy", "scipy", "torch")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def versions() -> dict[str, str]:
+    """Of this project, its commit where it runs from a checkout, Python, and the packages that compute."""
+    found = {"TinyGC": VERSION}
+    if commit := _commit():
+        found["commit"] = commit
+    found["Python"] = platform.python_version()
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _commit() -> str | None:
+    """Of the checkout that this file lies in, with a word if it has been changed since; None where there is none."""
+    if not (ROOT / ".git").exists() or not (ROOT / "calibrate.py").exists():
+        return None
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(ROOT), "describe", "--always", "--dirty=, changed since", "--abbrev=12", "--exclude=*"],
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return said.stdout.strip() or None
+
+
+# Everything a fit found.
+
+#: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
+AT_END = "_at_end"
+#: methods that are fitted to the problem that physics is
+PHYSICS = ("physics", "tinygc_physics")
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Everything a fit found.
+
+    methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
+    ``widened``, what no noise explains; accelerometer_covariance (12, 12): what of it the accelerometer's pre-calibration adds; noise
+    that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
+    opposite choice of still rates; against_raw: whether what was fitted is better than nothing; first_order_rad: the largest error of
+    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
+    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
+    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own; joint_covariance (21, 21): of both sensors together
+    (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together; joint_shared
+    (21, 21): what of it comes from a calibration that was given; lot: what came from the prior of a lot, None without one.
+    """
+
+    problem: Problem
+    options: FitOptions
+    methods: dict[str, MethodFit]
+    runs: list[ClosureRun]
+    run_errors: list[dict[str, np.ndarray]]
+    goodness: GoodnessOfFit
+    linear: MethodFit
+    covariance: np.ndarray
+    widened: float
+    bias_from: BiasChoice
+    other_choice: MethodFit
+    against_raw: AgainstRaw
+    first_order_rad: float
+    warnings: list[Finding]
+    physics: PhysicsFit | None = None
+    reused: tuple[str, ...] = ()
+    bias_sigma_rps: np.ndarray | None = None
+    lost_s: tuple[np.ndarray, ...] = ()
+    noise: StatedNoise | None = None
+    accelerometer_covariance: np.ndarray | None = None
+    joint_covariance: np.ndarray | None = None
+    joint_shared: np.ndarray | None = None
+    lot: LotUse | None = None
+
+    def __repr__(self) -> str:
+        return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
+
+    @property
+    def accelerometer(self) -> AccelerometerFit:
+        """That its references rest on."""
+        config = self.session.config
+        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, config.site.expected_gravity_mps2)
+
+    @property
+    def session(self) -> Session:
+        """That was fitted."""
+        return self.problem.session
+
+    @cached_property
+    def use(self) -> ModelToUse:
+        """Which of the models to use, and why."""
+        problems = {name: self.physics.problem if self.physics and name in PHYSICS else self.problem for name in self.methods}
+        return model_to_use(self.methods, self.against_raw, {name: [s.number for s in p.used] for name, p in problems.items()})
+
+    @property
+    def file_to_use(self) -> str | None:
+        """The name of that model's file; of one that follows its session's time, the one for any time."""
+        name, physics = self.use.method, self.physics
+        if name is None:
+            return None
+        return f"model_{name}{AT_END if physics and name in PHYSICS and physics.model.session_s is not None else ''}.json"
+
+
+# What a fit leaves of turns whose angle is known beforehand.
+
+
+def known_turns_json(result: FitResult) -> list[dict]:
+    """``known_turns`` of ``tinygc-fit/1``: every row of turns.csv; errors of least squares, predicted less stated."""
+    problem, found = result.problem, []
+    row = {segment.number: i for i, segment in enumerate(problem.used)}
+    for turn in problem.known_turns:
+        i = row.get(turn.segment.number) if turn.problem is None and turn.segment is not None else None
+        third = None if i is None else (result.linear.angles[i, 2], result.linear.held_out[i, 2])
+        found.append(
+            {
+                "turn": turn.known.turn,
+                "log": turn.known.log,
+                "segment": None if turn.segment is None else turn.segment.number,
+                "axis": turn.known.axis.tolist(),
+                "angle_deg": turn.known.angle_rad / DEG,
+                "sigma_deg": turn.known.sigma_rad / DEG,
+                "gyro_deg": None if turn.reads is None else turn.along_rad / DEG,
+                "used": i is not None,
+                "why_not": turn.problem,
+                "error_deg": None if third is None else float(third[0]) / DEG,
+                "holdout_error_deg": None if third is None else float(third[1]) / DEG,
+            }
+        )
+    return found
+
+
+def known_turns_words(result: FitResult) -> str:
+    """One line for the terminal; empty where no turn has a known angle."""
+    turns = known_turns_json(result)
+    if not turns:
+        return ""
+    used = [turn for turn in turns if turn["used"]]
+    unused = f"; {len(turns) - len(used)} of {len(turns)} not used" if len(used) < len(turns) else ""
+    if not used:
+        return f"turns.csv: none of {len(turns)} turns of known angle is used, see the first look"
+    each = ", ".join(f"{t['segment']} ({t['angle_deg']:g}° ± {t['sigma_deg']:g}°, left {t['error_deg']:+.3f}°)" for t in used)
+    return f"turns of known angle: segment{'s' * (len(used) != 1)} {each}{unused}"
+
+
+# A fit as ``tinygc-fit/1``.
+
+SCHEMA = "tinygc-fit/1"
+
+
+def to_json(result: FitResult) -> dict:
+    """``tinygc-fit/1`` (docs/formats.md)."""
+    problem = result.problem
+    rejected = [segment for segment in problem.segments if not segment.accepted]
+    earth = problem.earth
+    return {
+        "schema": SCHEMA,
+        "session": result.session.name,
+        "stills": len(problem.stills),
+        "segments": {
+            "found": len(problem.segments),
+            "used": len(problem.used),
+            "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
+            "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
+            "widened": [each.to_json() for each in problem.widened],
+        },
+        "rests_not_used": [
+            {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
+            for log, rest in problem.unused_rests
+        ],
+        "noise": {
+            "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
+            "accel_g_rthz": (problem.noise.accel / G).tolist(),
+            **problem.instability.to_json(),
+            "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
+            "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
+            "components": [] if result.noise is None else result.noise.to_json(),
+            **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
+        },
+        "accelerometer": result.accelerometer.to_json(),
+        "goodness": vars(result.goodness),
+        "bias_from": result.bias_from.to_json(),
+        "lot": None if result.lot is None else result.lot.to_json(),
+        "known_turns": known_turns_json(result),
+        "truth": None if result.session.alignment is None else alignment_table(result.session.alignment),
+        "unobserved": result.linear.notes.get("unobserved", []),
+        "earth": {
+            "source": earth.source,
+            "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
+            "heading_sigma_deg": earth.heading_sigma_rad / DEG if earth.source == "estimated" else None,
+        },
+        "methods": {
+            name: {
+                "parameters": fit.parameters,
+                "seconds": round(fit.seconds, 3),
+                "train": closure_figures(fit.angles),
+                "holdout": closure_figures(fit.held_out),
+                **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
+            }
+            for name, fit in result.methods.items()
+        },
+        "use": {**result.use.to_json(), "model": result.file_to_use},
+        "against_raw": result.against_raw.to_json(),
+        "closure_runs": [
+            {
+                "file": run.file,
+                "duration_s": run.duration_s,
+                "floor_rmse_deg": float(np.sqrt(np.mean(run.floor_rad**2))) / DEG,
+                "earth": run.earth.source,
+                **({} if result.physics is None else {"lost_at_s": np.round(result.lost_s[number], 3).tolist()}),
+                **{name: run_figures(error) for name, error in errors.items()},
+            }
+            for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
+        ],
+        "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
+        "options": {
+            "seed": result.options.seed,
+            "folds": min(result.options.folds, len(problem.used)),
+            "integrator": result.options.integrator,
+            "optimizer": result.options.optimizer,
+            "loss": result.options.loss,
+            "variant": result.options.variant,
+            "parts": result.options.parts,
+            "conditions": list(result.options.conditions),
+            "bias_per_log": result.options.bias_per_log,
+            "bias": result.options.bias,
+            "accelerometer": result.options.accelerometer,
+        },
+        "version": VERSION,
+    }
+
+
+# ``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them again; what nobody reads is not looked at.
+
+#: dps and g per root Hz: a thousandth of what any sensor's range is
+_DENSITY = Array((3,), Number(0, 1e3))
+_TILT_DEG = Maybe(Number(0, 1e4))
+_NOISE: dict[str, Shape] = {
+    "gyro_dps_rthz": _DENSITY,
+    "accel_g_rthz": _DENSITY,
+    "gyro_bias_instability_dph": Maybe(Number(0, 1e9)),
+    "gyro_bias_instability_source": Maybe(Text()),
+    "closure_floor_rms_deg": _TILT_DEG,
+}
+FILE_SHAPE = Keys(
+    {"schema": Text((SCHEMA,))},
+    {
+        "session": Text(),
+        "segments": Keys(may={"used": Number(0, whole=True)}),
+        "noise": Keys(may=_NOISE),
+        "accelerometer": Maybe(Keys(may={"mode": Text(("given", "fit", "prior")), "unobserved": Maybe(ListOf(Text()))})),
+        "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
+        "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
+        "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
+        "use": Maybe(Keys(may={"method": Maybe(Text())})),
+    },
+)
+
+#: what a model may only leave the tool with: whether it was judged, by how many turns, and how noisy its sensor is
+_JUDGED: dict[str, Shape] = {
+    "session": Text(),
+    "segments": Keys({"used": Number(0, whole=True)}),
+    "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
+    "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
+}
+#: ``rebiased.json`` has the stored calibration among its methods, and no raw rates
+JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
+
+
+def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
+    """The figures of a fit whose model of that method is exported: all that says whether it may be.  A method that ``fit`` has not, of
+    another program's model, need not be there.  FormatError as ``read_fit``."""
+    fit = read_fit(path, do)
+    require(fit, REBIASED if rebiased else JUDGED, str(path), do)
+    if not rebiased and method in METHODS and method not in fit["methods"]:
+        raise FormatError(f"{path}: methods.{method} is missing, expected how well that model closes held-out turns; {do}")
+    return fit
+
+
+def read_fit(path: Path, do: str = "fit again") -> dict:
+    """The figures of a fit.  FormatError: which key is what, what was expected there, and ``do``."""
+    return read_required(path, FILE_SHAPE, do)
+
+
+# What ``fit`` has saved, taken again where it was made from the same files, with the same options, by the same version.
+
+SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
+#: what decides the numbers of a method; which methods were asked for does not
+IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
+_ANGLES = Array((None, None))
+_METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
+SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})
+
+
+def key(options: FitOptions, hashes: dict[str, str]) -> dict:
+    """What must be the same, JSON-ready."""
+    chosen = {
+        name: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
+        for name, value in asdict(options).items()
+        if name not in IRRELEVANT
+    }
+    return {"options": chosen, "inputs": hashes, "version": VERSION}
+
+
+def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
+    """From what a fit was made, and of each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
+    return {"schema": SAVED_SCHEMA, "key": key(options, hashes), "methods": {name: _entry(fit) for name, fit in methods.items()}}
+
+
+def _entry(fit: MethodFit) -> dict:
+    return {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
+
+
+def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
+    """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
+    try:
+        table = read_required(folder / SAVED_NAME, SAVED_SHAPE)
+        if table["key"] != key(options, hashes):
+            return {}
+        found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
+    except CalibrationError:
+        return {}
+    if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
+        found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved
+    return found
+
+
+def _read(folder: Path, name: str, entry: dict, problem: Problem) -> MethodFit:
+    angles, held_out = (np.asarray(entry[which], dtype=float) for which in ("fitted_rad", "held_out_rad"))
+    shape = (len(problem.batch), problem.batch.angles)
+    if angles.shape != shape or held_out.shape != shape:
+        raise FormatError(f"{name}: not the angles of {shape[0]} segments")
+    return MethodFit(name, models.load(folder / f"model_{name}.json"), angles, held_out, float(entry["seconds"]), dict(entry["notes"]))
+
+
+# A fit's models and figures as files.
+
+
+def save_models(result: FitResult, folder: Path | None = None) -> Path:
+    """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder.
+
+    Raises CalibrationError where the session has no folder and none is given, and StorageError for what cannot be written.
+    """
+    folder = folder or result.session.own_folder("fit")
+    with result_folder(folder):
+        tables = model_tables(result)
+        for name, table in tables.items():
+            write_whole(folder / f"model_{name}.json", table)
+            if name + AT_END not in tables:  # of a fit before this one, whose physics followed time
+                (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
+        made = made_from(result.options, input_hashes(result.session), result.methods)
+        write_whole(folder / "fit.json", to_json(result))
+        write_whole(folder / SAVED_NAME, made)
+    return folder
+
+
+def model_tables(result: FitResult) -> dict[str, dict]:
+    """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known.
+
+    Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
+    """
+    # What looks at specific force, and whoever wants it calibrated, needs it beside the rates.
+    made_from = {
+        "session": result.session.name,
+        "sha256": input_hashes(result.session),
+        "version": VERSION,
+        "sensor": sensor_table(result.session.config.sensor),
+    }
+    tables = {}
+    for name, fit in result.methods.items():
+        # What is fitted with physics may rest on another calibration of the accelerometer than what is fitted without.
+        problem = result.physics.problem if result.physics is not None and name in PHYSICS else result.problem
+        made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
+        more: dict[str, Any] = {"method": name, **made_from}
+        if fit is result.linear:
+            if result.lot is not None:
+                more["lot"] = {key: result.lot.to_json()[key] for key in ("file", "hash", "used", "belongs_probability")}
+            more["covariance"] = result.covariance.tolist()
+            if result.accelerometer_covariance is not None:
+                more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
+            if result.joint_covariance is not None and result.joint_shared is not None:
+                more["joint_covariance"] = {
+                    "parameters": list(JOINT_NAMES),
+                    "matrix": result.joint_covariance.tolist(),
+                    "shared": result.joint_shared.tolist(),
+                }
+            more["unobserved"] = fit.notes.get("unobserved", [])
+        ended: dict[str, Any] = {"method": name + AT_END, **made_from}
+        if name == "physics" and result.physics is not None:
+            from tinygc.estimation.physics import covariance_at_end, covariance_table, rate_covariance
+
+            covariance = rate_covariance(result.physics.fit)
+            more |= covariance_table(result.physics.model.claims, covariance)
+            ended |= covariance_at_end(result.physics.model, covariance)
+        if result.bias_sigma_rps is not None:
+            more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
+        if fit.model.session_s is not None and result.physics is not None:
+            more["began_s"] = _began_s(result.physics.problem)
+            tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)
+        tables[name] = models.to_dict(fit.model, **more)
+    return tables
+
+
+def _began_s(problem: Problem) -> dict[str, float]:
+    """Of each log, s of the session at which it begins."""
+    return {file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}

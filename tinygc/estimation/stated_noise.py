@@ -1,0 +1,323 @@
+"""The noise that a fit reckons with, and how well least squares' parameters are known under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
+from session.io.units import EARTH_RATE_RPS
+from tinygc import closure
+from tinygc.closure.build import bias_shares
+from tinygc.closure.least_squares import solve_lower
+from tinygc.closure.problem import ACCELEROMETER, GYROSCOPE, JointFit, Problem
+from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above
+from tinygc.models import linear
+from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
+from tinygc.noise.components import REFERENCE, TURN, estimate
+from tinygc.noise.refit import prior_sigmas, refit
+from tinygc.noise.session_noise import SessionNoise, first_noise
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+
+# The noise that a fit reckons with: the white floor, and what the recording itself shows beyond it (``explanation/noise``).
+#
+# Estimated once a fit.  Where there are no stills between turns (a truth file), where each log has a bias of its own, and in sessions of
+# more than ``MOST_SEGMENTS`` segments, the floor and the bias instability stay all that is known.
+
+#: the covariance of all channels is dense: its inverse costs the cube of the session (benchmarks/fit_speed.py)
+MOST_SEGMENTS = 400
+#: m/s^2: prior of an accelerometer's numbers that were found from the same stills, far above what these leave open
+OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
+#: of the 12 columns of ``precalibration_columns``, those that stills' lengths fix: the bias, and the upper triangle of the matrix
+FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indices(3), strict=True))])
+
+
+@dataclass(frozen=True, eq=False)
+class StatedNoise:
+    """noise: the components; white (n, n): white noise of the stacked channels (``Channels.stacked``), without any allowance; accelerometer
+    (n, 12): one sigma each of what its pre-calibration may be wrong by, the same in the whole session; twin that it was estimated with."""
+
+    twin: Twin
+    noise: SessionNoise
+    white: np.ndarray
+    accelerometer: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(n, n) rad^2, (rad/s)^2, (m/s^2)^2 of everything."""
+        return self.white + self.noise.covariance + self.accelerometer @ self.accelerometer.T
+
+    @property
+    def named(self) -> np.ndarray:
+        """(n, n): the same without what each turn errs by itself, which is what nothing explains."""
+        known = replace(self.noise, s=np.where([c.name == TURN for c in self.noise.components], 0.0, self.noise.s))
+        return self.white + known.covariance + self.accelerometer @ self.accelerometer.T
+
+    @property
+    def closure(self) -> slice:
+        """Rows of the closure."""
+        return slice(0, len(self.twin.segments) * self.twin.batch.angles)
+
+    @property
+    def tilt_rms(self) -> float:
+        """rad: the tilt error that noise leaves, over the segments; the accelerometer's pre-calibration is in E, and leaves none."""
+        variance = np.diag(self.white + self.noise.covariance)[self.closure].reshape(len(self.twin.segments), -1)
+        if (wider := self.twin.problem.floor.wider) is not None:  # single turns' own uncertainty is no noise
+            variance = variance - np.diagonal(wider, axis1=1, axis2=2)
+        return float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1])))
+
+    def to_json(self) -> list[dict]:
+        """``noise.components`` of ``tinygc-fit/1``."""
+        return self.noise.to_json()
+
+    @property
+    def words(self) -> str:
+        """Those that are there, in one line."""
+        return self.noise.words
+
+
+def stated_noise(problem: Problem) -> StatedNoise | None:
+    """Of a problem whose rates are as they were measured; None where it is not estimated."""
+    if problem.session.truths is not None or len(problem.used) > MOST_SEGMENTS:
+        return None
+    twin = Twin(problem)
+    whiten = Whitener(twin)
+    first = first_noise(twin, whiten)
+    whiten = whiten.with_more(first.covariance)
+    fit = refit(twin, whiten, [], twin.start())
+    start = twin.start()
+    columns = twin.precalibration_columns(start, twin.rates(start)).stacked()
+    joint, own = problem.joint, from_own_stills(problem)
+    J = whiten.back(fit.J) * prior_sigmas(twin, [])
+    # Its nine numbers took their share of the lengths' scatter, which what is left must not be taken for.
+    if joint is not None:
+        J = np.concatenate([J, joint_columns(problem, joint) * joint.prior], axis=1)
+    elif own:
+        J = np.concatenate([J, columns * OPEN_MPS2], axis=1)
+    parts = first.components
+    white = whiten.white - PRECALIBRATION_MPS2**2 * columns @ columns.T
+    if joint is not None:
+        # Beside an estimation of the accelerometer its remainder is one, too, instead of what a sensor of its class is allowed.
+        lengths = np.arange(len(white))[whiten.parts["length"]]
+        white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
+    found = estimate(
+        whiten.back(fit.r),
+        J,
+        whiten.white if joint is None else white,
+        [c.V for c in parts],
+        np.array([c.usual for c in parts]),
+        [c.prior for c in parts],
+        first.blocks,
+        with_sigma=True,
+    )
+    noise = replace(first, s=found.s, sigma=found.sigma, value=found.value)
+    if joint is None:
+        return StatedNoise(twin, noise, white, columns @ accelerometer_factor(columns[whiten.parts["length"]], noise, own))
+    from_rows = joint_response(problem, joint)
+    known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
+    return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known))
+
+
+def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
+    """(n, 9): how the accelerometer's numbers change the stacked channels; a still's rate knows nothing of them."""
+    rows = len(problem.used) * problem.batch.angles
+    design = joint.system.design[:, ACCELEROMETER]
+    return np.concatenate([design[:rows], np.zeros((3 * len(joint.force), ACCELEROMETER_PARAMETERS)), design[rows:]])
+
+
+def joint_response(problem: Problem, joint: JointFit) -> np.ndarray:
+    """(9, n): how the accelerometer's numbers follow an error of the stacked channels."""
+    rows = len(problem.used) * problem.batch.angles
+    response = joint.system.response[ACCELEROMETER]
+    return np.concatenate([response[:, :rows], np.zeros((ACCELEROMETER_PARAMETERS, 3 * len(joint.force))), response[:, rows:]], axis=1)
+
+
+def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:
+    """(12, 12) m/s^2: a root of the covariance of the pre-calibration's numbers, whose columns of the stills' lengths are (Q, 12).
+
+    A calibration that is given is as good as the tool allows for, and no better than stills that err as these do could make it.  One that
+    was made from these very stills has their errors: those of the nine numbers that lengths fix, in the frame that it defines.
+    """
+    each = float(np.hypot(noise.size(REFERENCE), ACCEL_INSTABILITY_MPS2))
+    if not own:
+        return np.eye(12) * max(PRECALIBRATION_MPS2, noise.size(REFERENCE) / np.sqrt(len(lengths)))
+    fixed = lengths[:, FROM_LENGTHS]
+    _, size, vt = np.linalg.svd(fixed, full_matrices=False)
+    root = np.zeros((12, 12))
+    root[np.ix_(FROM_LENGTHS, FROM_LENGTHS)] = vt.T @ np.diag(each / np.maximum(size, each / OPEN_MPS2)) @ vt
+    return root
+
+
+def from_own_stills(problem: Problem) -> bool:
+    """Whether the accelerometer's calibration is one that lengths of gravity in stills gave: upper triangular, since no more is fixed."""
+    matrix = problem.session.config.accelerometer.matrix
+    return not np.tril(matrix, -1).any() and bool(np.triu(matrix, 1).any())
+
+
+# How well least squares' parameters are known, with all noise that the recording shows.
+#
+# The fit is linear in its errors: theta - truth = L y, y the stacked channels' errors (closure, still rates).  So its covariance is
+# L C L', whatever C is (the sandwich of ``closure/uncertainty.py`` with a dense filling).
+
+
+def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(12, 12) of ``LinearModel.vector``, of a model that was fitted to this problem's batch, with or without the stills' rates as data;
+    and what of it comes from the accelerometer's pre-calibration, which sessions with the same one share."""
+    response = _response(problem, model, noise, still_rates)
+    if problem.joint is not None:
+        joint = stated_joint_covariance(problem, model, noise, still_rates)
+        shared = response @ joint_columns(problem, problem.joint) @ problem.joint.beforehand
+        return joint[GYROSCOPE, GYROSCOPE], shared @ shared.T * (problem.joint.mode == "prior")
+    covariance = noise.covariance + _earth(problem, noise)
+    shared = response @ noise.accelerometer
+    return response @ covariance @ response.T, shared @ shared.T
+
+
+def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """(21, 21) of the accelerometer's nine numbers (``JointFit.x``) and the gyroscope's twelve, of a problem with a joint estimation.
+
+    An error of a channel moves both; what it moves the accelerometer by bends the references that the gyroscope is fitted to.
+    """
+    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
+    return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
+
+
+def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """(21, 21): what of it comes from an error of the calibration that is given, which sessions with the same one share."""
+    assert problem.joint is not None
+    _, beforehand = _joint_parts(problem, model, noise, still_rates)
+    return beforehand @ beforehand.T * (problem.joint.mode == "prior")
+
+
+def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(21, n) and (21, 9): how the numbers follow an error of each channel, and one sigma each of what is known beforehand."""
+    joint = problem.joint
+    assert joint is not None
+    gyroscope = _response(problem, model, noise, still_rates)
+    columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
+    through = gyroscope @ columns
+    rows = np.concatenate([accelerometer, gyroscope + through @ accelerometer])
+    return rows, np.concatenate([joint.beforehand, through @ joint.beforehand])
+
+
+def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:
+    """Of the closure, by all noise that has a cause; and the factor, 1 or more, on the covariance that all of it falls short of.
+
+    What each turn errs by itself is left out of the first: it stands for what nothing explains, and would explain everything.
+    """
+    batch = problem.batch
+    end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
+    carry = _carry(problem, noise, sensitivity)
+    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), PARAMETERS)
+    if problem.rest_rps is not None:
+        design = _about(design, problem.rest_rps)[:, MATRIX]
+    earth = _earth(problem, noise)
+    known = problem.batch.known.ravel()
+    covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
+    named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
+    return named, whole.excess
+
+
+def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) -> GoodnessOfFit:
+    columns = design * PRIOR_SIGMA[: design.shape[1]]
+    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, columns]))
+    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+    chi_square, freedom = float(left @ left), max(len(angles) - design.shape[1], 1)
+    return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
+
+
+def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """L (12, n) 1, rad/s: how the errors of the stacked channels move the parameters."""
+    batch, rest = problem.batch, problem.rest_rps
+    count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
+    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
+    weight = 1 / problem.floor.sigma.ravel() ** 2
+    carry = _carry(problem, noise, sensitivity)
+    if rest is not None:
+        design = _about(design, rest)[:, MATRIX]
+        hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
+        matrix = -np.linalg.solve(hessian, (design * weight[:, None]).T @ carry)
+        # B = mean over the stills of (earth - E m): their own error, and E's on the mean rate.
+        bias = -np.kron(np.eye(3), rest) @ matrix
+        bias[:, count : count + 3 * q] -= np.tile(np.eye(3), q) / q
+        return np.concatenate([matrix, bias])
+    pull = (design * weight[:, None]).T @ carry
+    hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
+    if still_rates:
+        rows = problem.still_rates.columns()
+        hessian += rows.T @ rows
+        pull[:, count : count + 3 * q] += (rows / problem.still_rates.sigma.ravel()[:, None]).T
+    return -np.linalg.solve(hessian, pull)
+
+
+def _prior_information(problem: Problem) -> np.ndarray:
+    """(9, 9) of E alone where the bias is known from the stills, else (12, 12): as the fit weighs it."""
+    own = slice(0, PARAMETERS) if problem.rest_rps is None else MATRIX
+    if problem.prior is None:
+        return np.diag(1 / PRIOR_SIGMA[own] ** 2)
+    return np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
+
+
+def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
+    """K (12, 12): how the parameters follow an error of the prior's centre.
+
+    theta - truth = L y + K (centre - truth): beside the noise's own covariance the fit has K P K' of a prior with covariance P.
+    """
+    batch, rest = problem.batch, problem.rest_rps
+    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
+    weight = 1 / problem.floor.sigma.ravel() ** 2
+    own, share = _prior_information(problem), np.zeros((PARAMETERS, PARAMETERS))
+    if rest is not None:
+        design = _about(design, rest)[:, MATRIX]
+        share[MATRIX, MATRIX] = np.linalg.solve(design.T @ (design * weight[:, None]) + own, own)
+        share[BIAS, MATRIX] = -np.kron(np.eye(3), rest) @ share[MATRIX, MATRIX]
+        return share
+    hessian = design.T @ (design * weight[:, None]) + own
+    if still_rates:
+        rows = problem.still_rates.columns()
+        hessian += rows.T @ rows
+    return np.linalg.solve(hessian, own)
+
+
+def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Columns (n, 12) with E's taken about the bias at rest, which B = -E rest then follows."""
+    turned = design.copy()
+    turned[:, MATRIX] -= np.einsum("na,j->naj", design[:, BIAS], rest).reshape(len(design), 9)
+    return turned
+
+
+def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.ndarray:
+    """(S d, n): the closure's errors from those of the channels; what a still's rate errs by goes into the turns around it, where its bias
+    is taken from there."""
+    rows = noise.closure.stop
+    carry = np.zeros((rows, len(noise.white)))
+    carry[:, :rows] = np.eye(rows)
+    if problem.rest_rps is not None:
+        batch = problem.batch
+        sensitivity = sensitivity[:, :, : batch.angles]
+        first, last, share = bias_shares(problem)
+        before = np.einsum("st,stij->sij", 1 - share, sensitivity)
+        after = np.einsum("st,stij->sij", share, sensitivity)
+        for s in range(len(batch)):
+            own = slice(s * batch.angles, (s + 1) * batch.angles)
+            for still, part in ((first[s], before[s]), (last[s], after[s])):
+                carry[own, rows + 3 * still : rows + 3 * still + 3] -= part
+    return carry
+
+
+def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray:
+    """(n, n) of a heading that is estimated, or of one that is not known, where the latitude is."""
+    twin, earth = noise.twin, problem.earth
+    columns = twin.earth_columns().stacked() @ twin.start().axes.T
+    sigma = np.zeros(2)
+    if earth.source == "estimated":
+        sigma[0] = float(np.hypot(*earth.rate_t[:2])) * earth.heading_sigma_rad
+    elif earth.source == "unknown":
+        latitude_deg = problem.session.config.site.latitude_deg or 0.0
+        sigma[:] = EARTH_RATE_RPS * np.cos(np.radians(latitude_deg)) / np.sqrt(2)
+    return (columns * sigma**2) @ columns.T

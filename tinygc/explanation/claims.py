@@ -1,0 +1,206 @@
+"""What is claimed of a recording: an effect with its parameters in people's units, and how sure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+from scipy import stats
+
+from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
+from tinygc.explanation.data_repair import FROM_THE_BAR, Mended
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
+from tinygc.explanation.search import NamedEffect
+from tinygc.noise.channels import TurnGravity
+from tinygc.noise.refit import Refit
+from tinygc.noise.twin import State
+
+# A measured number for a person: two digits of its standard deviation, and the value to the same digit; and a p-value that underflows.
+
+MOST_DECIMALS = 12
+#: a double holds no p-value much below this; what is smaller is written as this, and said to be a bound
+SMALLEST_P = 1e-300
+
+
+def measured(value: float, std: float | None = None) -> str:
+    """``0.000951 ± 0.000012``; five digits of a value whose std is not known, or nothing."""
+    if std is None or not isfinite(std) or std <= 0 or not isfinite(value):
+        return f"{value:.5g}"
+    decimals = 1 - int(f"{std:.1e}".split("e")[1])
+    if decimals > MOST_DECIMALS:
+        return f"{value:.5g} ± {std:.2g}"
+    if decimals < 0:  # both end in zeros
+        return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+
+
+def p_entry(name: str, p_value: float, bound: bool = False) -> dict:
+    """A p-value for JSON, with ``<name>_is_upper_bound`` where it is no more than that: smaller than any number, for readers that take
+    logarithms, or taken from the bar of a detector."""
+    return {name: max(p_value, SMALLEST_P), **({f"{name}_is_upper_bound": True} if bound or p_value < SMALLEST_P else {})}
+
+
+def p_words(p_value: float, bound: bool = False) -> str:
+    """``= 0.012``, ``< 0.012`` for a bound, or ``< 1e-99``."""
+    return f"{'<' if bound else '='} {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"
+
+
+# Parameters as docs/formats.md names them, in people's units, with their standard deviations.
+
+
+def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
+    """theta (P,) SI, its JSON parameters, and their std."""
+    theta, effect = claim.theta, claim.effect
+    if effect.derived is not None:
+        return theta, *effect.derived.values(theta, covariance)
+    if isinstance(effect.gauge, Convention):
+        slope = effect.gauge.slope(theta)
+        covariance = slope @ covariance @ slope.T
+    parameter = effect.parameter
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
+    values, spread = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
+    return theta, {parameter.name: values, **effect.shape}, {parameter.name: spread}
+
+
+def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
+    """theta (P,) SI of an effect with such JSON parameters: the state's own where it holds the effect, which is exact for all."""
+    held = next((claim.theta for claim in state.claims if claim.effect.id == effect.id), None)
+    if held is None and isinstance(effect.derived, Parts):
+        return effect.derived.theta(parameters)
+    return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held
+
+
+# What a verdict and a channel are called.
+
+VERDICTS = {
+    "no_mismatch": ("nothing is missing: noise explains all that differs", "green"),
+    "explained": ("explained", "green"),
+    "ambiguous": ("explained, but this recording cannot decide between lookalikes", "yellow"),
+    "partly_explained": ("partly explained: something is left that has no name here", "yellow"),
+    "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
+}
+
+
+CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each still", "length": "length of gravity in each still"}
+
+
+# What is claimed of a recording: an effect with its parameters in people's units, how sure, and what could stand in for it.
+
+#: of what the registers or gravity within a still show by themselves
+CERTAIN = 0.999
+#: lever arm and offset
+OF_GRAVITY = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
+
+    probability: of the name, after all that was weighed; rivals: probability of what was weighed in its place, by id;
+    gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit;
+    p_is_bound: the p-value is that of a detector's bar, and what was found beyond it is less probable still.
+    """
+
+    effect: Effect
+    parameters: dict
+    std: dict
+    p_value: float
+    gain: float
+    equivalent: tuple[str, ...]
+    says: str
+    share: float | None = None
+    p_is_bound: bool = False
+    probability: float = 1.0
+    rivals: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Considered:
+    """What was weighed and is not borne out: id, its probability; moments that a detector proposed and closure did not bear out, or 0, with
+    the rms tilt (rad) of their segments as they are and with these moments mended."""
+
+    id: str
+    probability: float
+    moments: int = 0
+    closure_rad: tuple[float, float] | None = None
+
+
+def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
+    """The names, and the moments, that were not borne out; likeliest first."""
+    found = [Considered(name, p) for name, p in chance.items()]
+    for verdict in mended.verdicts:
+        left = len(verdict.events) - len(verdict.accepted)
+        if left:
+            probability = verdict.probability if not verdict.accepted else 0.0
+            found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
+    if mended.clipping is not None and not mended.clipping.borne_out and np.isfinite(mended.clipping.excess):
+        found.append(Considered("gyro.saturation", 0.0, len(mended.clipping.numbers)))
+    return sorted(found, key=lambda each: -each.probability)
+
+
+def mended_claims(mended: Mended) -> list[Claim]:
+    """What was found in the registers and stills."""
+    claims = []
+    for name, (parameters, std) in mended.found.items():
+        effect = catalogue()[name]
+        value = parameters[effect.parameter.name]
+        theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
+        probability = next((v.probability for v in mended.verdicts if v.id == name), CERTAIN)
+        bound = name in FROM_THE_BAR
+        claims.append(
+            Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta), p_is_bound=bound, probability=probability)
+        )
+    return claims
+
+
+def _delays(effect: Effect) -> bool:
+    """Whether to first order it delays each axis: what all axes share of that is a delay of the gyro."""
+    return effect.gauge is not None and bool(effect.gauge.delays)
+
+
+def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
+    """The delay between gyro and accelerometer, which closure does not see.
+
+    Beside a named lag, or what stands in for one, it could as well be that lag's common part.
+    """
+    if not gravity.is_offset:
+        return []
+    known = catalogue()
+    names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
+    lags = sorted(name for name in names if name in known and _delays(known[name]))
+    effect = known["timing.gyro_accel_offset"]
+    sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
+    # The sigma is from the scatter of so many turns: Student's tail, and its likelihood against the price of any name.
+    freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
+    p_value = float(2 * stats.t.sf(abs(t), freedom))
+    gain = freedom * np.log1p(t**2 / freedom)
+    probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
+    parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.says(np.array([gravity.offset_s]))
+    return [Claim(effect, parameters, std, p_value, 0.0, tuple(lags), says, probability=probability)]
+
+
+def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:
+    """What was named and refitted, or found without a name; beyond_noise: chi-square of the first look beyond its freedom."""
+    claims = []
+    numbers = {claim.effect.id: i for i, claim in enumerate(fit.state.claims)}
+    for each in named:
+        number = numbers[each.effect.id]
+        claim = fit.state.claims[number]
+        theta, parameters, std = readable(claim, fit.theta_covariance(number))
+        share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
+        claims.append(
+            Claim(
+                claim.effect,
+                parameters,
+                std,
+                each.p_value,
+                each.gain,
+                each.equivalent,
+                claim.effect.says(theta),
+                share,
+                probability=each.probability,
+                rivals=each.rivals,
+            )
+        )
+    return claims

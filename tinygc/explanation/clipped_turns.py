@@ -1,0 +1,230 @@
+"""Detect clipping below the register's range, and stills that creep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from session.detect.events import FALSE_ALARM, run_bar
+from session.detect.stills import CREEP_SIGMAS
+from session.io.numeric import runs_of, sigma_of_steps
+from session.io.samples import Samples, pieces
+from session.io.units import DEG
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import closure_angles
+from tinygc.explanation.faulty_readings import register_step
+from tinygc.noise.refit import refit
+from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.twin import Twin
+
+# Rates that stand at a level below what the register can hold: the sensor clips early.
+
+#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
+CORNER_CHI2 = 3 * 9 * 2
+#: share of full scale, below which no ceiling is looked for: 25 dps of 500, slower than a turn
+LEAST_CEILING = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedCeiling:
+    """A level that a rate does not leave: rad/s, and the mask (N,) of the samples at it."""
+
+    level: float
+    mask: np.ndarray
+
+
+def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
+    """A rate below the register's end that an axis reaches again and again, and never passes."""
+    found = []
+    for axis in range(3):
+        readings = samples.gyro[:, axis]
+        step = register_step(readings)
+        for sign in (1, -1):
+            values = sign * readings
+            top = values.max()
+            if top > LEAST_CEILING * full_scale_rps:
+                at = values >= top - step
+                bar = run_bar(float(sigma_of_steps(readings)), 2 * step)
+                start, stop = _longest_run(at)
+                if stop - start >= bar:
+                    found.append((top, at, _has_corners(values, start, stop, step)))
+    if not any(corners for _, _, corners in found):
+        return None
+    level = float(np.median([top for top, _, _ in found]))
+    return ReachedCeiling(level, np.any([at for _, at, _ in found], axis=0))
+
+
+def _longest_run(mask: np.ndarray) -> tuple[int, int]:
+    """Start and stop of it."""
+    starts, stops = runs_of(mask)
+    longest = int(np.argmax(stops - starts))
+    return int(starts[longest]), int(stops[longest])
+
+
+def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+    beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
+    return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)
+
+
+# A rate that is clipped before the registers: noise, misalignment and a filter lie on its plateaus, so that no register value repeats.
+#
+# A hand's strokes have peaks of every height, each round; clipped ones are flat, end in corners, and are all of one height, which no
+# stroke passes.  A motor makes such strokes, too: only segments that do not close tell (``mending``).
+
+#: a plateau stays within this share of its level (the linear errors that came after it: a data sheet's 1 % and a little), or so many times
+#: the readings' noise (once in 10^9)
+FLAT, NOISES = 0.012, 6.0
+#: as far beyond its ends as it is long, a round peak has fallen by 9 times what it stays within; a plateau's stroke by more than this
+CORNER = 18.0
+#: strokes of one height, within this share (twice those linear errors), and the least a plateau lasts
+#: (not critical: benchmarks/thresholds.py)
+FEWEST, SAME, SHORTEST_S = 3, 0.02, 0.05
+#: what is clipped is a turn: share of full scale, 25 dps of 500
+LEAST = 0.05
+#: shares: of a plateau's readings that are flat; of the plateaus that are of one height (not critical: benchmarks/thresholds.py)
+WHOLE, ALIKE = 0.9, 0.6
+
+
+def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
+    """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
+    levels, masks, peak = [], [], 0.0
+    for axis in range(3):
+        readings = samples.gyro[:, axis]
+        noise, peak = float(sigma_of_steps(readings)), max(peak, readings.max(), -readings.min())
+        for sign in (1.0, -1.0):
+            found = _plateaus(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
+            levels += [level for level, _, _ in found]
+            masks += [(level, start, stop) for level, start, stop in found]
+    if len(levels) < FEWEST:
+        return None
+    level = float(np.median(levels))
+    alike = [(start, stop) for each, start, stop in masks if abs(each - level) < SAME * level]
+    passed = peak > (1 + 2 * SAME) * level
+    if len(alike) < max(FEWEST, ALIKE * len(levels)) or passed:
+        return None
+    mask = np.zeros(len(samples), dtype=bool)
+    for start, stop in alike:
+        mask[start:stop] = True
+    for start, part in pieces(samples.gyro):
+        mask[start : start + len(part)] |= (np.abs(part) > (1 - SAME) * level).any(axis=1)
+    return ReachedCeiling(level, mask)
+
+
+def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
+    """(level, start, stop) of the flat top of each stroke that has one."""
+    found = []
+    high = values > max(least, 0.5 * values.max())
+    for begin, end in zip(*(edges.tolist() for edges in runs_of(high)), strict=True):
+        stroke = values[begin:end]
+        top = float(np.quantile(stroke, 0.9, method="lower"))  # one of its readings
+        within = max(FLAT * top, NOISES * noise)
+        flat = np.flatnonzero(np.abs(stroke - top) <= within)
+        start, stop = begin + int(flat[0]), begin + int(flat[-1]) + 1
+        length = stop - start
+        if length < shortest or len(flat) < WHOLE * length:
+            continue
+        beyond = values[[max(start - length, 0), min(stop + length, len(values)) - 1]]
+        if top - beyond.max() > CORNER * within:
+            found.append((top, start, stop))
+    return found
+
+
+# Turns in which a rate stood at a level are left out, if they close worse than the others: what was clipped is lost.
+
+#: segments without a loss from which a linear model can be had: twice as many angles as it has parameters
+FEWEST_WHOLE = 12
+#: share to which a level in the registers is known: three steps of 17.5 mdps at the least ceiling that is looked for, 25 dps
+LEVEL_KNOWN = 0.002
+#: segments with plateaus that miss by so many times what the others do were clipped: a tenth of a degree of a turn is enough
+#: (not critical: benchmarks/thresholds.py); at a level of the registers, which no other cause makes, twice is enough
+PLATEAU_EXCESS, CEILING_EXCESS = 10.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Clipping:
+    """level and known_to, rad/s; numbers of the segments that reach it; chance: bound of the chance that noise alone makes such a level;
+    borne_out: whether these segments close worse than the others; excess: by how many times."""
+
+    level: float
+    known_to: float
+    numbers: list[int]
+    chance: float
+    excess: float
+    borne_out: bool
+
+
+def find_clipping(problem: Problem) -> Clipping | None:
+    """In the registers, or as plateaus that were clipped before noise came on top; None where no level is reached."""
+    full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
+    ceilings: list[ReachedCeiling | None] = [find_ceiling(log.samples, full_scale) for log in problem.logs]
+    known_to, chance, bar = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM, CEILING_EXCESS
+    if not any(ceilings):
+        known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors came after
+        misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
+        chance = float(chi2.sf(misfit, int(problem.batch.known.sum())))
+        ceilings = [find_plateaus(log.samples, full_scale) for log in problem.logs]
+    levels = [ceiling.level for ceiling in ceilings if ceiling is not None]
+    if not levels:
+        return None
+    numbers = [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
+    if not numbers:
+        return None
+    excess = _excess(problem, numbers)
+    level = float(np.median(levels))
+    return Clipping(
+        level, known_to * level, numbers, min(chance, 1.0), excess, excess > bar or (np.isnan(excess) and bar == CEILING_EXCESS)
+    )
+
+
+def _excess(problem: Problem, numbers: list[int]) -> float:
+    """By how many times these segments close worse than the others, by the linear model of the others (or of all, where those are few)."""
+    hit = np.isin([segment.number for segment in problem.used], numbers)
+    if not hit.any():
+        return np.nan  # nothing of them is used, and nothing can be said
+    own = ~hit if (~hit).sum() >= FEWEST_WHOLE else np.ones_like(hit)
+    sigma = problem.floor.sigma
+    model = fit_least_squares(problem.batch.pick(own), sigma[own], problem.first).model
+    excess = np.sqrt(np.mean((closure_angles(problem.batch, model) / sigma) ** 2, axis=1))
+    return float(np.median(excess[hit]) / (1 if own.all() else max(1.0, np.median(excess[~hit]))))
+
+
+# Stills that are none: gravity moves in them, or they turn about the vertical, which only the gyro sees.
+
+#: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
+#: (not critical: benchmarks/thresholds.py)
+OUTLIER_SIGMAS = 10.0
+#: and lie within 18 degrees of it
+VERTICAL = 3.0
+
+
+def chance_of_creep(problem: Problem) -> float:
+    """Bound of the chance that noise alone makes one of the stills seem to creep."""
+    return min(1.0, len(problem.stills) * float(chi2.sf(CREEP_SIGMAS**2, 3)))
+
+
+def about_the_vertical(problem: Problem) -> list[int]:
+    """Numbers of the stills whose rate stands out from the others', along gravity."""
+    twin = Twin(problem)
+    whiten = known_whitener(twin)
+    reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
+    still_rows = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    good = np.ones(len(reference), dtype=bool)
+    fit = None
+    for _ in range(8):
+        rows = np.ones(whiten.parts["length"].stop, dtype=bool)
+        rows[still_rows[~good].ravel()] = False
+        fit = refit(twin, whiten, [], fit.state if fit else twin.start(), rows=rows, max_steps=4)
+        rate = twin.residuals(fit.state).still
+        spread = np.median(np.linalg.norm(rate, axis=1)) / 1.54
+        size = np.linalg.norm(rate, axis=1) / max(spread, 1e-12)
+        now = size < OUTLIER_SIGMAS
+        if (now == good).all() or now.sum() < len(now) / 2:
+            break
+        good = now
+    in_table = np.einsum("qij,qj->qi", rotation.matrix(twin.q_tb), rate)
+    vertical = np.abs(in_table[:, 2]) > VERTICAL * np.linalg.norm(in_table[:, :2], axis=1)
+    return [number for number, fine, along in zip(reference, good, vertical, strict=True) if not fine and along]

@@ -1,0 +1,520 @@
+"""Data repair: what the detectors propose is decided by the closure of the segments in which it lives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import chi2
+
+from session.detect import bridging
+from session.detect.segments import Segment
+from session.detect.stills import SessionStills
+from session.io.errors import CalibrationError
+from session.io.folder import Session
+from session.io.units import DEG
+from tinygc import closure
+from tinygc.closure.build import build_problem
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
+from tinygc.closure.residual import closure_angles
+from tinygc.effects import Effect
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis, candidates
+from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, Event, bridged, crossing, proposed
+from tinygc.explanation.search import search
+from tinygc.noise.components import undersampling
+from tinygc.noise.refit import design
+from tinygc.noise.session_noise import first_noise
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
+
+# Events of one turn are judged together: of two that both are false, neither closes the turn alone.
+
+#: events in one turn of which every choice is tried, sixty-four in all; of more, those are tried that a search goes through
+EVERY_CHOICE = 6
+
+#: which of a turn's events are mended
+Choice = frozenset[int]
+
+
+def choices(count: int, value: Callable[[Choice], tuple[float, float]]) -> dict[Choice, float]:
+    """Log-likelihood of every choice among ``count`` events that is worth a thought.
+
+    value(choice) -> its log-likelihood, and how far the turn misses.  A choice of which a part misses no more is none: what is allowed for
+    across a gap makes nothing of what is missed less of a miss.
+    """
+    seen: dict[Choice, tuple[float, float]] = {}
+
+    def known(choice: Choice) -> tuple[float, float]:
+        if choice not in seen:
+            seen[choice] = value(choice)
+        return seen[choice]
+
+    if count <= EVERY_CHOICE:
+        tried = [frozenset(some) for size in range(count + 1) for some in combinations(range(count), size)]
+    else:
+        nothing: Choice = frozenset()
+        tried = [*_climb(nothing, count, known), *_climb(frozenset(range(count)), count, known)]
+    worth = [choice for choice in tried if all(known(choice)[1] < known(choice - {one})[1] for one in choice)]
+    return {choice: known(choice)[0] for choice in worth}
+
+
+def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, float]]) -> list[Choice]:
+    """From one choice on by the best change of one event or two, as long as there is a better one; all that it goes through."""
+    changes = [frozenset(some) for size in (1, 2) for some in combinations(range(count), size)]
+    passed = [begin]
+    while True:
+        best = max((passed[-1] ^ change for change in changes), key=lambda choice: known(choice)[0])
+        if known(best)[0] <= known(passed[-1])[0]:
+            return passed
+        passed.append(best)
+
+
+def chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -> np.ndarray:
+    """(count,) posterior probability of each event, where such a share of all events is true beforehand."""
+    weight = np.array([L + len(c) * np.log(share) + (count - len(c)) * np.log1p(-share) for c, L in likelihood.items()])
+    weight = np.exp(weight - weight.max())
+    held = np.array([[one in choice for one in range(count)] for choice in likelihood], dtype=float)
+    return weight @ held / weight.sum()
+
+
+# Every proposed event on trial: is it borne out by the closure of the very segment in which it lives?
+#
+# A false reading was not turned, a real knock was; a loss hides a turn, a jerk does not.  The gravity at a segment's end says which, by the
+# physics that the segments without any event ask for, with the noise as it is.  Where many events of one kind are borne out, one that
+# closure cannot decide is likelier to be one of them: the share of true events is estimated with them (a mixture's EM).
+
+LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
+#: log of the likelihood ratio of a row that no sensor gives: it needs no closure
+CERTAIN = 20.0
+#: samples around a false reading over which an effect with a memory spreads it: a cubic spline forgets one by a factor of 3.7 with each
+SMEARED = 10
+#: passes over the events: their share settles in a few
+PASSES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Of one id: events with the probability (E,) that each is what it looks like; probability that there are any; length of a loss, or
+    0; before and tried, rms rad of tilt of the segments in which they live, as they are and
+    with all of them mended; log_ratio: logarithm of the likelihood ratio of all."""
+
+    id: str
+    events: list[Event]
+    chance: np.ndarray
+    probability: float
+    length: int
+    before_rad: float
+    tried_rad: float
+    log_ratio: float
+
+    @property
+    def accepted(self) -> list[Event]:
+        """The events that are likelier than not, if there are any of this kind at all."""
+        return [event for event, chance in zip(self.events, self.chance, strict=True) if chance > 0.5] if self.probability > 0.5 else []
+
+
+class Trial:
+    """Segments as they close with any of the events mended.
+
+    problem: as it was recorded; hypothesis: the physics, of a twin that has seen no event; quiet: the same problem with all false readings
+    bridged, whose turns say what their undersampling is.
+    """
+
+    def __init__(self, problem: Problem, hypothesis: Hypothesis, quiet: Problem):
+        self.twin = twin = Twin(problem)
+        self.state = hypothesis.fit.state
+        self.rates = twin.rates(self.state)
+        # Bridged as readings: what undoes a delay smears a false reading over its neighbours.
+        calm = Twin(quiet)
+        self._calm, self._bridged = calm, calm.rates(self.state)
+        self._smeared = SMEARED if any(claim.effect.reach for claim in self.state.claims) else 0
+        whiten = Whitener(twin)
+        noise = first_noise(twin, whiten, undersampling(calm) if len(quiet.used) == len(problem.used) else None)
+        noise = replace(noise, s=np.array([hypothesis.noise.size(c.name) for c in noise.components]))
+        whiten = whiten.with_more(noise.covariance)
+        columns = whiten.back(design(twin, whiten, self.state, self.rates)[0])[whiten.parts["closure"]]
+        known = columns @ hypothesis.fit.covariance @ columns.T
+        d, count = twin.batch.angles, len(twin.segments)
+        full = (whiten.covariance[whiten.parts["closure"], whiten.parts["closure"]] + known).reshape(count, d, count, d)
+        self.covariance = full[np.arange(count), :, np.arange(count)]
+        self._batch = twin.batch_at(self.state)
+        self._period_s = float(np.median([movement.dt_s for movement in twin.movements]))
+
+    def segment_of(self, event: Event) -> int | None:
+        """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
+        for i, segment in enumerate(self.twin.problem.used):
+            if segment.log == event.log and segment.start + bridging.SIDE <= event.row < segment.stop - bridging.SIDE:
+                return i
+        return None
+
+    def angles(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> np.ndarray:
+        """(d,) rad that segment i misses with these of its events mended."""
+        segment, batch, seen = self.twin.problem.used[i], self._batch, self.twin.segments[i]
+        count = segment.stop - segment.start
+        rate, dt, earth = self.rates[seen.log][seen.start : seen.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
+        for event in (e for e in mended if e.id == FALSE):
+            first, last = event.row - self._smeared, event.row + event.samples + self._smeared
+            here = slice(max(first, segment.start), min(last, segment.stop))
+            rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][self._calm.rows(segment.log, here)]
+        for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
+            at = event.row - segment.start + 1
+            between = bridging.across(rate, at - 1, at, length, cross(event).order)
+            rate, earth = np.insert(rate, at, between, axis=0), np.insert(earth, at, np.repeat(earth[at : at + 1], length, axis=0), axis=0)
+            dt = np.insert(dt, at, np.full(length, np.median(dt)))
+        one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
+        return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
+
+    def _choices(
+        self, i: int, own: list[Event], others: list[Event], cross: Callable[[Event], Crossing], length: int
+    ) -> dict[Choice, float]:
+        """Log-likelihood of each choice of segment i's own events, with ``others`` mended in any case."""
+
+        def value(choice: Choice) -> tuple[float, float]:
+            mended = [*others, *(own[k] for k in choice)]
+            angles = self.angles(i, mended, cross, length)
+            C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
+            likelihood = -(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2
+            likelihood += CERTAIN * sum(own[k].accel for k in choice)
+            return float(likelihood), float(angles @ np.linalg.solve(self.covariance[i], angles))
+
+        return choices(len(own), value)
+
+    def lost_each_time(self, losses: list[Event]) -> int:
+        """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
+
+        For this search a loss is one long step, and each segment has one at the most, at any of its events, or has none: one without a
+        loss must not decide for the others.
+        """
+        inside: dict[int, list[int]] = {}
+        for event in losses:
+            if (i := self.segment_of(event)) is not None:
+                inside.setdefault(i, []).append(event.row - self.twin.problem.used[i].start)
+        if not inside:
+            return 0
+        numbers = np.array(sorted(inside))
+        part = replace(self._batch.pick(numbers), rate=self.twin.padded(self.rates)[numbers])
+        inverse = np.linalg.inv(self.covariance[numbers])
+        rows = [inside[int(i)] for i in numbers]
+
+        def chi_square(count: int, turn: int) -> np.ndarray:
+            dt = part.dt.copy()
+            for row, events in zip(dt, rows, strict=True):
+                row[events[turn % len(events)]] += count * self._period_s
+            angles = closure.error_angles(closure.segment_residuals(replace(part, dt=dt), part.rate))
+            return np.einsum("si,sij,sj->s", angles, inverse, angles)
+
+        as_it_is = chi_square(0, 0)
+
+        def cost(count: int) -> float:
+            tried = [as_it_is, *(chi_square(count, turn) for turn in range(max(map(len, rows))))]
+            return float(-2 * np.sum(np.logaddexp.reduce([-chi / 2 for chi in tried], axis=0)))
+
+        return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
+
+    def _tilt_rms(self, mended: dict[int, list[Event]], cross: Callable[[Event], Crossing], length: int) -> float:
+        """rad, of segments with these of their events mended."""
+        squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
+        return float(np.sqrt(np.mean(squares))) if squares else 0.0
+
+    def judge(self, name: str, events: list[Event], others: list[Event]) -> Verdict:
+        """Events of one id, with ``others``, of another id, mended already."""
+        length = self.lost_each_time(events) if name == LOST else 0
+        where = [self.segment_of(event) for event in events]
+        crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
+        cross = crossings.__getitem__
+        inside = {i: [k for k, at in enumerate(where) if at == i] for i in sorted({i for i in where if i is not None})}
+        likely, can_be = {}, name == FALSE or length > 0
+        if can_be:
+            for i, own in inside.items():
+                beside = [e for e in others if self.segment_of(e) == i]
+                likely[i] = self._choices(i, [events[k] for k in own], beside, cross, length)
+        share, chance = 0.5, np.zeros(len(events))
+        for _ in range(PASSES if can_be else 0):
+            # Where no closure decides it is what the others are, but for a row that no sensor gives.
+            before, chance = chance, np.array([1.0 if event.accel else share for event in events])
+            for i, own in inside.items():
+                chance[own] = chance_of_each(len(own), likely[i], share)
+            share = float((chance.sum() + 0.5) / (len(chance) + 1))
+            if ((before > 0.5) == (chance > 0.5)).all():
+                break
+        accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5]
+        best = {i: frozenset(n for n, k in enumerate(own) if chance[k] > 0.5) for i, own in inside.items()}
+        nothing: Choice = frozenset()
+        closed = sum(likely[i].get(best[i], likely[i][nothing]) - likely[i][nothing] for i in likely)
+        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1  # of lengths, one was the best
+        in_rests = CERTAIN * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
+        log_ratio = float(closed) + in_rests - np.log(tries)
+        touched = list(inside)
+        none: dict[int, list[Event]] = {i: [] for i in touched}
+        all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
+        rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]
+        probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
+        if not accepted:
+            chance = np.zeros(len(events))
+        return Verdict(name, events, chance, float(probability), length, rms[0], rms[1], log_ratio)
+
+
+def lowest(cost: Callable[[int], float], most: int) -> int:
+    """The count of 0 … most with the lowest cost, a valley: coarse steps first, then all between."""
+    step = max(1, most // 16)
+    costs = {count: cost(count) for count in range(0, most + 1, step)}
+    best = min(costs, key=costs.__getitem__)
+    costs |= {count: cost(count) for count in range(max(best - step + 1, 0), min(best + step, most + 1)) if count not in costs}
+    return min(costs, key=costs.__getitem__)
+
+
+# How many samples were lost each time, where hardly a turn is without a loss: each count with the linear model that suits it best.
+
+
+def common_count(problem: Problem, losses: list[Event]) -> int:
+    """Samples missing after each of the events, the same for all, by the closure of all segments.
+
+    For this search a loss is one long step.
+    """
+    batch, sigma = problem.batch, problem.floor.sigma
+    steps = [
+        [e.row - segment.start for e in losses if e.log == segment.log and segment.start <= e.row < segment.stop - 1]
+        for segment in problem.used
+    ]
+    period_s = float(np.median([log.samples.period_s for log in problem.session.logs]))
+
+    def cost(count: int) -> float:
+        dt = batch.dt.copy()
+        for row, inside in zip(dt, steps, strict=True):
+            row[inside] += count * period_s
+        trial = replace(batch, dt=dt)
+        try:  # an absurd count has no model
+            fitted = fit_least_squares(trial, sigma, problem.first).model
+        except CalibrationError:
+            return np.inf
+        angles = closure.error_angles(closure.segment_residuals(trial, fitted(trial.rate)))
+        return float(np.sum((angles / sigma) ** 2))
+
+    return lowest(cost, round(LONGEST_LOSS_S / period_s)) if any(steps) else 0
+
+
+# Turns with an event that do not close as most others do: the physics by which events are judged is not taken from them.
+#
+# Least trimmed squares (Rousseeuw 1984): the fit of those segments that close best, found by concentration (Rousseeuw and Van Driessen
+# 1999): fit, keep those that close best by this fit, and so on.
+
+#: times the typical size of a closure; noise alone, by a fit to the few that suit it best, is beyond 3.5 in one turn of fifty and not
+#: beyond this (tests/test_left_open.py)
+OPEN = 5.0
+#: share of the segments that is kept at first, and of a normal law's closures the typical size among these over that of all
+KEPT, SIZE_OF_KEPT = 0.6, 0.71
+#: of concentration, which settles in a few
+ROUNDS = 12
+
+
+def left_open(problem: Problem, touched: np.ndarray) -> np.ndarray:
+    """(S,) bool of the touched (S,) segments that close far worse than most."""
+    count = min(max(round(KEPT * len(touched)), FEWEST_WHOLE), len(touched))
+    starts = [np.arange(len(touched)), np.flatnonzero(~touched)]
+    sizes = [_concentrated(problem, start, count) for start in starts if len(start) >= count or start is starts[0]]
+    size = min(sizes, key=lambda each: np.sum(np.sort(each)[:count] ** 2))
+    found = touched & (size > OPEN * np.median(np.sort(size)[:count]) / SIZE_OF_KEPT)
+    size = _closure(problem, np.flatnonzero(~found))  # so few as were kept are easily fitted too well
+    return found & (size > OPEN * np.median(size[~found]))
+
+
+def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
+    """(S,) ``_closure`` by the fit of the ``count`` that close best, found from those that are kept first."""
+    size = np.zeros(len(problem.batch))
+    for _ in range(ROUNDS):
+        size = _closure(problem, kept)
+        best = np.sort(np.argsort(size)[:count])
+        if np.array_equal(best, kept):
+            break
+        kept = best
+    return size
+
+
+def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
+    """(S,) of each segment over its floor, by the fit of those that are kept."""
+    batch, sigma = problem.batch, problem.floor.sigma
+    model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
+    return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
+
+
+# What the registers and the stills themselves tell, proposed by detectors and decided by the closure of the segments concerned.
+
+#: found by a detector, which gives the chance of its bar and no smaller one
+FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """What was mended.
+
+    problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
+    id -> upper bound of the chance that noise alone does it in this recording; misfit: chi-square of the closure before, 0 where nothing
+    was mended; reference: effects that the segments without any event ask for;
+    verdicts: on what was proposed, borne out or not; clipping likewise."""
+
+    problem: Problem
+    found: dict[str, tuple[dict, dict]]
+    p_value: dict[str, float]
+    misfit: float = 0.0
+    reference: tuple[Effect, ...] = ()
+    verdicts: list[Verdict] = field(default_factory=list)
+    clipping: Clipping | None = None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Where samples were put back: log, row of the first, and the rotation (rad per axis) that nobody can know."""
+
+    log: int
+    row: int
+    missed_rad: float
+
+
+def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> Mended:
+    """Clipping, then false readings and losses, then creeping stills: each is proposed, tried, and mended where it is borne out."""
+    found: dict[str, tuple[dict, dict]] = {}
+    chances: dict[str, float] = {}
+    original = problem
+    progress("registers")
+    clipping = find_clipping(problem)
+    if clipping is not None and clipping.borne_out:
+        found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
+        chances["gyro.saturation"] = clipping.chance
+        with suppress(CalibrationError):  # too few are left: they stay, and are known to be clipped
+            problem = _again(problem, problem.session, clipped=tuple(clipping.numbers))
+    verdicts, reference = _tried(problem, clipping, progress)
+    problem, gaps = _with_accepted(problem, verdicts, found, chances)
+    progress("stills")
+    problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
+    return Mended(problem, found, chances, _misfit(original) if found else 0.0, reference, verdicts, clipping)
+
+
+def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
+    """Verdicts on false readings and losses, in this order; of events in turns that are clipped nothing can be said; and
+    the effects of the physics that judged them."""
+    clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
+    events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]
+    if not events:
+        return [], ()
+    progress("events on trial")
+    false, lost = ([e for e in events if e.id == name] for name in (FALSE, LOST))
+    quiet = _again(problem, bridged(problem.session, false)) if false else problem
+    reference = _reference(problem, quiet, false, lost)
+    trial = Trial(problem, reference, quiet)
+    verdicts = [trial.judge(FALSE, false, [])] if false else []
+    if lost:
+        verdicts.append(trial.judge(LOST, lost, [e for v in verdicts for e in v.accepted]))
+    return verdicts, reference.effects
+
+
+def _reference(problem: Problem, quiet: Problem, false: list[Event], lost: list[Event]) -> Hypothesis:
+    """The physics by which events are judged: of the segments that close, with or without any.  Where those are few, or do not close as a
+    sensor's do, also of all, as they are and with everything mended; whichever has the greater evidence for each of its values."""
+    inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
+    touched = {number for numbers in inside.values() for number in numbers}
+    in_rests = [e for e in false if not inside[e]]
+    tried = []
+    with suppress(CalibrationError):  # what is left does not hold together
+        is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
+        if (~is_open).sum() >= FEWEST_WHOLE:
+            open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
+            tried.append(_searched(_again(problem, bridged(problem.session, in_rests), left_out=open_ones)))
+    if not tried or tried[0].noise.unusual:
+        session, count = quiet.session, common_count(quiet, lost) if lost else 0
+        if count:
+            session, _ = _with_lost(session, lost, count)
+        tried += [_searched(problem), _searched(_again(problem, session))]
+    return min(tried, key=lambda h: h.score / max(len(h.fit.r), 1))
+
+
+def _searched(problem: Problem) -> Hypothesis:
+    evidence = Evidence(Twin(problem))
+    return search(evidence, candidates(evidence.twin), evidence.nothing)
+
+
+def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
+    """The problem with what was borne out mended, and where samples were put back."""
+    false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
+    if not false and not lost:
+        return problem, []
+    if false:
+        at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
+        found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # counted, not measured: no std
+    gaps: list[Gap] = []
+    session = bridged(problem.session, false)
+    if lost:
+        (length,) = (v.length for v in verdicts if v.id == LOST)
+        began, times = 0.0, []
+        for number, log in enumerate(problem.session.logs):
+            rows = [e.row for e in lost if e.log == number]
+            times += [began + float(log.samples.t_s[row]) + i * length * log.samples.period_s for i, row in enumerate(rows)]
+            began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # with what was put back
+        found[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a step
+        session, gaps = _with_lost(session, lost, length)
+    for v in verdicts:
+        if v.accepted:
+            chances[v.id] = min(1.0, len(v.events) * float(chi2.sf(max(2 * v.log_ratio, 0.0), len(v.accepted))))
+    return _again(problem, session), gaps
+
+
+def _with_lost(session: Session, lost: list[Event], length: int) -> tuple[Session, list[Gap]]:
+    """The session with ``length`` samples put back after each of the events."""
+    logs, gaps = [], []
+    for number, log in enumerate(session.logs):
+        rows = np.array([e.row for e in lost if e.log == number], dtype=int)
+        if len(rows):
+            orders, missed_rad = zip(*(bridging.best_order(log.samples, np.array([row]), length) for row in rows), strict=True)
+            gaps += [Gap(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
+            moved = tuple(replace(each, row=each.row + length * int(np.sum(rows < each.row))) for each in log.bridges)
+            log = replace(log, samples=faulty_readings.with_lost(log.samples, rows, length, np.array(orders)), bridges=moved)
+        logs.append(log)
+    return replace(session, logs=tuple(logs)), gaps
+
+
+def _misfit(problem: Problem) -> float:
+    """Chi-square of the closure."""
+    return float(np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2))
+
+
+def _again(
+    problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = (), left_out: tuple[int, ...] = ()
+) -> Problem:
+    """The problem of a mended session, or with clipped segments or moving stills, without what was left out before."""
+    out = {why: [segment for segment in problem.segments if segment.problem == why] for why in (LEFT_OUT, CLIPPED)}
+    found = SessionStills(session, problem.found)
+    if moving:  # a still less joins two turns, and shifts the numbers behind it
+        segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
+        out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
+    asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
+    use_earth = problem.earth.source != "none"
+    return build_problem(session, use_earth=use_earth, exclude=asked + left_out, clipped=clipped + at_level, moving=moving, found=found)
+
+
+def _inside(old: Segment, new: Segment) -> bool:
+    return old.log == new.log and new.start <= (old.start + old.stop) // 2 < new.stop
+
+
+def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
+    """The floor of each segment, wider by what its gaps may hide."""
+    if not gaps:
+        return problem
+    added = [sum(gap.missed_rad**2 for gap in gaps if gap.log == s.log and s.start <= gap.row < s.stop) for s in problem.used]
+    own = problem.floor.own + np.array(added)[:, None, None] * np.eye(problem.batch.angles)
+    return replace(problem, floor=replace(problem.floor, own=own))
+
+
+def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
+    """Stills in which gravity moves were found by the detector; those that turn about the vertical stand out by their rate."""
+    numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
+    if not numbers:
+        return problem
+    turning = about_the_vertical(problem)
+    found["reference.not_still"] = ({"stills": sorted(numbers + turning)}, {})
+    chances["reference.not_still"] = chance_of_creep(problem)
+    return _again(problem, problem.session, moving=tuple(turning)) if turning else problem

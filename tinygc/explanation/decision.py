@@ -1,0 +1,476 @@
+"""Detect, name, refuse, prove: what a recording shows, and closure on segments that the fit never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from scipy import stats
+from scipy.stats import chi2
+
+from session.detect.check_time import STEPS
+from session.detect.segments import Segment
+from session.io.units import DEG
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import closure_angles, sensitivity
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.claims import Claim
+from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, candidates, left_of, orthonormal, scanned, selection_of
+from tinygc.explanation.search import STAND_IN, NamedEffect, Naming, exchanged, guesses, probabilities, rivals_of, search
+from tinygc.explanation.unknown import NAMELESS, curves_like, slow_candidates, unknown_candidates
+from tinygc.models import linear
+from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED
+from tinygc.noise.refit import Refit, prior_sigmas, refit
+from tinygc.noise.session_noise import SessionNoise, known_whitener
+from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.whitening import TOGETHER, Whitener
+
+# Prove: closure on segments that the refit never saw, before, after, and the floor.
+
+#: ten-fold cross-validation, stratified in time (Kohavi 1995)
+FOLDS = 10
+#: Gauss-Newton from the whole fit, of which a fold lacks a tenth: iterations, not a bar
+FOLD_STEPS = 3
+#: times the floor's variance, below which a share of the excess is a share of noise: 80 angles know their variance to 16 %; three of that
+LEAST_EXCESS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """Held-out error angles (S, d) rad: before with the linear model alone, after with what is named; floor_rms rad of tilt; changed:
+    whether anything is mended or named between them.
+
+    before and after may have different segments: what cannot be mended (clipped turns) is left out of after.  Both are numbered as
+    before.
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    before_numbers: list[int]
+    after_numbers: list[int]
+    floor_rms: float
+    changed: bool
+
+    @property
+    def removed(self) -> float | None:
+        """Share of the excess over the floor that is gone; None where there was none to speak of, or nothing was changed.  What chance
+        leaves below the floor is no more than all of it."""
+        floor = self.floor_rms**2
+        excess = tilt_rms(self.before) ** 2 - floor
+        return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
+
+
+def tilt_rms(angles: np.ndarray) -> float:
+    """rad."""
+    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
+
+
+def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: np.ndarray | None = None) -> Proof:
+    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: of the linear model, where it is known."""
+    changed = bool(fit.state.claims) or twin.problem is not original
+    if changed and (before is None or twin.problem is not original):
+        before = linear_held_out(original, twin, whiten)
+    after = held_out(twin, whiten, fit)
+    return Proof(
+        before=before if changed and before is not None else after,
+        after=after,
+        before_numbers=[segment.number for segment in original.used],
+        after_numbers=_numbers_before(original, twin),
+        floor_rms=twin.problem.floor.tilt_rms,
+        changed=changed,
+    )
+
+
+def _numbers_before(original: Problem, twin: Twin) -> list[int]:
+    """Numbers that the twin's segments had before mending: a still that is none any more joins two turns, and shifts those behind it."""
+
+    def middle(segment: Segment) -> float:
+        return segment.start_s + segment.duration_s / 2
+
+    numbers = []
+    for segment in twin.segments:
+        same_log = [other for other in original.segments if other.log == segment.log] or original.segments
+        numbers.append(min(same_log, key=lambda other: abs(middle(other) - middle(segment))).number)
+    return numbers
+
+
+def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
+    """By the linear model: fitted to the ends alone, or to all that ``after`` is fitted to, whichever closes better; the rates of the
+    stills make any fit better, and are not to be credited to what is named."""
+    if twin.problem is not original:
+        twin = Twin(original)
+        whiten = known_whitener(twin)
+    alike = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
+    return min(_by_ends(original), alike, key=tilt_rms)
+
+
+def _by_ends(problem: Problem) -> np.ndarray:
+    """(S, d) rad: by the model of the other folds' ends, linear around that of all, from which a fold is not far."""
+    batch, sigma = problem.batch, problem.floor.sigma
+    model = fit_least_squares(batch, sigma, problem.first).model
+    angles = closure_angles(batch, model)
+    columns = linear.columns(sensitivity(batch, model(batch.rate)), batch.rate)[:, : batch.angles] * linear.PRIOR_SIGMA
+    weighted, weight = columns / sigma.reshape(len(batch), -1, 1), 1 / sigma.reshape(len(batch), -1)
+    normal = np.einsum("sai,saj->ij", weighted, weighted) + np.eye(linear.PARAMETERS)
+    found = np.zeros_like(angles)
+    for held in folds_of(len(batch)):
+        own = weighted[held].reshape(-1, linear.PARAMETERS)
+        # The whole fit stands where nothing pulls; without these rows it moves by what they pulled.
+        moved = np.linalg.solve(normal - own.T @ own, own.T @ (angles[held] * weight[held]).ravel())
+        found[held] = angles[held] + columns[held] @ moved
+    return found
+
+
+def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
+    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for."""
+    prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+    return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
+
+
+def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """(n,) stacked: every row as the parameters predict it that the rows of other folds ask for; a still's by the last of its folds.
+
+    r (n,) and J (n, p) are whitened, at the fit of all rows, J in its priors' sigmas.  Leaving rows out is the same as giving each a free
+    number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside the columns; the parameters then move by what the
+    rows no longer pull.  Linear around the whole fit, from which a fold is not far.
+    """
+    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    pulled_J, pulled_r, gradient = whiten.pulled(J), whiten.pulled(r), J.T @ r
+    found = np.full(len(r), np.nan)
+    for held in folds_of(len(twin.segments)):
+        rows = np.flatnonzero(~fold_rows(twin, whiten, held))
+        across = pulled_J[rows]
+        precision = whiten.precision[np.ix_(rows, rows)] - across @ inverse @ across.T
+        taken = np.linalg.solve(precision, pulled_r[rows] - across @ (inverse @ gradient))
+        # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
+        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across.T @ taken))
+    return found
+
+
+def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
+    """Indices of the segments that are held out together: every so-many-th."""
+    return [np.arange(k, count, folds) for k in range(min(folds, count))]
+
+
+def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
+    """Rows (n,) bool of the channels that say nothing of the held-out segments: neither them nor the stills at their ends."""
+    d = twin.batch.angles
+    still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    rows = np.ones(whiten.parts["length"].stop, dtype=bool)
+    rows[(held[:, None] * d + np.arange(d)).ravel()] = False
+    if twin.stills:
+        ends = np.unique([twin.first[held], twin.last[held]])
+        rows[still[ends].ravel()] = False
+        rows[whiten.parts["length"].start + ends] = False
+    return rows
+
+
+# A name beside a curve without one, over the same variable: is it more than a further term of that curve?
+#
+# Where the scale bends with the rate as nothing in the catalogue does, any power of the rate makes the fit better, a named one as well as
+# another.  Such a name says that there is more of the curve, not that its own law is there.
+
+#: share of what a name does beside all else that further terms of the curve do as well, from which on it is one of them
+SAME = 0.9
+
+
+def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
+    """Whether the effect of this number does in the channels what further terms of a nameless curve in the same hypothesis do."""
+    own, J = best.effects[number], best.fit.J
+    for other in best.effects:
+        if not other.id.startswith(NAMELESS) or own.id.startswith(NAMELESS) or other.regime is None or own.regime is None:
+            continue
+        terms = curves_like(evidence.twin, other) if own.regime[0] == other.regime[0] else []
+        if not terms:
+            continue
+        part = claim_slice(best.fit.state.claims, number)
+        rest = orthonormal(np.delete(J, part, axis=1))
+        does = left_of(rest, J[:, part])
+        curve = left_of(rest, np.concatenate([best.whiten(evidence.columns(term)) for term in terms], axis=1))
+        if does.shape[1] and np.sum((curve.T @ does) ** 2) > SAME * does.shape[1]:
+            return True
+    return False
+
+
+# ``motion.undersampled``: a claim about the turns' own noise, weighed against the same noise without that cause.
+
+#: of the floor's rms, below which it is told among the noise and is no claim: it adds a tenth to the closure
+WORTH_SAYING = 0.5
+
+
+def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
+    """The claim, if the recording bears it out: the noise is less probable without it, whatever each turn may err by otherwise."""
+    factor, missed = noise.size(UNDERSAMPLED), noise.missed
+    floor = twin.problem.floor.tilt_rms
+    if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
+        return []
+    J = whiten.back(fit.J) * Evidence.prior_of(twin, fit)
+    fewer = noise.without(UNDERSAMPLED)
+    gain = fewer.estimated(whiten, whiten.back(fit.r), J, fewer.s).value - noise.value
+    probability = float(1 / (1 + np.exp(-np.clip(gain, -700, 700) / 2)))
+    if probability < 0.5:
+        return []
+    effect = catalogue()[UNDERSAMPLED]
+    sigma = next(float(s) for s, c in zip(noise.sigma, noise.components, strict=True) if c.name == UNDERSAMPLED)
+    angles = twin.residuals(fit.state).closure[:, :2]
+    own = float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))
+    rates = missed.rate_hz / np.array([1, *STEPS])
+    closure = np.sqrt(own**2 + np.concatenate([[0.0], 2 * missed.missed_rad**2]))
+    size = factor * missed.rms_rad
+    beyond = own**2 - floor**2
+    each = factor * np.sqrt(2) * missed.predicted_rad
+    parameters = {
+        "predicted_deg": size / DEG,
+        "share": float(min(size**2 / beyond, 1.0)) if beyond > 0 else 1.0,
+        "turns": [s.number for s, angle in zip(twin.segments, each, strict=True) if angle > floor],
+        "rates_hz": rates.tolist(),
+        "closure_deg": (closure / DEG).tolist(),
+        "exponent": -missed.exponent,
+    }
+    says = f"{effect.says(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
+    std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
+    return [Claim(effect, parameters, std, float(chi2.sf(max(gain, 0.0), 1)), max(gain, 0.0), (), says, probability=probability)]
+
+
+# A claim stays only if what the fit never saw improves with it by more than chance, paired by segments.
+#
+# Each segment is left out together with the stills at its ends; all its rows are predicted with the claim and without it, everything else
+# fitted anew both times.  A scanned shape (the moment of a step, the frequency of a line) is searched for anew, too: one that was found
+# with the left-out rows improves them by chance.
+
+#: a claim whose improvement chance makes in one recording of twenty is not borne out
+BORNE_OUT_P = 0.05
+
+
+def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
+    """Whether a claim of a hypothesis improves what was left out."""
+    effect, prior = have.effects[number], evidence.prior(have.fit)
+    shapes = None
+    if effect.scan is not None:
+        shapes = have.whiten.each(map(evidence.columns, effect.variants(scanned(evidence.twin, effect))))
+    return improvement_p(evidence.twin, have, prior, number, shapes) < BORNE_OUT_P
+
+
+def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, shapes: Iterable[np.ndarray] | None = None) -> float:
+    """Probability that chance improves the left-out segments as much as a claim does (Wilcoxon's signed ranks, one-sided).
+
+    prior (p,): of all parameters of the hypothesis.  shapes: whitened columns (n, P) of every shape that the claim might have had.
+    """
+    whiten, fit = have.whiten, have.fit
+    part = claim_slice(fit.state.claims, number)
+    J = fit.J * prior
+    fewer = np.delete(J, part, axis=1)
+    r = fit.r - fit.J[:, part] @ fit.state.claims[number].theta
+    r = r - fewer @ np.linalg.solve(fewer.T @ fewer + np.eye(fewer.shape[1]), fewer.T @ r)
+    if shapes is not None:
+        with_it = _left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
+    else:
+        with_it = left_out(twin, whiten, fit.r, J)
+    gains = per_segment(twin, have, left_out(twin, whiten, r, fewer)) - per_segment(twin, have, with_it)
+    return float(stats.wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+
+
+def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
+    """(n,) stacked, as ``left_out``, with columns J (n, p) and that one of the shapes, each (n, P), that the seen rows ask for most."""
+    folds = [_Fold(twin, whiten, r, J, held) for held in folds_of(len(twin.segments))]
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    shapes = iter(shapes)
+    while some := list(islice(shapes, TOGETHER)):  # there may be thousands
+        columns = np.concatenate(some, axis=1)
+        pulled, stacked = whiten.pulled(columns), whiten.back(columns)
+        for fold in folds:
+            fold.try_shapes(columns, pulled, stacked, some[0].shape[1])
+    found = np.full(len(r), np.nan)
+    for fold in folds:
+        found[fold.rows] = stacked_r[fold.rows] - stacked_J[fold.rows] @ fold.theta_J - fold.of_shape
+    return found
+
+
+class _Fold:
+    """What the rows that one fold sees ask for: theta_J (p,) of the columns J, and of_shape (k,), the best shape so far in the k rows that
+    it does not see, stacked."""
+
+    def __init__(self, twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, held: np.ndarray):
+        self.rows = rows = np.flatnonzero(~fold_rows(twin, whiten, held))
+        # Inner products of the seen rows alone: each held-out row has a free number of its own.
+        self._precision = whiten.precision[np.ix_(rows, rows)]
+        self._r, self._J, self._pulled_J = r, J, whiten.pulled(J)[rows]
+        free = np.linalg.solve(self._precision, np.column_stack([self._pulled_J, whiten.pulled(r)[rows]]))
+        self._free_r = free[:, -1]
+        self._inverse = np.linalg.inv(J.T @ J - self._pulled_J.T @ free[:, :-1] + np.eye(J.shape[1]))
+        self._right_J = J.T @ r - self._pulled_J.T @ self._free_r
+        self.theta_J, self.of_shape, self._least = self._inverse @ self._right_J, np.zeros(len(rows)), 0.0
+
+    def try_shapes(self, columns: np.ndarray, pulled: np.ndarray, stacked: np.ndarray, size: int) -> None:
+        """Whitened columns (n, V size) of V shapes, pulled and stacked: whether one is asked for more than those before."""
+        pulled, free = pulled[self.rows], np.linalg.solve(self._precision, pulled[self.rows])
+        common = self._J.T @ columns - self._pulled_J.T @ free
+        right = columns.T @ self._r - pulled.T @ self._free_r
+        for first in range(0, columns.shape[1], size):
+            own = slice(first, first + size)
+            across = self._inverse @ common[:, own]
+            normal = columns[:, own].T @ columns[:, own] - pulled[:, own].T @ free[:, own] - common[:, own].T @ across + np.eye(size)
+            pull = right[own] - across.T @ self._right_J
+            theta = np.linalg.solve(normal, pull)
+            if pull @ theta > self._least:
+                self._least = float(pull @ theta)
+                self.theta_J = self._inverse @ self._right_J - across @ theta
+                self.of_shape = stacked[self.rows, own] @ theta
+
+
+def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
+    """(S,) squares of left-out rows (n,) in their sigmas, of each segment with the still that it begins at."""
+    square = np.nan_to_num((rows / have.whiten.sigma) ** 2)
+    closure, still, length = (square[part] for part in have.whiten.parts.values())
+    total = closure.reshape(len(twin.segments), -1).sum(axis=1)
+    if not twin.stills:
+        return total
+    return total + still.reshape(-1, 3).sum(axis=1)[twin.first] + length[twin.first]
+
+
+# Detect, name, refuse: what a recording shows, in the one way in which `explain` says it and `fit --physics auto` takes it over.
+
+#: a name is said if it, with what could stand in for it, is more probable than not
+SAID = 0.5
+#: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
+INSTEAD = 60.0
+#: false alarms of noise that is no sensor's: a fifth of what the shapes are allowed (benchmarks/null_sessions.py)
+UNUSUAL_P = 0.01
+MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
+
+
+@dataclass(frozen=True, eq=False)
+class NamingDecision:
+    """naming: the names that are kept, with the fit; beyond: shapes without a name; considered: names that were weighed and are not
+    borne out, with their probability; whiten and noise: the covariance of all that; undersampled: the claim about the turns' own noise;
+    unusual: whether the rest of that noise is no sensor's; p_value of the detection; before (S, d) rad: the linear model's held-out
+    angles, where anything is kept."""
+
+    naming: Naming
+    beyond: list[NamedEffect]
+    considered: dict[str, float]
+    whiten: Whitener
+    noise: SessionNoise
+    p_value: float
+    undersampled: list[Claim]
+    unusual: bool
+    before: np.ndarray | None = None
+
+    @property
+    def refused(self) -> bool:
+        """There is a mismatch, and no name for it."""
+        return not self.naming.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
+
+
+def decide(
+    twin: Twin,
+    seed: int,
+    progress: Callable[[str], None] = lambda what: None,
+    begin: tuple[Effect, ...] = (),
+    odds: Mapping[str, float] | None = None,
+) -> NamingDecision:
+    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
+
+    begin: effects that a part of the recording has asked for already, where the search may begin; odds: of those that a lot has, by id.
+    """
+    evidence, tried = Evidence(twin, odds), candidates(twin)
+    progress("detecting")
+    first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)
+    best = search(evidence, tried, start, progress=progress)
+    progress("lookalikes")
+    best = exchanged(evidence, tried, best)
+    progress("beyond the catalogue")
+    best = _beyond(evidence, tried, best, first_p)
+    return decided(evidence, best, first_p, len({effect.id for effect in tried}))
+
+
+def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
+    """Shapes without a name, beside the names and in their place; the lines among them, of which there are hundreds, only where something
+    is left that nothing else takes up."""
+    shapes = slow_candidates(evidence.twin)
+    ahead = search(evidence, shapes, best, most=MOST_FINDINGS)
+    if best.effects and any(g.score < ahead.score + INSTEAD for g in guesses(evidence, shapes, evidence.nothing)[:1]):
+        ahead = min(ahead, search(evidence, shapes, evidence.nothing, most=MOST_FINDINGS), key=lambda h: h.score)
+    if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
+        ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
+    if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
+        # A name that stood for a part of what the shape describes may go, another come.
+        ahead = exchanged(evidence, tried, search(evidence, tried, exchanged(evidence, tried, ahead), most=MOST_FINDINGS))
+    return ahead
+
+
+def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> NamingDecision:
+    """What of the best hypothesis is said."""
+    twin, weighed = evidence.twin, evidence.weighed
+    chance = probabilities(weighed)
+    named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
+    kept = [
+        n
+        for number, n in enumerate(named)
+        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID
+        and borne_out(evidence, best, number)
+        and not part_of_a_curve(evidence, best, number)
+    ]
+    fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
+    before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
+    if before is not None:
+        kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
+    if not kept:  # all is judged against the noise that there is without any of them
+        best, fit, before = evidence.nothing, evidence.nothing.fit, None
+    names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
+    ids = {n.effect.id for n in kept}
+    # What is vetoed may fit the segments that were seen: it is no more probable than not.
+    considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
+    first = refit(twin, best.whiten, [], twin.start())
+    r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
+    noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
+    undersampled = undersampled_claim(twin, best.whiten, fit, noise)
+    p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
+    unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
+    naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
+    beyond = [n for n in kept if n not in names]
+    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value, undersampled, unusual, before)
+
+
+def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
+    return refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
+
+
+def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
+    """What closes the segments that the fit never saw no worse than the linear model does, ``before`` rad; what takes up
+    least goes first."""
+    # What lives in the stills alone is judged there.
+    while turning := [n for n in kept if "turn" in n.effect.seen_in]:
+        if tilt_rms(held_out(twin, best.whiten, fit)) <= before:
+            break
+        kept = [n for n in kept if n is not min(turning, key=lambda n: n.gain)]
+        fit = _refitted(twin, best, kept)
+    return kept, fit
+
+
+def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:
+    effect = best.effects[number]
+    gain = _wald(best.fit, number)
+    freedom = effect.parameter.size + (effect.scan is not None)
+    p_value = min(1.0, tests * float(stats.chi2.sf(gain, freedom)))
+    rivals = rivals_of(evidence.weighed, best, effect)
+    return NamedEffect(
+        effect,
+        p_value,
+        gain,
+        chance[effect.id],
+        tuple(name for name, worse in rivals.items() if worse < STAND_IN),
+        {name: chance[name] for name in rivals},
+    )
+
+
+def _wald(fit: Refit, number: int) -> float:
+    """Chi-square of a claim's parameters against none."""
+    part = claim_slice(fit.state.claims, number)
+    theta = fit.state.claims[number].theta
+    return float(theta @ np.linalg.solve(fit.covariance[part, part], theta))

@@ -1,0 +1,496 @@
+"""The evidence of a hypothesis: how probable the recording is if these effects and no others are there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, TypeVar
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import brentq
+
+from tinygc.effects import Effect, catalogue
+from tinygc.noise.channels import in_gauge
+from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
+from tinygc.noise.session_noise import SessionNoise, Whiteners, first_noise
+from tinygc.noise.twin import State, Twin, claim_slice
+from tinygc.noise.whitening import Whitener
+
+# Name: which group of columns explains the residuals beyond chance.
+#
+# What the calibration already fits is projected out of everything.  Each candidate's group of P columns is tested with Fisher's F, which
+# carries the residuals' own scale and so keeps its false alarms where the noise is larger than stated.  The smallest p-value of so
+# many correlated groups is not a p-value; its distribution when nothing is missing is drawn by Monte Carlo for this very design.
+
+#: Monte Carlo: the level of 5 % is then known to 0.7 % (binomial)
+DRAWS = 1000
+#: false alarms that are allowed; benchmarks/null_sessions.py finds 6.5 % +- 1.7 %
+FAMILY_WISE = 0.05
+#: of the family-wise level, for the candidates; the rest is for the channels' chi-square, which stated noise decides
+#: (benchmarks/null_sessions.py: detection p-values uniform with it)
+SHAPE_SHARE = 0.98
+#: a direction that the nuisance leaves less of than this is not seen: a hundredth of a per cent, less than columns are linear to
+UNSEEN = 1e-4
+#: the same beside the allowances, of which there are twelve, themselves known to finite differences (``twin.SMALL_SHARE``)
+UNSEEN_BESIDE = 1e-3
+
+#: of a candidate: an id, a number, the effect itself
+Name = TypeVar("Name")
+
+
+@dataclass(frozen=True, eq=False)
+class Group(Generic[Name]):
+    """A candidate's columns (n, r), orthonormal, after projection; gone where nothing of it is left."""
+
+    name: Name
+    basis: np.ndarray
+
+
+class Selection(Generic[Name]):
+    """Candidates against one set of nuisance columns.
+
+    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions that the covariance is wide along;
+    scale_rows: rows that tell the noise's scale; along: names of the candidates that are looked for along the allowances, too.
+    """
+
+    def __init__(
+        self,
+        nuisance: np.ndarray,
+        candidates: Mapping[Name, np.ndarray],
+        seed: int,
+        *,
+        allowances: np.ndarray | None = None,
+        scale_rows: slice | np.ndarray = slice(None),
+        along: frozenset = frozenset(),
+    ):
+        self.q = orthonormal(nuisance)
+        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := left_of(self.q, columns, UNSEEN)).shape[1]]
+        self.n = len(nuisance)
+        self._seed, self._rows, self._along = seed, scale_rows, along
+        self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
+        self._lowest: np.ndarray | None = None
+
+    def log_p(self, r: np.ndarray) -> np.ndarray:
+        """(groups, …) logarithm of each group's p-value for residuals r (n, …): their order, no more."""
+        r = r - self.q @ (self.q.T @ r)
+        rss = np.sum(r**2, axis=0)
+        return np.array([self._log_p_of(group, r, rss) for group in self.groups])
+
+    def gains(self, r: np.ndarray) -> dict[Name, float]:
+        """Chi-square that each candidate would take up."""
+        r = r - self.q @ (self.q.T @ r)
+        return {group.name: float(np.sum((group.basis.T @ r) ** 2)) for group in self.groups}
+
+    def _log_p_of(self, group: Group[Name], r: np.ndarray, rss: np.ndarray) -> np.ndarray:
+        rank = group.basis.shape[1]
+        freedom = self.n - self.q.shape[1] - rank
+        gain = np.sum((group.basis.T @ r) ** 2, axis=0)
+        ratio = (gain / rank) / np.maximum((rss - gain) / freedom, 1e-300)
+        return _log_f_tail(ratio, rank, freedom)
+
+    def p_value(self, r: np.ndarray) -> float:
+        """Probability that some candidate explains as much of residuals r (n,) as the best one does, when nothing is missing."""
+        return self.family_wise(float(self._lowest_of(r[:, None])[0]))
+
+    def family_wise(self, log_p: float) -> float:
+        """Probability that the smallest of all groups' p-values is as small as this when nothing is missing."""
+        if self._lowest is None:
+            self._lowest = np.sort(self._lowest_of(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
+        drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
+        if log_p >= self._lowest[DRAWS // 100]:
+            return drawn
+        # So many independent tests would have given this distribution: Sidak's formula carries it on beyond what was drawn.
+        tests = np.log1p(-0.1) / np.log1p(-np.exp(self._lowest[DRAWS // 10]))
+        return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
+
+    @cached_property
+    def _tested(self) -> tuple[np.ndarray, list[tuple[Group[Name], bool]]]:
+        """Orthonormal nuisance with the allowances, and the groups left beside it, each with whether it is along them."""
+        if self._allowances is None:
+            return self.q, [(group, False) for group in self.groups]
+        q = orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
+        groups = []
+        for name, columns in self._candidates.items():
+            basis = left_of(self.q, columns, UNSEEN) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
+            if basis.shape[1]:
+                groups.append((Group(name, basis), name in self._along))
+        return q, groups
+
+    def _lowest_of(self, r: np.ndarray) -> np.ndarray:
+        """(draws,) logarithm of the smallest p-value of residuals r (n, draws)."""
+        q, groups = self._tested
+        r = r - self.q @ (self.q.T @ r)
+        left = (r - q @ (q.T @ r))[self._rows]
+        rss, freedom = np.sum(left**2, axis=0), len(left) - np.sum(q[self._rows] ** 2)
+        lowest = np.zeros(r.shape[1])
+        for group, is_along in groups:
+            rank = group.basis.shape[1]
+            gain = np.sum((group.basis.T @ r) ** 2, axis=0)
+            rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
+            if rest_freedom >= 1:
+                ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)
+                lowest = np.minimum(lowest, _log_f_tail(ratio, rank, rest_freedom))
+        return lowest
+
+
+def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
+    """Logarithm of Fisher's tail, where scipy's underflows as well: the tail is a power law there."""
+    value = stats.f.logsf(ratio, rank, freedom)
+    far = -freedom / 2 * np.log1p(np.maximum(ratio, 0) * rank / freedom)
+    return np.where(np.isfinite(value), value, far)
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    """Those of the columns (n, P) that are not zero, each of length one."""
+    size = np.linalg.norm(columns, axis=0)
+    return columns[:, size > 0] / size[size > 0]
+
+
+def left_of(q: np.ndarray, columns: np.ndarray, unseen: float = UNSEEN) -> np.ndarray:
+    """Orthonormal basis of what is left of the columns beside q."""
+    columns = _unit(columns)
+    return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
+
+
+def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
+    """Orthonormal basis (n, r) of columns (n, P): directions of a singular value above ``unseen``, of columns of length one if scaled."""
+    u, s, _ = np.linalg.svd(_unit(columns) if scaled else columns, full_matrices=False)
+    return u[:, s > unseen]
+
+
+# What can be tried on a recording, and where a scanned shape stands best.
+
+#: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square
+#: (benchmarks/explain_speed.py)
+MOST_TIMES = 60
+
+
+def candidates(twin: Twin) -> list[Effect]:
+    """What can be tried on this recording; an effect with a scanned shape gives one candidate for each value."""
+    has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
+    found = []
+    for effect in catalogue().values():
+        if effect.kind in ("register", "motion") or ("temperature" in effect.inputs and not has_temp):
+            continue
+        if effect.kind == "earth" and twin.problem.earth.source != "none":
+            continue
+        found += effect.variants(scanned(twin, effect))
+    return found
+
+
+def scanned(twin: Twin, effect: Effect) -> np.ndarray:
+    """(K,) values of an effect's scanned shape, SI, that are tried: its own grid, or the middles of the turns."""
+    if effect.scan is None or effect.scan.grid is None:
+        return segment_times(twin)
+    return np.asarray(effect.scan.grid(twin.movements), dtype=float)
+
+
+def segment_times(twin: Twin) -> np.ndarray:
+    """Middle of each turn but the first and the last, s of the session; in a long session, of every so many."""
+    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
+    return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
+
+
+def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int, replay: Replay | None = None) -> Selection[int]:
+    """The candidates' columns, whitened, against what the fit already has.  replay: of the fit, where somebody has it already."""
+    replay = replay or Replay(twin, fit)
+    stacked = (replay.columns(effect).stacked() for effect in rest)
+    columns = dict(enumerate(whiten.each(stacked)))
+    along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
+    # An angle that no reference sees is 0 whatever the noise, and tells nothing of its scale.
+    rows = np.concatenate([np.flatnonzero(twin.batch.known), np.arange(whiten.parts["still"].start, whiten.parts["still"].stop)])
+    return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
+
+
+def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: Replay) -> Effect:
+    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones; replay: of the fit."""
+    if effect.scan is None:
+        return effect
+    values = scanned(twin, effect)
+    at = effect.shape[effect.scan.name] * effect.scan.si
+    reach = float(np.median(np.diff(values))) if effect.scan.grid is None else _spacing(values, at)
+    for _ in range(3):
+        at = effect.shape[effect.scan.name] * effect.scan.si
+        trials = effect.variants(np.linspace(at - reach, at + reach, 15))
+        gains = selection_of(twin, whiten, fit, trials, 0, replay).gains(fit.r)
+        if not gains:  # between its neighbours nothing of it is seen beside what is fitted already
+            return effect
+        effect = trials[max(gains, key=gains.__getitem__)]
+        reach /= 6
+    return effect
+
+
+def _spacing(values: np.ndarray, at: float) -> float:
+    """To the farther neighbour of a value on its grid, but never so far as zero: what is searched keeps its sign."""
+    number = int(np.argmin(np.abs(values - at)))
+    reach = float(np.max(np.abs(np.delete(values, number)[max(number - 1, 0) : number + 1] - at), initial=0.0))
+    return min(reach, 0.9 * abs(at)) if at else reach
+
+
+# An effect's own estimate beside what is fitted: linear, without selection.
+
+#: of an effect's plausible size: the sigma of the prior that only keeps what no channel sees finite.  At ten it pulls a number that is
+#: known to a tenth of the plausible by one in ten thousand
+WIDE = 10.0
+
+
+def component_names(effect: Effect) -> tuple[str, ...]:
+    """Of the numbers of an effect's parameter: ``value``; ``x``, ``y``, ``z``; ``xx``, ``xy``, … row by row; else their numbers."""
+    shape = effect.parameter.shape
+    if not shape:
+        return ("value",)
+    if shape == (3,):
+        return tuple("xyz")
+    if shape == (3, 3):
+        return tuple(row + column for row in "xyz" for column in "xyz")
+    return tuple(str(number) for number in range(effect.parameter.size))
+
+
+def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
+    """theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted beside it, and its own
+    (n, P): r + columns theta is what is left."""
+    q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
+    own = columns - q @ (q.T @ columns)
+    covariance = np.linalg.inv(own.T @ own + np.eye(own.shape[1]) / (WIDE * plausible) ** 2)
+    return -covariance @ (own.T @ r), covariance
+
+
+def without_claim(fit: Refit, number: int) -> Refit:
+    """The fit as if a claim had not been made, to first order."""
+    part = claim_slice(fit.state.claims, number)
+    return replace(fit, r=fit.r - fit.J[:, part] @ fit.state.claims[number].theta, J=np.delete(fit.J, part, axis=1))
+
+
+# The evidence of a hypothesis: how probable the recording is, if these effects and no others are there.
+#
+#     -2 log p(recording | effects) = log|C| + log|1 + D J' C^-1 J| + r' C^-1 r + theta' D^-1 theta        (Laplace, around the exact refit)
+#
+# C holds the noise as it is (``explanation/noise``), re-estimated for every hypothesis: what a name takes over from a noise component
+# speaks for the name.  D is the prior size of each effect: normal, with one sigma for all parameters of an effect, which is itself as
+# probable at every scale up to the catalogue's; its best value is the parameters' own rms, so that a strong and a weak effect pay alike.
+
+#: of any effect of the catalogue, before the recording is looked at, and of any shape without a name: a recording shows none of twenty
+#: effects in one case of three or so
+PRIOR_ODDS = 1 / 30
+#: the scale of an effect is known to a factor of e within ten of them, from what is never seen to what no sensor has
+SCALES = 10.0
+#: Gauss-Newton steps before and after the noise has been re-estimated: the second fit begins where the first ended
+FIRST_STEPS, MORE_STEPS = 5, 2
+#: numbers of candidates' columns that are kept, 64 MB of them: those of the catalogue in sessions of up to a thousand turns or so
+MOST_KEPT = 1 << 23
+#: of the search for the noise beside a guess: it begins where a near hypothesis has it
+GUESS_STEPS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """effects; fit with all of them; noise: the covariance that it was fitted with; score: -2 log of evidence times prior; whiteners: of
+    the recording."""
+
+    effects: tuple[Effect, ...]
+    fit: Refit
+    noise: SessionNoise
+    score: float
+    whiteners: Whiteners
+
+    @property
+    def whiten(self) -> Whitener:
+        """With its noise."""
+        return self.whiteners.of(self.noise)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(effect.id for effect in self.effects)
+
+    def __repr__(self) -> str:
+        return f"<{', '.join(sorted(self.ids)) or 'nothing'}: {self.score:.1f}>"
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """effects, and the score that their linear columns promise."""
+
+    effects: tuple[Effect, ...]
+    score: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(effect.id for effect in self.effects)
+
+
+def _key(effects: tuple[Effect, ...]) -> tuple:
+    values = lambda effect: (round(value, 6) for value in effect.shape.values() if isinstance(value, float))  # noqa: E731
+    return tuple(sorted((effect.id, effect.equation, *values(effect)) for effect in effects))
+
+
+class Evidence:
+    """Hypotheses of one recording, each weighed once.  odds: of effects that a lot of such units is known to have, by id."""
+
+    def __init__(self, twin: Twin, odds: Mapping[str, float] | None = None):
+        self.twin, self._odds = twin, odds or {}
+        self.whiteners = Whiteners(twin)
+        self.first_noise = first_noise(twin, self.whiteners.white)
+        self.first_whiten = self.whiteners.white.with_more(self.first_noise.covariance)
+        self._known: dict[tuple, Hypothesis] = {}
+        self._guesses: dict[tuple, Guess] = {}
+        self._shapes: dict[str, int] = {}
+        self._columns: dict[Effect, np.ndarray] = {}
+        self.nothing = self.of((), None)
+        self._replay = Replay(twin, self.nothing.fit)
+
+    @property
+    def weighed(self) -> list[Hypothesis | Guess]:
+        """All hypotheses so far: weighed exactly, or else by their linear columns."""
+        return [*self._known.values(), *(guess for key, guess in self._guesses.items() if key not in self._known)]
+
+    def of(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
+        """The hypothesis of these effects; the fit begins from another's."""
+        key = _key(effects)
+        if key not in self._known:
+            self._known[key] = self._weigh(effects, begin)
+        return self._known[key]
+
+    def _weigh(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
+        twin = self.twin
+        whiten = self.first_whiten if begin is None else begin.whiten
+        state = twin.start() if begin is None else self._gauged_start(begin)
+        fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
+        for start in (None, True):
+            noise = self._noise(whiten, fit, noise.s if start else None)
+            whiten = self.whiteners.of(noise)
+            fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
+        score = noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit)
+        return Hypothesis(effects, fit, noise, score, self.whiteners)
+
+    def _implausible(self, fit: Refit) -> float:
+        """theta' D^-1 theta beyond what ``price`` has of it: a claim that is larger than plausible pays by its square."""
+        prior, found = self.prior(fit), 0.0
+        for number, claim in enumerate(fit.state.claims):
+            size = float(np.sum((claim.theta / prior[claim_slice(fit.state.claims, number)]) ** 2))
+            found += max(size - claim.effect.parameter.size, 0.0)
+        return found
+
+    def _noise(self, whiten: Whitener, fit: Refit, start: np.ndarray | None) -> SessionNoise:
+        return self.first_noise.estimated(whiten, whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit), start)
+
+    def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
+        """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated anew."""
+        effects = tuple(e for e in have.effects if e is not without) + ((add,) if add is not None else ())
+        key = _key(effects)
+        if key in self._known:
+            return Guess(effects, self._known[key].score)
+        if key not in self._guesses:
+            self._guesses[key] = Guess(effects, self._guessed(have, without, add) + sum(self.price(effect) for effect in effects))
+        return self._guesses[key]
+
+    def _guessed(self, have: Hypothesis, without: Effect | None, add: Effect | None) -> float:
+        r, J, prior = have.whiten.back(have.fit.r), have.whiten.back(have.fit.J), self.prior(have.fit)
+        if without is not None:
+            number = next(i for i, effect in enumerate(have.effects) if effect is without)
+            part = claim_slice(have.fit.state.claims, number)
+            r = r - J[:, part] @ have.fit.state.claims[number].theta
+            J, prior = (np.delete(values, part, axis=-1) for values in (J, prior))
+        if add is not None:
+            J = np.concatenate([J, self.columns(add)], axis=1)
+            prior = np.concatenate([prior, np.full(add.parameter.size, add.parameter.plausible)])
+        # Everything moves to where the new columns are best.
+        white_r, white_J = have.whiten(r), have.whiten(J) * prior
+        step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
+        if add is not None:
+            prior[-add.parameter.size :] *= max(float(np.sqrt(np.mean(step[-add.parameter.size :] ** 2))), 1e-6)
+            white_J = have.whiten(J) * prior
+            step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
+        J = J * prior
+        return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s, steps=GUESS_STEPS).value
+
+    def columns(self, effect: Effect) -> np.ndarray:
+        """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""
+        found = self._columns.get(effect)
+        if found is None:
+            found = self._replay.columns(effect).stacked()
+            # Not those asked for last: all are asked for in turn, and who comes too late for the memo would always find it full of others.
+            if sum(each.size for each in self._columns.values()) + found.size <= MOST_KEPT:
+                self._columns[effect] = found
+        return found
+
+    def _gauged_start(self, begin: Hypothesis) -> State:
+        # Not from where an earlier effect's common delay has run while this one was missing.
+        return in_gauge(self.twin, begin.whiten, begin.fit).state
+
+    def prior(self, fit: Refit) -> np.ndarray:
+        """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
+        return self.prior_of(self.twin, fit)
+
+    @staticmethod
+    def prior_of(twin: Twin, fit: Refit) -> np.ndarray:
+        """The same, of any fit."""
+        prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+        for number, claim in enumerate(fit.state.claims):
+            part = claim_slice(fit.state.claims, number)
+            # At least what the best known of their directions is known to: one that nothing sees says nothing of their size.
+            least = float(np.sqrt(max(np.linalg.eigvalsh(fit.covariance[part, part])[0], 0.0)))
+            rms = float(np.sqrt(np.mean(claim.theta**2)))
+            prior[part] = min(max(rms, least, 1e-6 * claim.effect.parameter.plausible), claim.effect.parameter.plausible)
+        return prior
+
+    def price(self, effect: Effect) -> float:
+        """Twice the logarithm of what a name costs before it is looked at: its prior odds, its scale, the shapes that were tried under its
+        name, and the parameters' own place within their prior."""
+        shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
+        return price(effect, shapes, self._odds.get(effect.id))
+
+    def without(self, component: str) -> Evidence:
+        """The same recording, where the noise has no such component."""
+        other, noise = copy(self), self.first_noise
+        kept = np.array([c.name != component for c in noise.components])
+        components = tuple(c for c in noise.components if c.name != component)
+        other.first_noise = replace(noise, components=components, s=noise.s[kept], sigma=noise.sigma[kept])
+        other.first_whiten = self.whiteners.white.with_more(other.first_noise.covariance)
+        other._known, other._guesses = {}, {}
+        other.nothing = other.of((), None)
+        other._replay = Replay(self.twin, other.nothing.fit)
+        return other
+
+    @property
+    def exact(self) -> list[Hypothesis]:
+        """Those that were weighed exactly."""
+        return list(self._known.values())
+
+    def forget(self, ids: frozenset[str]) -> None:
+        """Hypotheses with any of these effects are no longer weighed."""
+        self._known = {key: h for key, h in self._known.items() if not h.ids & ids}
+        self._guesses = {key: guess for key, guess in self._guesses.items() if not guess.ids & ids}
+
+    def will_try(self, tried: list[Effect]) -> None:
+        """Shapes without a scan that share a name: each is one of so many."""
+        self._shapes |= Counter(effect.id for effect in tried)
+
+
+def price(effect: Effect, shapes: int, odds: float | None = None) -> float:
+    """``Evidence.price`` of an effect of which so many shapes are tried; odds: of the effect, where a lot tells them.
+
+    The lot's size is not asked for here: a unit may have more of it, or less, than the others (``verdict/of_the_lot.py``).
+    """
+    return 2 * float(np.log(SCALES / (odds or PRIOR_ODDS)) + np.log(shapes)) + effect.parameter.size
+
+
+def least_gain(effect: Effect, shapes: int) -> float:
+    """Chi-square that an effect must take up to be as probable as nothing: each parameter also pays the logarithm of its signal over its
+    noise."""
+    size = effect.parameter.size
+    return float(brentq(lambda gain: gain - size * np.log(gain / size) - price(effect, shapes), size, 1e4))
+
+
+def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The fit where a delay that all axes share stands where it can be: such a direction is hardly seen, and a search that has run far
+    along it goes on from the gauge."""
+    gauged = in_gauge(twin, whiten, fit)
+    if gauged.chi_square > fit.chi_square - ENOUGH:
+        return replace(fit, state=gauged.state, r=gauged.r, chi_square=gauged.chi_square)
+    return in_gauge(twin, whiten, refit(twin, whiten, [claim.effect for claim in fit.state.claims], gauged.state))

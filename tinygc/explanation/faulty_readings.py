@@ -1,0 +1,397 @@
+"""Detect false readings and lost samples in the registers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from session.detect import bridging
+from session.detect.bridging import GAP
+from session.detect.segments import pace_of
+from session.io.folder import Session
+from session.io.numeric import runs_of, sigma_of
+from session.io.samples import Samples, replaced
+from session.io.units import NS_PER_S
+
+# A long log in parts: what looks at a few tenths of a second around each reading need not have a day of them in memory.
+
+#: rows from which on a log is parted, more than an hour at 208 Hz; of a part; and on either side that go with it: many times what any
+#: detector looks at around a reading
+LONG, AT_ONCE, BESIDE = 1 << 20, 1 << 18, 1 << 12
+
+
+def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
+    """(row of the part's first, its own rows of the log, its samples) of each; one part of all where they are no more than ``LONG``."""
+    count = len(samples)
+    if count <= LONG:
+        yield 0, range(count), samples
+        return
+    for start in range(0, count, AT_ONCE):
+        own = range(start, min(start + AT_ONCE, count))
+        first = max(start - BESIDE, 0)
+        part = samples.between(first, min(own.stop + BESIDE, count))
+        part.__dict__["period_s"] = samples.period_s
+        yield first, own, part
+
+
+# The registers themselves: samples that were lost while the stamps closed up, levels that are not left.
+#
+# A hand moves smoothly, and the sensor's filter smooths it further: the third difference of the readings holds noise and little else.
+# A jump stands out there by its own size.  A loss jumps once, for good, in gyro and accelerometer together (a false reading jumps away
+# and back: ``false_readings``).  What is found can be repaired, so that the rest of the recording is still worth explaining.
+
+#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
+#: (benchmarks/thresholds.py: half of it gives false names)
+JUMP = 12.0
+#: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it; a step's second peak is
+#: half of its first, and a corner has nothing beyond: the bars are between
+SPIKE, FLANK = 0.75, 0.2
+#: s: where that scatter is taken (not critical: benchmarks/thresholds.py), and what a sensor's filter takes to start
+NEIGHBOURHOOD_S, START_S = 0.2, 0.1
+NEIGHBOURHOOD = 32  #: samples of it at least: the third differences of the longest false reading, eleven, are not half of them
+ALONE = 8  #: samples on either side of a loss without another, or without a greater jump: as long as the longest false reading
+#: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
+LOSS_IN_ACCEL = 3.0
+#: losses and false readings are rare: more than one a second is another thing
+PER_SECOND = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """Steps between rows[i] and rows[i] + 1; size (J, 6) of each in every channel, signed, in the neighbourhood's own scatter."""
+
+    rows: np.ndarray
+    size: np.ndarray
+
+
+def find_jumps(samples: Samples) -> Jumps:
+    """All steps that a smooth movement does not make, within a period's time."""
+    rows, sizes = [np.zeros(0, dtype=int)], [np.zeros((0, 6))]
+    for first, own, part in in_parts(samples):
+        found = _jumps_of(part)
+        mine = np.isin(found.rows + first, own) if len(part) < len(samples) else np.ones(len(found.rows), dtype=bool)
+        rows.append(found.rows[mine] + first)
+        sizes.append(found.size[mine])
+    return Jumps(np.concatenate(rows), np.concatenate(sizes))
+
+
+def _jumps_of(samples: Samples) -> Jumps:
+    size, _ = third_differences(samples)
+    total = np.sqrt(np.sum(size**2, axis=1))
+    high = np.flatnonzero(total > JUMP)
+    # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
+    peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
+    steps = dict(step for i in peaks for step in _steps_at(int(i), size, total))
+    missing = open_gaps(samples)
+    rows = [row for row in sorted(steps) if not missing[row]]
+    return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))
+
+
+def open_gaps(samples: Samples) -> np.ndarray:
+    """(N - 1,) bool: whether the stamps say that samples are missing between a row and the next: nothing is lost unseen there."""
+    return pace_of(samples.t_ns).periods(samples.dt_s) > 1
+
+
+def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Third differences (N - 3, 6) of gyro and accelerometer in their neighbourhood's own scatter, and that scatter (N - 3, 6)."""
+    third = np.diff(np.concatenate([samples.gyro, samples.accel], axis=1), 3, axis=0)
+    scatter = _neighbourhood(np.abs(third), samples.period_s)
+    size = third / scatter
+    size[: round(START_S / samples.period_s)] = 0
+    return size, scatter
+
+
+def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Row and size of each step in a peak: one, unless it looks like one false sample, 1, -3, 3, -1, or two of them, 1, -2, 0, 2, -1.
+
+    A corner of the rate, 0, -1, 1, 0, has no flanks.
+    """
+    for apart, factor in ((1, 3), (2, 2)):
+        for away, back in ((i, i + apart), (i - apart, i)):
+            if away < 1 or back + 2 > len(size) or min(total[away], total[back]) < SPIKE * total[i]:
+                continue
+            flanks = max(size[away - 1] @ size[away] / total[away] ** 2, size[back + 1] @ size[back] / total[back] ** 2)
+            if size[away] @ size[back] < 0 and flanks < -FLANK:
+                return [(away + 1, -size[away] / factor), (back + 1, -size[back] / factor)]
+    return [(i + 1, -size[i] / 2)]
+
+
+def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
+    """Scatter around each row, from medians: a jump does not hide itself, and a turn's beginning is not one."""
+    step = max(round(NEIGHBOURHOOD_S / period_s), NEIGHBOURHOOD)
+    count = len(absolute) // step
+    if count < 5:
+        return np.broadcast_to(np.maximum(sigma_of(absolute), 1e-12), absolute.shape)
+    coarse = sigma_of(absolute[: count * step].reshape(count, step, -1), axis=1)
+    coarse = np.maximum(maximum_filter1d(coarse, 3, axis=0), np.median(coarse, axis=0))
+    return np.maximum(coarse, 1e-12)[np.minimum(np.arange(len(absolute)) // step, count - 1)]
+
+
+def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
+    """Rows (L,) after which samples are missing, by the registers alone: steps that stay, in gyro and accelerometer alike."""
+    alone = np.array([np.sum(np.abs(jumps.rows - row) <= ALONE) == 1 for row in jumps.rows], dtype=bool)
+    rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
+    if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
+        return rows[:0]
+    return rows
+
+
+def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
+    """Rows (L,) after which samples may be missing, where closure decides (``trial``): the greatest steps around that stay."""
+    if not len(jumps.rows):
+        return jumps.rows
+    size = np.zeros(int(jumps.rows.max()) + 1)
+    size[jumps.rows] = np.linalg.norm(jumps.size, axis=1)
+    rows = jumps.rows[size[jumps.rows] >= maximum_filter1d(size, 2 * ALONE + 1)[jumps.rows]]
+    return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
+
+
+def register_step(values: np.ndarray) -> float:
+    """The smallest step between readings (N,); 0 where there is none."""
+    distinct = np.unique(np.abs(np.diff(values[:20000])))
+    return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
+
+
+def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
+    """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on.
+
+    orders: of the polynomials, one for each row or for all.
+    """
+    orders = np.broadcast_to(orders, rows.shape)
+    period_ns = round(samples.period_s * NS_PER_S)
+    names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
+    pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
+    bounds = [0, *(rows + 1), len(samples)]
+    for i, (start, stop) in enumerate(pairwise(bounds)):
+        moved = i * count * period_ns
+        pieces["t_ns"].append(samples.t_ns[start:stop] + moved)
+        for name in names:
+            pieces[name].append(getattr(samples, name)[start:stop])
+        if i < len(rows):
+            pieces["t_ns"].append(samples.t_ns[stop - 1] + moved + period_ns * np.arange(1, count + 1))
+            for name in names:
+                values = getattr(samples, name)
+                bridged = bridging.across(values.reshape(len(samples), -1), stop - 1, stop, count, int(orders[i]))
+                pieces[name].append(bridged.reshape(count, *values.shape[1:]))
+    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
+    return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))
+
+
+# False readings: some samples in a row that the sensor cannot have felt, between neighbours that agree across them.
+#
+# Two kinds.  Rows that no noisy sensor gives: all channels at one value (0 or -1 of an interface that answered nothing), or the row before
+# once more, digit for digit.  And excursions of the gyro alone that begin and end in jumps: a cubic through the readings on either side
+# fits these as well as ever, and misses what lies between.
+
+LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
+SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients
+#: an excursion is false where it is beyond the cubic by this many times the readings' own scatter (three axes: once in 10^13)
+BEYOND = 8.0
+#: the cubic may miss the readings that carry it by this share of the excursion; one that does not come back is missed by half of it
+#: (benchmarks/thresholds.py: double of it gives false names)
+CAME_BACK = 0.12
+#: an excursion is off the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives
+#: false names)
+SHARE = 0.5
+#: a cubic misses the readings that carry it by this many times their scatter at most, if nothing but noise is in them
+#: (not critical: benchmarks/thresholds.py)
+NOISE_MISSES = 2.5
+#: standard deviation of a third difference of white noise
+THIRD = np.sqrt(20.0)
+#: a row that repeats says nothing where the noise is this small, in registers; with more, six channels repeat once in 10^5 rows, and
+#: twice running once in 10^10
+LEAST_NOISE_LSB = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Glitches:
+    """False readings: rows where each begins, samples, how many each lasts, and whether the accelerometer's are false, too."""
+
+    rows: np.ndarray
+    samples: np.ndarray
+    accel: np.ndarray
+
+
+def find_glitches(samples: Samples) -> Glitches | None:
+    """All false readings; None where there are none, or so many that they are another thing."""
+    found = [
+        (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
+    ]
+    return _glitches(found) if found and len(found) <= PER_SECOND * samples.duration_s else None
+
+
+def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
+    impossible = _impossible(samples)
+    if len(impossible) > PER_SECOND * samples.duration_s:
+        return []
+    cleaned = without_glitches(samples, _glitches(impossible))
+    values = np.concatenate([cleaned.gyro, cleaned.accel], axis=1)
+    size, scatter = third_differences(cleaned)
+    high = np.flatnonzero(np.linalg.norm(size, axis=1) > JUMP)
+    clusters = np.split(high, np.flatnonzero(np.diff(high) > LONGEST) + 1) if len(high) else []
+    # Where samples are missing the readings step, and the stamps have said why.
+    missing = open_gaps(cleaned)
+    whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
+    excursions = [run for first, last in whole if (run := _excursion(values, scatter, first, last)) is not None]
+    found = sorted({*impossible, *excursions})
+    return [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
+
+
+def _glitches(runs: list[tuple[int, int, bool]]) -> Glitches:
+    rows, counts, accel = np.array(runs, dtype=int).reshape(-1, 3).T
+    return Glitches(rows, counts, accel.astype(bool))
+
+
+def _impossible(samples: Samples) -> list[tuple[int, int, bool]]:
+    """(first row, samples, True) of runs of rows that no sensor gives."""
+    values = np.concatenate([samples.gyro, samples.accel], axis=1)
+    lsb = np.array([register_step(column) for column in values.T])
+    if not (lsb > 0).all():
+        return []
+    # Gravity has a length: a gyro may read nearly nothing in all axes, an accelerometer that is not falling never does.
+    empty = (np.abs(np.rint(values / lsb)) <= 1).all(axis=1)
+    same = np.zeros(len(values), dtype=bool)
+    difference = np.diff(values, axis=0)
+    if (np.median(np.abs(difference), axis=0) >= LEAST_NOISE_LSB * lsb).all():
+        same[1:] = (difference == 0).all(axis=1)
+    # One repetition happens by chance once in many sessions, and does no harm.
+    return [*_runs(empty, 1), *_runs(same & ~empty, 2)]
+
+
+def _runs(mask: np.ndarray, fewest: int) -> list[tuple[int, int, bool]]:
+    """(first row, samples, True) of each run of at least ``fewest``, of those that are short enough and have neighbours."""
+    starts, stops = runs_of(mask)
+    runs = zip(starts.tolist(), (stops - starts).tolist(), strict=True)
+    return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
+
+
+def _excursion(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> tuple[int, int, bool] | None:
+    """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if the gyro came back, alone."""
+    start, stop = first + 1, last + 3
+    if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
+        return None
+    noise = scatter[first : last + 1].min(axis=0) / THIRD
+    inside, beside = _cubic(values, start, stop)
+    beyond = (values[start:stop] - inside) / noise
+    missed = (np.concatenate([values[start - SIDE : start], values[stop : stop + SIDE]]) - beside) / noise
+    away = np.linalg.norm(beyond[:, :3], axis=1)
+    false = np.flatnonzero(away > max(BEYOND, 0.1 * away.max()))
+    if not len(false) or np.linalg.norm(beyond[:, 3:], axis=1).max() > away.max():
+        return None
+    excursion = beyond[np.argmax(away), :3] / away.max()
+    if _off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
+        return None  # a corner, as where a rate is clipped: each reading continues one side or the other
+    count = int(false[-1] - false[0]) + 1
+    came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
+    return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
+
+
+def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
+    """The farthest that a gyro reading in start:stop is, ``along`` a direction (3,), from the straight lines of both sides.
+
+    Along the excursion alone: a turn that bends about another axis leaves its straight lines, too.
+    """
+    off = []
+    for at in (np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)):
+        line = np.polynomial.polynomial.polyfit(at - start, values[at, :3] @ along, 1)
+        predicted = np.polynomial.polynomial.polyval(np.arange(stop - start), line)
+        off.append(np.abs(values[start:stop, :3] @ along - predicted))
+    return float(np.minimum(*off).max())
+
+
+def _cubic(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    """The cubic through ``SIDE`` rows on either side of start:stop, at the rows between and at those beside."""
+    at = np.concatenate([np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)])
+    middle = (start + stop - 1) / 2
+    fit = np.polynomial.polynomial.polyfit(at - middle, values[at], 3)
+    between = np.polynomial.polynomial.polyval(np.arange(start, stop) - middle, fit).T
+    return between, np.polynomial.polynomial.polyval(at - middle, fit).T
+
+
+def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
+    """False readings replaced by what their neighbours say."""
+    mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
+    orders = {count: bridging.best_order(samples, glitches.rows, count)[0] for count in set(glitches.samples.tolist())}
+    for row, count, both in zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel, strict=True):
+        for name in ("gyro", "accel") if both else ("gyro",):
+            first = max(row - bridging.SIDE, 0)
+            near = np.array(getattr(samples, name)[first : row + count + bridging.SIDE])
+            for at in mended[name].keys() & set(range(first, first + len(near))):
+                near[at - first] = mended[name][at]
+            put_in = bridging.across(near, row - 1 - first, row + count - first, count, orders[count])
+            mended[name] |= dict(zip(range(row, row + count), put_in, strict=True))
+    for name, by_row in mended.items():
+        if by_row:
+            rows = np.array(sorted(by_row))
+            values = replaced(getattr(samples, name), rows, np.array([by_row[row] for row in rows.tolist()]))
+            samples = replace(samples, **{name: values})
+    return samples
+
+
+# What the registers propose: moments at which readings may be false, or samples missing.  Each is a claim that closure decides.
+
+FALSE, LOST = "data.glitches", "timing.dropped_samples"
+
+
+@dataclass(frozen=True)
+class Event:
+    """id, ``FALSE`` or ``LOST``; log; row of the first false reading, or after which samples may be missing; samples that are false; accel:
+    whether the accelerometer's are false, too, as in rows that no sensor gives."""
+
+    id: str
+    log: int
+    row: int
+    samples: int = 0
+    accel: bool = False
+
+
+def proposed(session: Session) -> list[Event]:
+    """False readings of every log, then losses in what is left with these bridged."""
+    events: list[Event] = []
+    for number, log in enumerate(session.logs):
+        samples = log.samples
+        if (glitches := find_glitches(samples)) is not None:
+            columns = zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True)
+            events += [Event(FALSE, number, row, count, accel) for row, count, accel in columns]
+            samples = without_glitches(samples, glitches)
+        samples = session.calibrated(replace(log, samples=samples))
+        losses = possible_losses(find_jumps(samples), samples.duration_s)
+        events += [Event(LOST, number, row) for row in losses.tolist()]
+    return [event for event in events if not _in_bridge(session, event)]
+
+
+def _in_bridge(session: Session, event: Event) -> bool:
+    """Whether an event is where readings were put in: what looks wrong there is no reading's, and the stamps have told the loss."""
+    first, last = event.row, event.row + max(event.samples, 1)
+    bridges = session.logs[event.log].bridges
+    gaps = [each for each in bridges if each.what == GAP]
+    return any(first <= each.row + each.count + bridging.SIDE and last >= each.row - bridging.SIDE for each in gaps)
+
+
+def bridged(session: Session, events: list[Event]) -> Session:
+    """The session with false readings replaced by what their neighbours say; losses are left as they are."""
+    logs = []
+    for number, log in enumerate(session.logs):
+        mine = [event for event in events if event.id == FALSE and event.log == number]
+        if mine:
+            rows, counts, accel = (np.array([getattr(e, name) for e in mine]) for name in ("row", "samples", "accel"))
+            log = replace(log, samples=without_glitches(log.samples, Glitches(rows, counts, accel)))
+        logs.append(log)
+    return replace(session, logs=tuple(logs))
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """How a gap is crossed: order of the polynomial, and the rotation, rad rms per axis, that it misses."""
+
+    order: int
+    missed_rad: float
+
+
+def crossing(samples: Samples, event: Event, length: int) -> Crossing:
+    """Of an event; length: how many samples each loss has, where it is one."""
+    return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))

@@ -1,1 +1,0 @@
-"""What the registers and stills themselves show to be wrong, and the recording without it."""

@@ -1,0 +1,384 @@
+"""An explanation as ``tinygc-explain/1`` (docs/formats.md): where, when, residuals, what was considered, what to record next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from session import VERSION
+from session.io.folder import file_key, hash_of_log
+from session.io.samples import pieces, start_times
+from session.io.units import DEG, G
+from tinygc.effects import catalogue
+from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
+from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_entry, theta_of
+from tinygc.explanation.decision import tilt_rms
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.faulty_readings import LOST
+from tinygc.explanation.unknown import lines_end_hz
+from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
+from tinygc.noise.twin import Variable, variable_of
+
+# When it happened: the moments of what was found in the registers and in the stills, in seconds of the session.
+
+
+@dataclass(frozen=True, eq=False)
+class Clipped:
+    """Readings (K,) at a level: seconds of the session, and their size, rad/s."""
+
+    t_s: np.ndarray
+    magnitude: np.ndarray
+
+
+def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
+    """(K,) of an effect that has moments, at least two for a span; None for one that has not."""
+    occurs = claim.effect.occurs
+    if occurs is None:
+        return None
+    if occurs.counts == LEVEL:
+        return clipped_readings(e, claim).t_s
+    if occurs.counts == ROWS:
+        return reading_s(e, np.array(claim.parameters[occurs.key], dtype=int))
+    if occurs.counts == SECONDS:
+        return np.array(claim.parameters[occurs.key], dtype=float)
+    if occurs.counts == IN_STILLS:
+        began = e.problem.began_s
+        spans = [(began[i] + s.start_s, began[i] + s.start_s + s.duration_s) for i, log in enumerate(e.problem.logs) for s in log.stills]
+        return np.ravel([spans[number] for number in claim.parameters[occurs.key]])
+    raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
+
+
+def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
+    """All readings at the level of a claim that happens there."""
+    assert claim.effect.occurs is not None
+    key = claim.effect.occurs.key
+    level = claim.parameters[key] * DEG
+    magnitude = np.concatenate([np.abs(part).max(axis=1) for log in e.session.logs for _, part in pieces(log.samples.gyro)])
+    rows = np.flatnonzero(magnitude >= level - claim.std[key] * DEG)
+    return Clipped(reading_s(e, rows), magnitude[rows])
+
+
+def reading_s(e: Explanation, rows: np.ndarray) -> np.ndarray:
+    """(K,) of rows that are counted over all logs."""
+    logs = [log.samples for log in e.session.logs]
+    return np.concatenate([began + samples.t_s for began, samples in zip(start_times(logs)[:-1], logs, strict=True)])[rows]
+
+
+# Locate: the channels, axes, segments, seconds and the range of a variable in which the mismatch lives.
+
+#: a channel belongs to the mismatch at this level: 0.3 % of quiet sessions over three of them
+BELONGS_P = 1e-3
+#: an axis, or a segment: two angles pass by chance once in 3000 segments
+BELONGS_SIGMAS = 4.0
+MOST_SEGMENTS = 12
+NOWHERE: dict[str, Any] = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
+
+
+def where(e: Explanation) -> dict:
+    """Phases, axes, segments with their seconds, the seconds and the regime in which the mismatch lives; empty where there is none."""
+    if e.verdict == "no_mismatch":
+        return dict(NOWHERE)
+    told = [*e.claimed, *e.findings]
+    phases = {phase for claim in e.claimed for phase in claim.effect.seen_in}  # a shape without a name may be seen anywhere
+    names = {"closure": "turn", "still": "still", "length": "reference"}
+    phases |= {names[name] for name, (before, after) in e.own_p.items() if (after if e.claimed else before) < BELONGS_P}
+    order = ("still", "turn", "reference", "timing")
+    segments = worst_segments(e)
+    spans = _spans(e, segments)
+    strongest = next((claim for claim in told if claim.effect.regime), None)
+    return {
+        "phases": [phase for phase in order if phase in phases],
+        "axes": _axes(e, told),
+        "segments": segments,
+        "segment_seconds": spans,
+        "seconds": _seconds(e, strongest, spans),
+        "regime": None if strongest is None else _range(e, strongest),
+    }
+
+
+def worst_segments(e: Explanation) -> list[int]:
+    """Numbers of the segments that close worst beyond their floor, worst first."""
+    sigma = np.sqrt(np.trace(e.problem.floor.own, axis1=1, axis2=2))
+    excess = np.linalg.norm(e.proof.before, axis=1) / sigma
+    order = np.argsort(-excess)[:MOST_SEGMENTS]
+    return [e.proof.before_numbers[i] for i in order if excess[i] > BELONGS_SIGMAS / np.sqrt(2)]
+
+
+def _axes(e: Explanation, told: list[Claim]) -> list[str]:
+    """Body axes whose parameters stand out of their std; from the stills' residual rates where nothing is told."""
+    weights = np.zeros(3)
+    for claim in told:
+        name = claim.effect.parameter.name
+        if name not in claim.std or claim.effect.kind == "register":
+            continue
+        ratio = np.abs(np.ravel(claim.parameters[name])) / np.maximum(np.ravel(claim.std[name]), 1e-300)
+        if ratio.size % 3 == 0:
+            weights = np.maximum(weights, ratio.reshape(3, -1).max(axis=1))
+    if not told:
+        part = e.whiten.parts["still"]
+        rows = own_residuals(e.twin, e.whiten, e.naming.first)[0][part].reshape(-1, 3)
+        weights = np.abs(rows).max(axis=0)
+    return [axis for axis, weight in zip("xyz", weights, strict=True) if weight > BELONGS_SIGMAS]
+
+
+def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
+    """[from, to] of each segment, s of the session."""
+    began = e.problem.began_s
+    at = {segment.number: segment for segment in e.problem.segments}
+    found = []
+    for number in numbers:
+        start = float(began[at[number].log] + at[number].start_s)
+        found.append([round(start, 3), round(start + at[number].duration_s, 3)])
+    return found
+
+
+def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> list[float] | None:
+    """[from, to]: where the strongest effect is at least half its greatest, or from the first to the last of its moments."""
+    if claim is None:
+        return [min(start for start, _ in spans), max(stop for _, stop in spans)] if spans else None
+    times = moments_s(e, claim)
+    if times is None:
+        t_s = np.concatenate([movement.t_s for movement in e.twin.movements])
+        strong = _where_strong(e, claim)
+        times = t_s if strong is None else t_s[strong]
+    return [round(float(times.min()), 3), round(float(times.max()), 3)] if len(times) else None
+
+
+def _range(e: Explanation, claim: Claim) -> dict | None:
+    """The range of the strongest effect's variable: where it is at least half its greatest, or at its moments."""
+    regime = variable_of(claim.effect, _theta(e, claim))
+    values = _values(e, claim, regime)
+    if not len(values) or not np.isfinite(values).all():
+        return None
+    axis = {} if regime.axis is None else {"axis": "xyz"[regime.axis]}
+    return {"variable": regime.variable, "units": regime.units, "from": float(values.min()), "to": float(values.max()), **axis}
+
+
+def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
+    if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
+        return clipped_readings(e, claim).magnitude / DEG
+    if regime.variable == "time" and (times := moments_s(e, claim)) is not None:
+        return times
+    if regime.variable == "attitude":
+        return regime.of_stills(e.twin)
+    by_log = [regime.of_samples(movement) for movement in e.twin.movements]
+    if claim.effect.kind == "motion":  # in the turns that are used, and nowhere else
+        by_log = [by_log[s.log][s.start : s.stop] for s in e.twin.segments]
+    values = np.concatenate(by_log)
+    strong = _where_strong(e, claim)
+    return values[values > 0.5 * np.quantile(values, 0.999)] if strong is None else values[strong]
+
+
+def _where_strong(e: Explanation, claim: Claim) -> np.ndarray | None:
+    """Samples (N,) bool at which the effect adds at least half of the most it adds; None where it adds to no rate."""
+    if claim.effect.kind != "rate":
+        return None
+    theta = _theta(e, claim)
+    strength = np.concatenate([np.linalg.norm(claim.effect.columns(m) @ theta, axis=1) for m in e.twin.movements])
+    return strength > 0.5 * np.quantile(strength, 0.999)
+
+
+def _theta(e: Explanation, claim: Claim) -> np.ndarray | None:
+    """(P,) SI; None of what was mended in the registers."""
+    return None if claim.effect.kind == "register" else theta_of(claim.effect, claim.parameters, e.naming.fit.state)
+
+
+# Recorded less predicted, channel by channel: the one table that the terminal, the report and the JSON show.
+
+#: what stands above it
+HEADING = "Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)"
+
+
+@dataclass(frozen=True)
+class ChannelRms:
+    """channel: in words; values: how many; before: rms in sigmas that the linear model leaves; after: that with what is named is left,
+    None where nothing that is fitted was named, or moves the channel."""
+
+    channel: str
+    values: int
+    before: float
+    after: float | None
+
+
+def is_refitted(e: Explanation) -> bool:
+    """Whether the fit knows more than the linear model: what was mended in the registers was mended before either."""
+    return bool(e.naming.fit.state.claims)
+
+
+def channel_rms(e: Explanation) -> dict[str, tuple[float, float]]:
+    """Of each channel by itself, (before, after): rms in sigmas of its own noise, over the values that its own calibration leaves free.
+
+    Whitened together, a misfit of the closure would spread over channels that are healthy: gravity's length is the accelerometer's alone.
+    """
+    looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
+    found = {}
+    for name, part in e.whiten.parts.items():
+        before, after = (float(np.sqrt(np.sum(r[part] ** 2) / max(values_of(e, name) - taken[name], 1))) for r, taken in looks)
+        found[name] = before, after
+    return found
+
+
+def values_of(e: Explanation, name: str) -> int:
+    """How many values a channel has: rows of angles that no reference sees are none."""
+    part = e.whiten.parts[name]
+    return part.stop - part.start - unknown_rows(e.twin, name)
+
+
+def residual_table(e: Explanation) -> list[ChannelRms]:
+    """The table's rows: the channels that are fitted, then slope and scatter within the stills, which no effect that is fitted moves."""
+    rows = []
+    for name, (before, after) in channel_rms(e).items():
+        rows.append(ChannelRms(CHANNELS[name], values_of(e, name), before, after if is_refitted(e) else None))
+    assert e.within is not None  # an explanation that is told is whole
+    for name in ("slope", "scatter"):
+        rows.append(ChannelRms(f"{name} of the rate within each still", e.within.slope.size, e.within.rms(name), None))
+    return rows
+
+
+# The movement or condition that would tell what a recording cannot.
+
+
+def what_next(e: Explanation) -> str | None:
+    """The movement or condition that would tell what this recording cannot; None where nothing is open."""
+    for claim in e.claimed:
+        if claim.equivalent:
+            return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.splits}"
+    if e.findings:
+        return e.findings[0].effect.splits
+    if e.verdict == "unexplained" and (suspicion := next((warning.do for warning in e.warnings if warning.do), None)):
+        return suspicion
+    if e.verdict == "unexplained":
+        worst = worst_segments(e)
+        where_to_look = f"; begin with the movement of segment {worst[0]}" if worst else ""
+        return "repeat the session with one thing changed at a time (rate, temperature, attitude)" + where_to_look
+    if e.verdict == "partly_explained" and bonferroni(e.left) < BELONGS_P:
+        return "mend what is named, record again, and explain what is left"
+    return None
+
+
+# What else was weighed, in words that terminal and report share: names and moments that are not borne out, rivals, and the noise.
+
+MOST_SAID = 6  #: of each list, on a page; the JSON has all
+#: a name that is less probable is not worth a line
+LEAST_CHANCE = 0.01
+
+
+def chance_words(probability: float) -> str:
+    """``0.87``, ``> 0.999`` or ``< 0.001``."""
+    return "> 0.999" if probability > 0.999 else "< 0.001" if probability < 0.001 else f"{probability:.3g}"
+
+
+def considered_lines(e: Explanation) -> list[str]:
+    """Moments that a detector proposed and closure refuses, which have no probability of their own, then the likeliest names."""
+    told = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
+    return [_considered_lines(each) for each in sorted(told, key=lambda each: each.moments == 0)[:MOST_SAID]]
+
+
+def _considered_lines(each: Considered) -> str:
+    if not each.moments:
+        return f"{each.id}: probability {chance_words(each.probability)}"
+    if each.closure_rad is None:
+        reach, close = ("segment reaches", "closes") if each.moments == 1 else ("segments reach", "close")
+        return f"{each.id}: {each.moments} {reach} a level, and {close} like the others"
+    before, after = (f"{rad / DEG:.3f}°" for rad in each.closure_rad)
+    where = f"{each.id} at {each.moments} {'moment' if each.moments == 1 else 'moments'}: closure there is {before}"
+    if before == after:
+        return f"{where}, and {'no number of lost samples makes it' if each.id == LOST else 'once mended it is no'} better"
+    return f"{where} as recorded, {after} once mended"
+
+
+def rival_words(claim: Claim) -> list[str]:
+    """``gyro.bias_step (0.04)``: what was weighed in a claim's place and is worth a line, likeliest first; what could as well be the cause
+    is told apart from them."""
+    rivals = sorted(claim.rivals.items(), key=lambda rival: -rival[1])
+    shown = [(name, chance) for name, chance in rivals if chance >= LEAST_CHANCE and name not in claim.equivalent]
+    return [f"{name} ({chance_words(chance)})" for name, chance in shown[:MOST_SAID]]
+
+
+def equivalent_words(claim: Claim) -> list[str]:
+    """``gyro.bias_step (0.4)``: what could as well be the cause, with its probability where it was weighed."""
+    return [f"{name} ({chance_words(claim.rivals[name])})" if name in claim.rivals else name for name in claim.equivalent]
+
+
+def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
+    """(name, size ± sigma with its unit, what it says) of each component of noise; none where none was estimated."""
+    if e.noise is None:
+        return []
+    return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["says"]) for c in e.noise.to_json()]
+
+
+# An explanation as ``tinygc-explain/1`` (docs/formats.md): what, where, how sure, and what would tell more.
+
+SCHEMA = "tinygc-explain/1"
+
+
+def to_json(e: Explanation) -> dict:
+    """The whole result, JSON-ready."""
+    assert e.within is not None
+    assert e.noise is not None  # an explanation that is told is whole
+    return {
+        "schema": SCHEMA,
+        "session": e.session.name,
+        "verdict": e.verdict,
+        "mismatch": {
+            **p_entry("p_value", e.p_value),
+            "closure_rms_deg": tilt_rms(e.proof.before) / DEG,
+            "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
+            "where": where(e),
+        },
+        "effects": [_effect(claim) for claim in e.claimed],
+        "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
+        "considered": [_considered(each) for each in e.considered],
+        "lot_effects": [each.to_json() for each in e.of_lot],
+        "lines_end_hz": lines_end_hz(e.twin),
+        "fit": {
+            "holdout_closure_rms_deg": {
+                "before": tilt_rms(e.proof.before) / DEG,
+                "after": tilt_rms(e.proof.after) / DEG,
+                "floor": e.proof.floor_rms / DEG,
+            },
+            "excess_removed": e.proof.removed,
+            "segments_after": len(e.proof.after_numbers),
+        },
+        "channels": {
+            name: p_entry("p_before", before) | p_entry("p_after", after) | {"rms_sigmas": dict(zip(("before", "after"), rms, strict=True))}
+            for (name, (before, after)), rms in zip(e.own_p.items(), channel_rms(e).values(), strict=True)
+        },
+        "turn_gravity": {
+            "lever_m": e.gravity.lever_m.tolist(),
+            "offset_s": e.gravity.offset_s,
+            "offset_std_s": e.gravity.sigma_s,
+            "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
+        },
+        "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
+        "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
+        "seen_from": {
+            name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
+            for name, size in e.seen_from.items()
+        },
+        "warnings": [vars(warning) for warning in e.warnings],
+        "next": what_next(e),
+        "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
+        "version": VERSION,
+    }
+
+
+def _considered(each: Considered) -> dict:
+    closure = None if each.closure_rad is None else dict(zip(("before", "after"), (rad / DEG for rad in each.closure_rad), strict=True))
+    return {"id": each.id, "probability": each.probability, "moments": each.moments, "closure_rms_deg": closure}
+
+
+def _effect(claim: Claim) -> dict:
+    return {
+        "id": claim.effect.id,
+        "equation": claim.effect.equation,
+        "parameters": claim.parameters,
+        "std": claim.std,
+        **p_entry("p_value", claim.p_value, claim.p_is_bound),
+        "probability": claim.probability,
+        "rivals": claim.rivals,
+        "equivalent": list(claim.equivalent),
+        "says": claim.says,
+    }

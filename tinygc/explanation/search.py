@@ -1,0 +1,263 @@
+"""Search for the hypothesis with the most evidence, and the detection limits of all other effects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, candidates, least_gain, left_of, orthonormal, sharpened
+from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.whitening import TOGETHER, Whitener
+
+# The search for the hypothesis with the most evidence: forward, with elimination and exchange after every step, and a beam.
+#
+# Linear columns say what is worth weighing (``selection.py``), under the noise as it was known beforehand and as the present hypothesis
+# has estimated it: what a component has swallowed shows under the former, what is faint under the latter.  Weighing is exact.
+
+MOST_EFFECTS = 5  #: one more than `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
+#: candidates that are weighed in each round, of either ranking
+MOST_TRIALS = 3
+#: -2 log evidence within which a hypothesis is worth going on from, and a rival worth weighing
+WITHIN = 12.0
+BEAM = 2
+#: of -2 log evidence, by which linear columns may misjudge a hypothesis; how many are weighed exactly in a round
+NEAR, MOST_EXACT = 8.0, 3
+#: linear columns promise an exact fit's gain to this share; rivals that are weighed in an effect's place
+LINEAR_SHARE, MOST_LOOKALIKES = 0.1, 4
+
+
+def search(
+    evidence: Evidence,
+    tried: list[Effect],
+    begin: Hypothesis,
+    most: int = MOST_EFFECTS,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Hypothesis:
+    """The hypothesis with the most evidence that can be reached from ``begin``."""
+    evidence.will_try(tried)
+    best, beam = begin, [begin]
+    for number in range(most):
+        progress(f"naming, round {number + 1}")
+        found = [trial for each in beam for trial in _with_one_more(evidence, tried, each)]
+        if not found:
+            break
+        found.sort(key=lambda h: h.score)
+        ahead = without_idle(evidence, found[0])
+        if ahead.score >= best.score:
+            break
+        best = ahead
+        beam = [best, *(h for h in found[1:BEAM] if h.score < best.score + WITHIN and h.ids != best.ids)]
+    return best
+
+
+def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Effect]:
+    """Candidates worth weighing beside a hypothesis, each effect once, at its best shape."""
+    rest = [effect for effect in tried if effect.id not in have.ids]
+    found: dict[str, Effect] = {}
+    replay = Replay(evidence.twin, have.fit)
+    looks = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
+    for (whiten, fit), promise in zip(looks, promises(evidence, looks, rest), strict=True):
+        taken = 0
+        for number in np.argsort(-promise):
+            if promise[number] < 0 or taken >= MOST_TRIALS:
+                break
+            effect = rest[number]
+            key = effect.id if effect.scan is not None else effect.equation
+            if key not in found:
+                found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
+                taken += 1
+    return list(found.values())
+
+
+def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list[Effect]) -> np.ndarray:
+    """(len(looks), len(rest)) twice the logarithm of the evidence that each candidate would add by its linear columns, beside each fit as
+    it is whitened, the noise as it is.  One after the other, their columns made once for all."""
+    found = np.empty((len(looks), len(rest)))
+    beside = []
+    for _, fit in looks:
+        q = orthonormal(fit.J)
+        beside.append((q, fit.r - q @ (q.T @ fit.r)))
+    for first in range(0, len(rest), TOGETHER):
+        some = rest[first : first + TOGETHER]
+        stacked = [evidence.columns(effect) for effect in some]
+        for look, ((whiten, _), (q, r)) in enumerate(zip(looks, beside, strict=True)):
+            for number, (effect, columns) in enumerate(zip(some, whiten.each(stacked), strict=True), first):
+                basis = left_of(q, columns)
+                gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
+                # The parameters' scale at its best: each pays the logarithm of its signal over its noise.
+                found[look, number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)
+    return found
+
+
+def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
+    """The fit of a hypothesis as another covariance sees it."""
+    if whiten is have.whiten:
+        return have.fit
+    return replace(have.fit, r=whiten(have.whiten.back(have.fit.r)), J=whiten(have.whiten.back(have.fit.J)))
+
+
+def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:
+    """The best hypotheses with one more effect: the likeliest by its linear columns, and those near it, weighed exactly."""
+    found = guesses(evidence, tried, have)
+    near = [g for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
+    if any(_delays(g.effects[-1]) for g in near):
+        near += [g for g in found if _delays(g.effects[-1]) and g not in near]
+    return [evidence.of(g.effects, have) for g in near]
+
+
+def _delays(effect: Effect) -> bool:
+    """Of delays linear columns say little: of a long one they miss what bends, and between two they see no difference."""
+    return effect.gauge is not None
+
+
+def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
+    """What linear columns promise of every candidate worth weighing beside a hypothesis, the best first."""
+    evidence.will_try(tried)
+    return sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
+
+
+def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+    """Without those effects that others have made needless."""
+    while len(best.effects) > 1:
+        several = sum(map(_delays, best.effects)) > 1  # they stand for one another
+        without = [(effect, evidence.guess(best, without=effect)) for effect in best.effects]
+        fewer = [
+            evidence.of(guess.effects, best)
+            for effect, guess in without
+            if guess.score < best.score + NEAR / 2 or (several and _delays(effect))
+        ]
+        ahead = min([*fewer, best], key=lambda h: h.score)
+        if ahead is best:
+            break
+        best = ahead
+    return best
+
+
+def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypothesis:
+    """Each effect against the others that could take its place; an effect that was named while others were still in the way may go."""
+    for _ in range(MOST_EFFECTS):
+        trials = []
+        for effect in best.effects:
+            own = evidence.guess(best, without=effect).score - best.score
+            for other in _in_place_of(evidence, tried, best, effect, own):
+                guess = evidence.guess(best, without=effect, add=other)
+                if guess.score < best.score + NEAR or (_delays(effect) and _delays(other)):
+                    trials.append(evidence.of(guess.effects, best))
+        ahead = min([*trials, best], key=lambda h: h.score)
+        if ahead is best:
+            break
+        best = without_idle(evidence, ahead)
+    return best
+
+
+def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
+    """Candidates whose linear columns take up nearly what an effect does that is worth ``own`` in -2 log evidence."""
+    whiten, number = best.whiten, next(i for i, e in enumerate(best.effects) if e is effect)
+    part = claim_slice(best.fit.state.claims, number)
+    r = best.fit.r - best.fit.J[:, part] @ best.fit.state.claims[number].theta
+    fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
+    others = best.ids - {effect.id}
+    rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
+    looks, replay = [(whiten, fit)], Replay(evidence.twin, fit)
+    (promise,), ((mine,),) = promises(evidence, looks, rest), promises(evidence, looks, [effect])
+    found: dict[str, Effect] = {}
+    for number in np.argsort(-promise):
+        if promise[number] < max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0) or len(found) >= MOST_LOOKALIKES:
+            break
+        key = rest[number].id if rest[number].scan is not None else rest[number].equation
+        if key not in found:
+            found[key] = sharpened(evidence.twin, whiten, fit, rest[number], replay)
+    return list(found.values())
+
+
+# From what size on each effect would have been seen in this recording: what a `no_mismatch` is worth, and what it cannot know.
+
+
+def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
+    """Effect id -> the size, in the parameter's unit, from which half of its directions are said; inf where no plausible one would be.
+
+    Said is what is more probable than nothing (``evidence.least_gain``).  An effect whose shape is scanned (a step) is taken at the moment
+    that shows it best.  Linear, beside all that ``fit`` has.
+    """
+    q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
+    sizes: dict[str, float] = {}
+    tried, replay = candidates(twin), Replay(twin, fit)
+    shapes = Counter(effect.id for effect in tried)
+    for effect in tried:
+        columns = whiten(replay.columns(effect).stacked())
+        size = _size(effect, columns - q @ (q.T @ columns), float(np.sqrt(least_gain(effect, shapes[effect.id]))))
+        sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
+    return sizes
+
+
+def in_words(sizes: dict[str, float]) -> list[str]:
+    """Two lines at most: from what size on each would have shown, and what could not."""
+    known = catalogue()
+    shown = ", ".join(f"{name} {size:.2g} {known[name].parameter.unit}" for name, size in sizes.items() if np.isfinite(size))
+    blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
+    lines = [f"would have been named from: {shown}"] if shown else []
+    return lines + ([f"not observable in this recording: {blind}"] if blind else [])
+
+
+def _size(effect: Effect, columns: np.ndarray, sigmas: float) -> float:
+    # The median: of a delay, what all axes have in common is the clock's and hardly shows, whatever the recording.
+    strength = float(np.median(np.linalg.svd(columns * effect.parameter.plausible, compute_uv=False)))
+    return sigmas / strength * effect.parameter.plausible / effect.parameter.si if strength > sigmas else float("inf")
+
+
+# What is named in a recording, with the probability of each name and of its rivals.
+
+#: -2 log evidence by which a stand-in may be worse and still be said: beyond it evidence is "very strong" (Kass & Raftery 1995)
+STAND_IN = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class NamedEffect:
+    """One effect with its family-wise p-value, the chi-square it takes up, its probability, the effects that could stand in for it, and
+    the probability of every rival that was weighed, by id."""
+
+    effect: Effect
+    p_value: float
+    gain: float
+    probability: float = 1.0
+    equivalent: tuple[str, ...] = ()
+    rivals: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class Naming:
+    """named, strongest first; fit with all of them; first_p: family-wise p-value of the first look; first: the fit without any."""
+
+    first: Refit
+    first_p: float
+    fit: Refit
+    named: list[NamedEffect] = field(default_factory=list)
+
+
+def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
+    """Posterior probability of each id, over all hypotheses that were weighed; "" for nothing at all."""
+    scores = np.array([h.score for h in weighed])
+    weight = np.exp(-(scores - scores.min()) / 2)
+    weight /= weight.sum()
+    found: dict[str, float] = {}
+    for h, w in zip(weighed, weight, strict=True):
+        for name in h.ids or ("",):
+            found[name] = found.get(name, 0.0) + float(w)
+    return {name: min(p, 1.0) for name, p in found.items()}
+
+
+def rivals_of(weighed: Sequence[Hypothesis | Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
+    """Of every effect that was weighed in an effect's place, -2 log evidence by which it is worse, by id."""
+    others = best.ids - {effect.id}
+    found: dict[str, float] = {}
+    for h in weighed:
+        extra = h.ids - others
+        if others <= h.ids and len(extra) == 1 and effect.id not in extra:
+            (name,) = extra
+            found[name] = min(found.get(name, np.inf), h.score - best.score)
+    return found

@@ -1,0 +1,249 @@
+"""Explain a session whose reference is a truth file: wrong attitudes, the truth's clock, the sensor's effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from session.io.config import FOUND, TruthAlignment
+from session.io.folder import Session
+from session.io.units import DEG
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.prepared import Prepared, prepare
+from tinygc.closure.problem import Problem, weighed_down
+from tinygc.explanation.truth_evidence import (
+    Force,
+    TruthClaim,
+    TruthExplanation,
+    error_angles,
+    force_against_truth,
+    growth,
+    neighbours,
+    neighbours_correlation,
+    noises,
+    zero_at_rest,
+)
+from tinygc.explanation.truth_names import (
+    FRAME,
+    MOUNTED,
+    OFFSET,
+    TruthNames,
+    TruthTwin,
+    common_delays,
+    excess_of,
+    held_out,
+    name_beside_truth,
+    wrong_moments,
+)
+from tinygc.noise.refit import refit
+
+# Single attitudes of a truth file that are wrong: the segment before misses by what the segment after makes good.
+
+#: both its segments miss by this many times what is usual (normal errors: less than 1e-7 a moment by ``chance_of``), in opposite
+#: directions: misses of five times the noise point apart by 180 degrees less 16 or so, and 45 are allowed
+JUMP = 5.0
+OPPOSITE = -0.7
+
+
+#: median length of a vector of three normal deviates; and how many squares a scale from a median of N such lengths is worth, over N
+MEDIAN_LENGTH, FREEDOM_SHARE = float(stats.chi.median(3)), 1.58
+
+
+def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, float]], float]:
+    """The problem without the segments at both sides of a wrong moment of truth, log and s of each such moment, and an upper bound of the
+    chance that noise alone makes one as large as the largest; 1 where there is none."""
+    model = problem.first
+    keep = np.ones(len(problem.batch), dtype=bool)
+    for _ in range(3):
+        model = fit_least_squares(problem.batch.pick(keep), problem.floor.sigma[keep], model).model
+        angles = error_angles(problem.batch, model)
+        usual = float(np.median(np.linalg.norm(angles, axis=1)))
+        at = neighbours(problem)
+        before, after = angles[at], angles[at + 1]
+        size = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+        cosine = np.sum(before * after, axis=1) / np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-12)
+        wrong = at[(size > JUMP * usual) & (cosine < OPPOSITE)]
+        keep = np.ones(len(problem.batch), dtype=bool)
+        keep[wrong] = keep[wrong + 1] = False
+    if not len(wrong) or keep.sum() < len(keep) / 2:
+        return problem, [], 1.0
+    numbers = {segment.number for segment, ok in zip(problem.used, keep, strict=True) if not ok}
+    segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
+    jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
+    wider = None if problem.floor.wider is None else problem.floor.wider[keep]
+    floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
+    kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
+    # What two neighbours share is kept where both are.
+    both = np.flatnonzero(keep[:-1] & keep[1:])
+    new = np.cumsum(keep) - 1
+    floor.shared[new[both]] = problem.floor.shared[both]
+    return kept, jumps, chance_of(float(size[np.isin(at, wrong)].max() / usual), len(at), len(angles))
+
+
+def chance_of(times_usual: float, pairs: int, segments: int) -> float:
+    """Upper bound of the chance that normal errors, of the scale that the median length of ``segments`` of them tells, miss on both sides
+    of one of ``pairs`` moments by so many times that length: that one side of one does, over all moments (Bonferroni)."""
+    ratio = (times_usual * MEDIAN_LENGTH) ** 2 / 3
+    return float(min(1.0, pairs * stats.f.sf(ratio, 3, FREEDOM_SHARE * segments)))
+
+
+# The truth's clock as it was recorded: found before anything was fitted, or beside a delay of the gyro's axes; a claim like the others.
+
+#: a clock that stands beside a delay, unasked, is said where it is as sure as this: by chance once in 370
+SAID_SIGMAS = 3.0
+
+
+def with_recorded_clock(problem: Problem, names: TruthNames, alignment: TruthAlignment | None) -> TruthNames:
+    """The same with the whole offset of the clock among the claims; if one was found beforehand, before is what the recording has with the
+    clock set back."""
+    found_s = alignment.reading.offset_s if alignment is not None and alignment.source["offset_s"] == FOUND else 0.0
+    named = next((claim for claim in names.claims if claim.effect.id == OFFSET.id), None)
+    others = [claim for claim in names.claims if claim is not named]
+    left_s, sigma_s = _left(names)
+    if found_s and not np.isfinite(sigma_s) and alignment is not None:
+        sigma_s = alignment.offset_sigma_s
+    whole_s = found_s + left_s
+    if not found_s and named is not None:
+        return names
+    if not abs(whole_s) > SAID_SIGMAS * sigma_s and named is None:
+        return replace(names, claims=others)
+    first_share, names = _set_back(problem, names, found_s) if found_s else (0.0, names)
+    others = [replace(claim, share=None if claim.share is None else claim.share * (1 - first_share)) for claim in others]
+    p_value = float(stats.chi2.sf((whole_s / sigma_s) ** 2, 1))
+    theta, sigma = np.array([whole_s]), np.array([sigma_s])
+    claim = TruthClaim(OFFSET, theta, sigma, p_value, first_share, equivalent=common_delays())
+    if named is not None:
+        share = first_share + (named.share or 0.0) * (1 - first_share)
+        claim = replace(named, theta=theta, sigma=sigma, share=share, p_value=min(p_value, named.p_value))
+    return replace(names, claims=sorted([claim, *others], key=lambda c: -(c.share or 0.0)), p_value=min(names.p_value, p_value))
+
+
+def _left(names: TruthNames) -> tuple[float, float]:
+    """s that the last fit has of the clock, and its sigma; nan where the clock is none of its claims."""
+    for number, claim in enumerate(names.fit.state.claims):
+        if claim.effect is OFFSET:
+            return float(claim.theta[0]), float(np.sqrt(names.fit.theta_covariance(number)[0, 0]))
+    return 0.0, float("nan")
+
+
+def _set_back(problem: Problem, names: TruthNames, found_s: float) -> tuple[float, TruthNames]:
+    """The share of chi-square that a clock that was found takes up, and the names with what there was before it did."""
+    twin, whiten = TruthTwin(problem), names.decision.whiten
+    start = twin.start()
+    back = TruthTwin(replace(problem, batch=twin.later(problem.batch, start, -found_s)))
+    first = refit(back, whiten, [], start)
+    angles = back.residuals(first.state).closure
+    share = float(np.clip(1 - names.decision.naming.first.chi_square / first.chi_square, 0, 1))
+    return share, replace(
+        names,
+        angles=(angles, names.angles[1]),
+        held_out=(held_out(back, whiten, first), names.held_out[1]),
+        excess=(excess_of(problem, angles, 0), names.excess[1]),
+    )
+
+
+# ``explain`` where the reference is a truth file: what is wrong with the sensor, what with the truth, what with their clocks.
+#
+# A table's twin rests on stills; a vehicle has hardly any, but its attitude is known at any two moments, all three angles of it.  So one
+# channel, the closure between moments of truth (``truth_twin.py``), is looked at in five ways:
+#
+# - its columns: the catalogue's rate effects and the truth's clock, weighed as for any recording (``names.py``);
+# - its growth: closure against length tells the truth's own noise (constant) from the gyro's (root of time) and from a bias (time);
+# - its neighbours: a wrong moment of truth is missed by the segment before it and made good by the one after;
+# - its clock and its frame, as they were found before anything was fitted (``session/alignment``): a rotation between gyro and truth that
+#   a gyro may have itself is the truth's where the accelerometer asks for the same one;
+# - its bias: in motion, against the mean rate at rest, which the truth is not needed for.
+
+#: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
+#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (not critical: as above)
+FRAME_RAD, FRAME_SIGMAS, FRAME_LEAVES = 0.5 * DEG, 5.0, 0.7
+
+
+def explain_truth(
+    session: Session | Path,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    prepared: Prepared | None = None,
+) -> TruthExplanation:
+    """Explain a session with a truth file.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
+    problem = prepared.problem
+    progress("moments of truth", 1, 5)
+    sound, jumps, jumps_p = without_wrong_moments(problem)
+    progress("naming", 2, 5)
+    fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
+    alignment = sound.session.alignment
+    names = with_recorded_clock(sound, name_beside_truth(sound, seed, lambda what: progress(what, 2, 5)), alignment)
+    progress("growth and clocks", 3, 5)
+    lengths, closures = growth(sound, fit.model)
+    truth_rad, walk_rad = noises(lengths, closures)
+    progress("frames and rests", 4, 5)
+    force = force_against_truth(sound, *_stands_and_turned(alignment))
+    claims = _frame_claim(alignment, force) + names.claims
+    if jumps:
+        began = problem.began_s
+        at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
+        claims = [TruthClaim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
+    return TruthExplanation(
+        problem=sound,
+        model=fit.model,
+        jumps=jumps,
+        claims=claims,
+        refused=names.refused,
+        p_value=names.p_value,
+        angles=names.angles,
+        held_out=names.held_out,
+        excess=names.excess,
+        noise=names.decision.noise,
+        considered=names.decision.considered,
+        lengths_s=lengths,
+        closure_rad=closures,
+        truth_rad=truth_rad,
+        walk_rad=walk_rad,
+        gyro_rad=float(np.mean(sound.noise.angle_random_walk)),
+        neighbours=(neighbours_correlation(sound, names.angles[0]), neighbours_correlation(sound, names.angles[1])),
+        alignment=alignment,
+        rests=zero_at_rest(sound, fit.model),
+        force=force,
+        warnings=prepared.warnings + weighed_down(prepared.session.name, problem.widened),
+    )
+
+
+def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
+    """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem reckons with."""
+    if alignment is None or not np.isfinite(alignment.turned).all():
+        return np.zeros(3)
+    return (Rotation.from_matrix(alignment.reading.mounting).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
+
+
+def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np.ndarray]:
+    """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without a mounting that was found, and as the gyro asks."""
+    asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
+    if alignment is None or alignment.source["mounting"] != FOUND:
+        return np.eye(3), asked
+    return alignment.reading.mounting.T, asked
+
+
+def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[TruthClaim]:
+    """The truth's frame is turned if the gyro says so by more than it can be misaligned, or the accelerometer's apparent bias becomes less
+    with it."""
+    if alignment is None or not np.isfinite([alignment.turned, alignment.turned_sigma]).all():
+        return []
+    turned, sigma = _not_taken_off(alignment), alignment.turned_sigma
+    if alignment.source["mounting"] == FOUND:
+        sure = float(np.sum((alignment.turned / sigma) ** 2))
+        return [TruthClaim(MOUNTED, alignment.turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
+    size = float(np.linalg.norm(turned))
+    sure = float(np.sum((turned / sigma) ** 2))
+    if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:
+        return []
+    if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
+        return []
+    return [TruthClaim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -1,0 +1,305 @@
+"""Beside a truth file: how the closure grows, how neighbours agree, and the explanation that holds the claims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from session.detect.findings import Finding
+from session.detect.segments import Segment
+from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
+from session.io.config import TruthAlignment
+from session.io.numeric import sigma_of
+from session.io.units import DEG, NS
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.residual import Batch, RateMap
+from tinygc.closure.truth import batch_of
+from tinygc.effects import Effect, movement_of
+from tinygc.explanation.evidence import FAMILY_WISE
+from tinygc.models.linear import LinearModel
+from tinygc.noise.session_noise import SessionNoise
+
+# Evidence of a truth file: how the closure grows, how neighbours go together, the accelerometer, the rests.
+
+#: lengths at which the closure's growth is looked at, s
+LENGTHS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
+#: of the specific force, over which a vehicle's own acceleration averages out: what stays below 0.5 m/s has a mean of 5 mg at most
+FORCE_WINDOW_S = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """seconds at rest; difference (3,) rad/s of the zero there from the one in motion, with its scatter sigma (3,); vibration_g2 at rest
+    and in motion."""
+
+    seconds: float
+    difference: np.ndarray
+    sigma: np.ndarray
+    vibration_g2: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """Apparent bias (3,) m/s^2 of the accelerometer against the truth's attitude, as it stands and with the truth's frame turned by the
+    gyro's rotation; sigma (3,)."""
+
+    bias: np.ndarray
+    turned: np.ndarray
+    sigma: np.ndarray
+
+
+def error_angles(batch: Batch, model: RateMap) -> np.ndarray:
+    """(S, 3) rad: what a model leaves of each segment's rotation, about the truth's axes."""
+    return closure.error_angles(closure.segment_residuals(batch, model(batch.rate)))
+
+
+def neighbours(problem: Problem) -> np.ndarray:
+    """(P,) numbers of used segments whose successor begins where they end."""
+    used = problem.used
+    return np.array(
+        [i for i in range(len(used) - 1) if used[i].log == used[i + 1].log and used[i].stop - 1 == used[i + 1].start], dtype=int
+    )
+
+
+def offset_columns(batch: Batch, model: RateMap) -> np.ndarray:
+    """(S, 3) rad/s: how the residual turns with the truth's clock.  Truth that is late by s shows what was s before."""
+    rate = model(batch.rate) - batch.earth
+    counts = np.sum(batch.dt > 0, axis=1)
+    last = np.take_along_axis(rate, counts[:, None, None], axis=1)[:, 0]
+    ends = [np.einsum("sij,sj->si", rotation.matrix(q), w) for q, w in ((batch.start, rate[:, 0]), (batch.end, last))]
+    # The truth's attitude is the one at t + s: taken back to t, the start turns back by s w_start, and so does the end.
+    return ends[1] - ends[0]
+
+
+def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, Ends]]:
+    """The same session cut at another length, within what is used."""
+    session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
+    cut = []
+    for number, (log, truth) in enumerate(zip(problem.logs, session.truths or (), strict=True)):
+        used = [(s.start, s.stop) for s in problem.used if s.log == number]
+        for segment, ends in cut_at_truth(log.samples, truth, session.config.sensor, protocol, log=number):
+            inside = any(a <= segment.start and segment.stop <= b for a, b in _joined(used))
+            if segment.accepted and inside:
+                cut.append((segment, ends))
+    return cut
+
+
+def _joined(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Spans that follow one another, as one."""
+    joined: list[tuple[int, int]] = []
+    for a, b in spans:
+        if joined and joined[-1][1] - 1 >= a:
+            joined[-1] = (joined[-1][0], b)
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (L,) s that the truth's moments allow, and the closure's robust rms (L, 3) rad at each, about the table's axes."""
+    lengths, closures = [], []
+    for length in LENGTHS_S:
+        cut = _again(problem, length)
+        # A median of fewer is not known to 40 %; a tenth in length is a twentieth in the noise's growth.
+        if len(cut) < 8 or abs(np.median([s.duration_s for s, _ in cut]) / length - 1) > 0.1:
+            continue
+        batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
+        angles = error_angles(batch, model)
+        lengths.append(length)
+        closures.append(sigma_of(angles - np.median(angles, axis=0)))
+    return np.array(lengths), np.array(closures).reshape(-1, 3)
+
+
+def noises(lengths: np.ndarray, closures: np.ndarray) -> tuple[float, float]:
+    """Per angle: sigma rad of a moment of truth, and the random walk rad/sqrt(s), from variance = 2 truth^2 + walk^2 T + drift^2 T^2."""
+    if len(lengths) < 3:
+        return float("nan"), float("nan")
+    variance = np.mean(closures**2, axis=1)
+    design = np.column_stack([2 * np.ones_like(lengths), lengths, lengths**2])
+    solution, _ = nnls(design / variance[:, None], np.ones_like(lengths))
+    return float(np.sqrt(solution[0])), float(np.sqrt(solution[1]))
+
+
+def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
+    """Correlation of neighbouring segments' errors (S, 3): -1/2 if moments of truth are wrong, 0 if the gyro is noisy, more if its
+    bias wanders."""
+    at = neighbours(problem)
+    if len(at) < 5:
+        return float("nan")
+    size = np.median(np.linalg.norm(angles, axis=1))
+    angles = angles * np.minimum(1, 3 * size / np.maximum(np.linalg.norm(angles, axis=1), 1e-12))[:, None]
+    return float(np.sum(angles[at] * angles[at + 1]) / np.sqrt(np.sum(angles[at] ** 2) * np.sum(angles[at + 1] ** 2)))
+
+
+def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray) -> Force | None:
+    """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out; stands, turned
+    (3, 3): from the sensor's axes to those that the problem's attitudes are of, by the truth as it stands and turned as the gyro asks."""
+    rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    g = problem.session.config.site.expected_gravity_mps2
+    down = np.array([0, 0, g])
+    for log, truth in zip(problem.logs, problem.session.truths or (), strict=True):
+        at, q = moments_inside(log.samples, truth)
+        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
+        turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
+        weight = np.hanning(size) / np.hanning(size).sum() if size > 10 else None
+        for start in range(0, len(at) - size, max(size // 2, 1)):
+            part = slice(start, start + size)
+            if (
+                weight is None
+                or not has[part].all()
+                or log.samples.t_s[at[part.stop - 1]] - log.samples.t_s[at[start]] > 1.1 * FORCE_WINDOW_S
+            ):
+                continue
+            mean = np.einsum("t,tij->ij", weight, turn[part])
+            for out, x in zip(rows, (mean, mean), strict=True):
+                out.append(x)
+            for out, f in zip(values, (force[part] @ stands.T, force[part] @ turned.T), strict=True):
+                out.append(np.einsum("t,tij,tj->i", weight, turn[part], f) + down)
+    if len(rows[0]) < 3:
+        return None
+    found = []
+    for design, value in zip(rows, values, strict=True):
+        # A bias in the body, and a tilt of the truth's world.
+        tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(design), 1, 1))
+        A = np.concatenate([np.array(design), tilt], axis=2).reshape(-1, 5)
+        y = np.array(value).ravel()
+        prior = np.diag([1e-6] * 3 + [1 / (0.5 * DEG) ** 2] * 2) * 0.05**2
+        inverse = np.linalg.inv(A.T @ A + prior)
+        x = inverse @ (A.T @ y)
+        left = y - A @ x
+        found.append((x[:3], np.sqrt(np.diag(inverse)[:3] * float(left @ left) / max(len(y) - 5, 1))))
+    return Force(found[0][0], found[1][0], found[0][1])
+
+
+def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
+    """The zero at rest against the one in motion, by the gyro's own readings."""
+    rates, weights, quiet, shaken = [], [], [], []
+    for log in problem.logs:
+        movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
+        moving = np.ones(len(log.samples), dtype=bool)
+        for rest in log.rests:
+            part = slice(rest.start, rest.stop)
+            rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
+            weights.append(rest.stop - rest.start)
+            quiet.append(float(movement.vibration_g2[part].mean()))
+            moving[part] = False
+        shaken.append(float(np.median(movement.vibration_g2[moving])))
+    if not rates:
+        return None
+    mean = np.average(rates, axis=0, weights=weights)
+    scatter = np.std(rates, axis=0, ddof=1) / np.sqrt(len(rates)) if len(rates) > 1 else np.full(3, np.nan)
+    seconds = sum(weights) * problem.logs[0].samples.period_s
+    return Rests(float(seconds), mean, scatter, (float(np.average(quiet, weights=weights)), float(np.mean(shaken))))
+
+
+# What is found beside a truth file: claims, and the explanation that holds them.
+
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, no gyroscope has that (benchmarks/thresholds.py: double lets false names in)
+SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
+
+LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
+
+
+@dataclass(frozen=True, eq=False)
+class TruthClaim:
+    """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
+    it takes up (None of what was found beside the naming); probability of the name after all that was weighed, rivals: of what was
+    weighed in its place, by id; equivalent: ids that could stand in for it."""
+
+    effect: Effect
+    theta: np.ndarray
+    sigma: np.ndarray | None
+    p_value: float
+    share: float | None
+    probability: float = 1.0
+    rivals: dict[str, float] = field(default_factory=dict)
+    equivalent: tuple[str, ...] = ()
+
+    @property
+    def says(self) -> str:
+        """In a sentence."""
+        return self.effect.says(self.theta)
+
+    @property
+    def implausible(self) -> bool:
+        """Whether no gyroscope has so much of it."""
+        return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
+
+
+@dataclass(frozen=True, eq=False)
+class TruthExplanation:
+    """What was found; angles in rad.
+
+    problem and model: linear, without the suspect moments; jumps: log and s of wrong moments; claims, strongest first; refused: what
+    would fit, but at a size that no gyroscope has; p_value of the first look; before and after: angles (S, 3), each used segment's
+    closure about the truth's axes, held_out: the same by fits that did not see it, and excess, chi-square over what is stated; noise: its
+    components as they are; considered: names that are not borne out, with their probability; lengths_s (L,), closure_rad (L, 3): growth;
+    truth_rad a moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest;
+    neighbours: correlation of neighbouring segments' errors, before and after; alignment: clock and frame of the truth
+    against the gyro; rests; force; warnings of the first look.
+    """
+
+    problem: Problem
+    model: LinearModel
+    jumps: list[tuple[int, float]]
+    claims: list[TruthClaim]
+    refused: list[TruthClaim]
+    p_value: float
+    angles: tuple[np.ndarray, np.ndarray]
+    held_out: tuple[np.ndarray, np.ndarray]
+    excess: tuple[float, float]
+    noise: SessionNoise
+    considered: dict[str, float]
+    lengths_s: np.ndarray
+    closure_rad: np.ndarray
+    truth_rad: float
+    walk_rad: float
+    gyro_rad: float
+    neighbours: tuple[float, float]
+    alignment: TruthAlignment | None
+    rests: Rests | None
+    force: Force | None
+    warnings: list[Finding]
+
+    @property
+    def offset(self) -> tuple[float, float]:
+        """s of the truth's clock as it was recorded, and its sigma; nan where they are not known."""
+        return (float("nan"), float("nan")) if self.alignment is None else (self.alignment.offset_s, self.alignment.offset_sigma_s)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(3,) rad from the gyro's axes to the truth's body as it was recorded; nan where that is not known."""
+        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned
+
+    @property
+    def turned_sigma(self) -> np.ndarray:
+        """(3,) rad, of the same."""
+        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned_sigma
+
+    @property
+    def closure_rms(self) -> tuple[float, float]:
+        """rad, of all three angles together, before and after."""
+        return rms(self.angles[0]), rms(self.angles[1])
+
+    @property
+    def held_out_rms(self) -> tuple[float, float]:
+        """The same of segments that the fit did not see."""
+        return rms(self.held_out[0]), rms(self.held_out[1])
+
+    @property
+    def verdict(self) -> str:
+        """As docs/explain.md names them."""
+        if not self.claims:
+            return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
+        slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)
+        return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"
+
+
+def rms(angles: np.ndarray) -> float:
+    """rad, of all three of the angles (S, 3) together."""
+    return float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))

@@ -1,0 +1,347 @@
+"""Beside a truth file: what can be wrong with it, its twin, and which effects are named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from session.io.config import GIVEN
+from session.io.units import DEG
+from tinygc.attitude import rotation
+from tinygc.closure.floor import Floor, gyro_variance
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch, attitudes
+from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, catalogue, largest
+from tinygc.explanation.decision import FOLD_STEPS, NamingDecision, decided, fold_rows, folds_of
+from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, candidates, selection_of
+from tinygc.explanation.search import STAND_IN, NamedEffect, Naming, exchanged, search
+from tinygc.explanation.truth_evidence import TruthClaim, offset_columns
+from tinygc.explanation.unknown import NAMELESS
+from tinygc.models.linear import PARAMETERS
+from tinygc.noise.channels import in_gauge
+from tinygc.noise.components import WANDER
+from tinygc.noise.refit import Refit, refit
+from tinygc.noise.twin import Channels, State, Twin
+from tinygc.noise.whitening import Whitener
+
+# What can be wrong with a truth file; beside the catalogue, which is of sensors on a table.
+
+
+def _nothing(movement: Movement) -> np.ndarray:
+    """These bend the reference, not the rate."""
+    return np.zeros((*movement.rate.shape, 1))
+
+
+OFFSET = Effect(
+    id="timing.truth_offset",
+    equation="the truth's attitude at t is the one that the gyro's clock has at t + seconds",
+    parameter=Parameter("seconds", (), "s", plausible=0.1),
+    seen_in=("timing",),
+    kind="truth",
+    columns=_nothing,
+    says=lambda theta: (
+        f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} beside the gyro's: shift one of them "
+        f"(truth.offset_s = {theta[0]:.6f}); a delay that all axes of the gyro share looks the same"
+    ),
+    splits="turn fast and stop: the truth must stop with the gyro",
+)
+FRAME = Effect(
+    id="reference.truth_frame",
+    equation="the truth's body frame is the sensor's, turned by a constant rotation",
+    parameter=Parameter("rotation_deg", (3,), "deg", DEG, plausible=10 * DEG),
+    seen_in=("reference",),
+    kind="truth",
+    columns=_nothing,
+    says=lambda theta: (
+        f"the truth's body frame is turned by {np.linalg.norm(theta) / DEG:.1f} deg against the sensor's, "
+        f"most about {'xyz'[int(np.argmax(np.abs(theta)))]} ({largest(theta) / DEG:+.1f} deg): "
+        "gyro and accelerometer ask for the same rotation"
+    ),
+    splits="mount the sensor in the truth's body another way: a frame's error goes with the body, a gyro's misalignment with the gyro",
+)
+
+
+MOUNTED = replace(
+    FRAME,
+    says=lambda theta: (
+        f"the truth's body is turned by {np.linalg.norm(theta) / DEG:.1f} deg against the sensor's axes, more than a gyro's misalignment: "
+        "it is taken off, and what is common to the gyro's axes of misalignment with it"
+    ),
+)
+
+
+def common_delays() -> tuple[str, ...]:
+    """Ids of effects that can delay all axes alike: what they share cannot be told from a clock that nobody has given."""
+    return tuple(name for name, effect in catalogue().items() if effect.gauge is not None and effect.gauge.delays)
+
+
+def wander(knots_s: np.ndarray) -> Effect:
+    """A bias that wanders slowly: straight between knots, three numbers each beyond the first."""
+
+    def columns(movement: Movement) -> np.ndarray:
+        hats = [np.interp(movement.t_s, knots_s, hat) for hat in np.eye(len(knots_s))[1:]]
+        return np.concatenate([hat[:, None, None] * np.eye(3) for hat in hats], axis=2)
+
+    def says(theta: np.ndarray) -> str:
+        at = np.concatenate([np.zeros((1, 3)), theta.reshape(-1, 3)])
+        span = np.ptp(at, axis=0)
+        return (
+            f"the gyro's zero-rate offset wanders by {span.max() / DEG:.3f} dps (most on {'xyz'[int(np.argmax(span))]}) while the run lasts"
+        )
+
+    return Effect(
+        id="unknown.slow_bias",
+        equation="ω += b(t), slow; straight between knots",
+        parameter=Parameter("dps_at_knots", (len(knots_s) - 1, 3), "dps", DEG, plausible=DEG),
+        seen_in=("turn",),
+        columns=columns,
+        says=says,
+        inputs=("time",),
+        splits="record temperature, and the supply; repeat after a long warm-up",
+        shape={"knots_s": [round(float(knot), 1) for knot in knots_s]},
+    )
+
+
+def wrong_moments(count: int) -> Effect:
+    """So many wrong moments; the parameter is when, s of the session."""
+    return Effect(
+        id="reference.truth_jump",
+        equation="single attitudes of the truth are wrong: the segment before misses by what the segment after makes good",
+        parameter=Parameter("at_s", (count,), "s"),
+        seen_in=("reference",),
+        kind="register",
+        columns=_nothing,
+        says=lambda theta: f"{len(theta)} moments of truth are wrong by more than chance allows: leave them out",
+        splits="look at the truth's own residuals there",
+    )
+
+
+# The twin of a recording beside a truth file: the closure between moments of truth alone, and the truth's clock among what it replays.
+#
+# Stills that such a recording may have are no rows of it: their attitudes come from truth and gyro together, and in a vehicle the zero at
+# rest is another than in motion (``zero_at_rest`` says by how much), so a fit of both would be one of neither.
+
+#: of a clock that is set back; beyond, each is longer than two samples
+MOST_STEPS = 100
+
+
+class TruthTwin(Twin):
+    """A problem between moments of truth, ready to be replayed.
+
+    Its floor is the gyro's white noise alone: the truth's noise is a component, whose size the recording tells (``noise.truth``).
+    """
+
+    def __init__(self, problem: Problem):
+        at = attitudes(problem.batch, problem.first(problem.batch.rate))
+        own = gyro_variance(problem.batch, at, [problem.logs[segment.log].noise for segment in problem.used])
+        own, wider = own[:, : problem.batch.angles, : problem.batch.angles], problem.floor.wider
+        floor = Floor(own, np.zeros_like(problem.floor.shared))
+        super().__init__(replace(problem, floor=floor if wider is None else floor.widened(wider)))
+        alignment = problem.session.alignment
+        self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
+
+    def batch_at(self, state: State) -> Batch:
+        """The batch with the truth's attitudes as its clock has them, and the state's Earth."""
+        batch = super().batch_at(state)
+        for claim in state.claims:
+            if claim.effect.kind == "truth":
+                batch = self.later(batch, state, float(claim.theta[0]))
+        return batch
+
+    def later(self, batch: Batch, state: State, seconds: float) -> Batch:
+        """The truth's attitudes are those of so many seconds later: each taken back along the calibrated rate, in steps of about a
+        segment's sample, each with the rate of its half way."""
+        period_s = float(np.median([self.problem.logs[s.log].samples.period_s for s in self.segments]))
+        steps = min(int(np.ceil(abs(seconds) / (2 * period_s))), MOST_STEPS) or 1
+        turned, step_s = [], seconds / steps
+        for q, samples_at, earth in (
+            (batch.start, [s.start for s in self.segments], batch.earth[:, 0]),
+            (batch.end, [s.stop - 1 for s in self.segments], self._last_of(batch.earth)),
+        ):
+            for number in reversed(range(steps)):
+                half_s = (number + 0.5) * step_s
+                gyro = np.array([self._gyro(s.log, at, half_s) for s, at in zip(self.segments, samples_at, strict=True)])
+                q = rotation.multiply(q, rotation.exp(-step_s * (state.model(gyro) - earth)))
+            turned.append(q)
+        return replace(batch, start=turned[0], end=turned[1])
+
+    def _gyro(self, log: int, at: int, later_s: float) -> np.ndarray:
+        """(3,) rad/s as it was read so long after a sample, straight between its neighbours."""
+        samples = self.problem.logs[log].samples
+        where = np.clip(at + later_s / samples.period_s, 0, len(samples) - 1.001)
+        share, first = where % 1.0, int(where)
+        return (1 - share) * samples.gyro[first] + share * samples.gyro[first + 1]
+
+    def _last_of(self, values: np.ndarray) -> np.ndarray:
+        """(S, 3) of each segment's last sample, of values (S, T, 3)."""
+        last = np.sum(self.batch.dt > 0, axis=1)
+        return np.take_along_axis(values, last[:, None, None], axis=1)[:, 0]
+
+    def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
+        """As every twin's; of the truth's clock, how the attitudes at both ends turn."""
+        if effect.kind != "truth":
+            return super().effect_columns(effect, state, sensitivity, rates)
+        columns = offset_columns(self.batch_at(state), state.model)
+        return Channels(columns[..., None], np.zeros((0, 3, 1)), np.zeros((0, 1)))
+
+
+# What is named beside a truth file: the catalogue's rate effects, the truth's clock and a wandering bias, weighed as for any recording.
+
+WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by the evidence
+
+
+@dataclass(frozen=True, eq=False)
+class TruthNames:
+    """claims, strongest first; refused: what would fit, at a size that no gyroscope has; the decision, with p-value, noise and what was
+    considered; before and after: each segment's closure (S, 3) rad; held_out (S, 3) rad of each, of segments that the fit did not see;
+    excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection; evidence: all that was
+    weighed; fit: the last, with the clock beside what delays."""
+
+    claims: list[TruthClaim]
+    refused: list[TruthClaim]
+    decision: NamingDecision
+    angles: tuple[np.ndarray, np.ndarray]
+    held_out: tuple[np.ndarray, np.ndarray]
+    excess: tuple[float, float]
+    p_value: float
+    evidence: Evidence
+    fit: Refit
+
+    @property
+    def named(self) -> tuple[Effect, ...]:
+        """What has a name, of what the last fit holds."""
+        return tuple(claim.effect for claim in self.decision.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
+
+
+def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], None] = lambda what: None) -> TruthNames:
+    """Weigh what can be tried; a name at a size that no gyroscope has is refused, and the rest weighed anew without it."""
+    twin = TruthTwin(problem)
+    slow, evidence = _slow_bias(twin), Evidence(twin)
+    tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, slow]
+    tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
+    first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    refused: list[TruthClaim] = []
+    while True:
+        best = _best(evidence, tried, slow, progress)
+        decision = _with_slow_bias(evidence, tried, slow, decided(evidence, best, first_p, len({effect.id for effect in tried})))
+        claims = _claims(decision, decision.naming.fit)
+        wrong = [claim for claim in claims if claim.implausible]
+        if not wrong:
+            break
+        ids = frozenset(claim.effect.id for claim in wrong)
+        refused += wrong
+        tried = [effect for effect in tried if effect.id not in ids]
+        evidence.forget(ids)
+    first, last = decision.naming.first, beside_clock(twin, decision.whiten, decision.naming.fit)
+    angles = twin.residuals(first.state).closure, twin.residuals(last.state).closure
+    return TruthNames(
+        _claims(decision, last),
+        refused,
+        decision,
+        angles,
+        (held_out(twin, decision.whiten, first), held_out(twin, decision.whiten, last)),
+        (excess_of(problem, angles[0], 0), excess_of(problem, angles[1], sum(len(claim.theta) for claim in claims))),
+        decision.p_value,
+        evidence,
+        last,
+    )
+
+
+def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The fit with the truth's clock beside effects that delay, unless it was given: it has what all axes' delays share."""
+    effects = [claim.effect for claim in fit.state.claims]
+    if twin.clock_free and OFFSET not in effects and any(effect.id in common_delays() for effect in effects):
+        fit = refit(twin, whiten, [OFFSET, *effects], fit.state)
+    return in_gauge(twin, whiten, fit)
+
+
+def _slow_bias(twin: TruthTwin) -> Effect:
+    """A wander, which is no name: but what has none must not pass for one of the names."""
+    duration, segments = float(twin.problem.began_s[-1]), len(twin.segments)
+    return wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
+
+
+def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Callable[[str], None]) -> Hypothesis:
+    """From nothing, and from a slow bias: names that stand for parts of one are found first, and it has no place beside them then."""
+    evidence.will_try(tried)
+    begins = [evidence.nothing, *([evidence.of((slow,), evidence.nothing)] if slow in tried else [])]
+    best = exchanged(evidence, tried, min((search(evidence, tried, begin, progress=progress) for begin in begins), key=lambda h: h.score))
+    if slow.id in best.ids:
+        return best
+    # Several names where one and a slow bias do nearly as well are too many: a wrong name is worse than none.
+    instead = [h for h in evidence.exact if slow.id in h.ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
+    return min([*instead, best], key=lambda h: (len(h.ids - {slow.id}), h.score))
+
+
+def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, decision: NamingDecision) -> NamingDecision:
+    """A wander that nothing is known of beforehand, and that is more probable than none, is a finding: it is drawn and said as a slow bias,
+    not left among the noise.  Names that a line between its knots makes idle go."""
+    naming = decision.naming
+    names = tuple(claim.effect for claim in naming.fit.state.claims)
+    if evidence.twin.problem.instability.rps > 0 or slow not in tried or slow.id in {effect.id for effect in names}:
+        return decision
+    begin, steady = evidence.of(names, evidence.nothing), evidence.without(WANDER)
+    odds = (steady.of(names, steady.nothing).score - begin.score) / 2 + np.log(PRIOR_ODDS)
+    if odds < 0:
+        return decision
+    best = steady.of((*names, slow), begin)
+    for effect in names:
+        fewer = steady.of(tuple(other for other in best.effects if other is not effect), best)
+        best = min(best, fewer, key=lambda h: h.score)
+    kept, fit = {effect.id for effect in best.effects}, best.fit
+    shape = _said(fit, slow, float(1 / (1 + np.exp(-odds))))
+    first = refit(evidence.twin, best.whiten, [], evidence.twin.start())
+    naming = Naming(first, naming.first_p, fit, [each for each in naming.named if each.effect.id in kept])
+    p_value = min(decision.p_value, shape.p_value)
+    return replace(decision, naming=naming, beyond=[shape], whiten=best.whiten, noise=best.noise, p_value=p_value)
+
+
+def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
+    number = [claim.effect.id for claim in fit.state.claims].index(effect.id)
+    theta = fit.state.claims[number].theta
+    gain = float(theta @ np.linalg.solve(fit.theta_covariance(number), theta))
+    return NamedEffect(effect, float(stats.chi2.sf(gain, len(theta))), gain, probability)
+
+
+def _claims(decision: NamingDecision, fit: Refit) -> list[TruthClaim]:
+    """Of a decision, with the numbers of a fit with its names."""
+    naming = decision.naming
+    numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
+    claims = [
+        _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
+        for each in sorted(naming.named + decision.beyond, key=lambda each: -each.gain)
+    ]
+    return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" else c for c in claims]
+
+
+def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:
+    claim, sigma = fit.state.claims[number], np.sqrt(np.diag(fit.theta_covariance(number)))
+    share = float(np.clip(named.gain / chi_square, 0, 1))
+    return TruthClaim(claim.effect, claim.theta, sigma, named.p_value, share, named.probability, named.rivals, named.equivalent)
+
+
+def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
+    """(S, 3) rad: closure of every tenth segment, in turn, by what all others tell."""
+    effects = [_shrunk(claim) for claim in fit.state.claims]
+    angles = np.zeros((len(twin.segments), 3))
+    for held in folds_of(len(twin.segments)):
+        part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
+        angles[held] = twin.residuals(part.state).closure[held]
+    return angles
+
+
+def _shrunk(claim: AppliedEffect) -> Effect:
+    """A slow bias with the prior that its evidence was weighed with, the rms of its own parameters: its knots are no more certain."""
+    if not claim.effect.id.startswith(NAMELESS):
+        return claim.effect
+    rms = float(np.sqrt(np.mean(claim.theta**2)))
+    return replace(claim.effect, parameter=replace(claim.effect.parameter, plausible=rms))
+
+
+def excess_of(problem: Problem, angles: np.ndarray, parameters: int) -> float:
+    """Chi-square per degree of freedom over what is stated of gyro and truth, of closure angles (S, 3), beside the linear model's 12."""
+    white = np.linalg.solve(np.linalg.cholesky(problem.floor.dense()), angles.ravel())
+    return float(white @ white) / max(len(white) - PARAMETERS - parameters, 1)

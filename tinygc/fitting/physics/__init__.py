@@ -1,1 +1,0 @@
-"""The named physics in the model: fitted, saved, undone."""

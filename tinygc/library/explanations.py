@@ -1,0 +1,216 @@
+"""``tinygc.explain``: why a recording differs from its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group
+from rich.text import Text
+
+from session.io.config import read_config
+from session.io.errors import CalibrationError
+from session.io.folder import Session
+from tinygc.annexes.lots.files import read_lot
+from tinygc.annexes.lots.lot import Lot
+from tinygc.explanation.engine import Explanation, explain_session
+from tinygc.explanation.result import to_json
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.explanation.truth_evidence import TruthExplanation
+from tinygc.library.sessions import as_html, as_text
+from tinygc.reporting.explanation_text import explanation_page, save_explanation, verdict_line
+from tinygc.reporting.pictures import page as picture
+from tinygc.reporting.pictures import truth
+from tinygc.reporting.pictures.canvas import save as save_figure
+from tinygc.reporting.truth_text import save_truth, truth_line, truth_page, truth_to_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from tinygc.annexes.discovery.report import Told
+    from tinygc.annexes.discovery.search_state import Discovery
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundEffect:
+    """An effect that is claimed, or a finding without a name: its id and equation; parameters and their std by JSON name, in the units of
+    that name; p_value, or None where none is known; probability: of the name, after all that was weighed; rivals: probability of what was
+    weighed in its place, by id; equivalent: ids of what could stand in for it; says: one sentence."""
+
+    id: str
+    equation: str
+    parameters: dict[str, Any]
+    std: dict[str, Any]
+    p_value: float | None
+    probability: float
+    rivals: dict[str, float]
+    equivalent: tuple[str, ...]
+    says: str
+
+    def __repr__(self) -> str:
+        return f"<{self.id}: {self.says}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Why:
+    """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI; ``discovery`` what the search beyond the
+    catalogue answers, None where nobody asked."""
+
+    explanation: Explanation | TruthExplanation
+    discovery: Discovery | None = None
+
+    def __repr__(self) -> str:
+        named = ", ".join(effect.id for effect in self.effects)
+        return f"<Why {self.table['session']}: {self.verdict}{f': {named}' if named else ''}>"
+
+    @cached_property
+    def table(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        if isinstance(self.explanation, TruthExplanation):
+            return truth_to_json(self.explanation)
+        return to_json(self.explanation) if self._told is None else self._told.table
+
+    @cached_property
+    def _told(self) -> Told | None:
+        """What is made of the discovery, where there is one; nothing of it is loaded where there is none."""
+        if self.discovery is None or isinstance(self.explanation, TruthExplanation):
+            return None
+        from tinygc.annexes.discovery.report import Told
+
+        return Told(self.explanation, self.discovery)
+
+    @property
+    def verdict(self) -> str:
+        """``no_mismatch``, ``explained``, ``ambiguous``, ``partly_explained`` or ``unexplained``."""
+        return self.explanation.verdict
+
+    @property
+    def p_value(self) -> float:
+        """Of there being no more than noise."""
+        return self.explanation.p_value
+
+    @property
+    def said_of_files(self) -> tuple[str, ...]:
+        """What to know of the effect files that ``save`` has written: which was kept as somebody edited it, which taken away."""
+        return () if self._told is None else self._told.says
+
+    @cached_property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """What is claimed, strongest first."""
+        return tuple(_found(entry) for entry in self.table["effects"])
+
+    @cached_property
+    def findings(self) -> tuple[FoundEffect, ...]:
+        """What was found and has no name."""
+        return tuple(_found(entry) for entry in self.table.get("findings", ()))
+
+    @property
+    def considered(self) -> list[dict[str, Any]]:
+        """What was weighed and is not borne out, likeliest first: ``id``, ``probability``; against gravity or dials also ``moments`` that a
+        detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and ``after`` they are mended, or None."""
+        return self.table["considered"]
+
+    @property
+    def noise(self) -> list[dict[str, Any]]:
+        """Components of the noise beyond white: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
+        return self.table["noise"]["components"]
+
+    @property
+    def next(self) -> str | None:
+        """The movement that would tell what this recording cannot, or None."""
+        return self.table.get("next")
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, for rich."""
+        if isinstance(self.explanation, TruthExplanation):
+            return truth_page(self.explanation)
+        return explanation_page(self.explanation) if self._told is None else self._told.page
+
+    @property
+    def verdict_line(self) -> Text:
+        """Session, verdict, probability, and the ids that are claimed, for rich."""
+        found = self.explanation
+        line = truth_line(found) if isinstance(found, TruthExplanation) else verdict_line(found)
+        named = ", ".join(effect.id for effect in self.effects)
+        return line.append(f": {named}" if named else "")
+
+    def summary(self) -> str:
+        """The same as plain text: verdict, effects, where they live, the proof, and what to do next."""
+        return as_text(self.page)
+
+    def _repr_html_(self) -> str:
+        return as_html(self.page)
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """The page of pictures as a matplotlib figure, written as PNG where a path is given.  CalibrationError without matplotlib."""
+        found = self.explanation
+        figure = truth.figure_of(found) if isinstance(found, TruthExplanation) else picture.figure_of(found)
+        if path is not None:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            save_figure(figure, Path(path))
+        return figure
+
+    def to_json(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return self.table
+
+    def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
+        """Write the result, and its picture, into a folder (``explain`` in the session's); returns it."""
+        where, found = None if folder is None else Path(folder), self.explanation
+        if isinstance(found, TruthExplanation):
+            return save_truth(found, where, pictures=pictures)
+        if self._told is not None:
+            folder = self._told.save(where, pictures=pictures)
+            self.__dict__.pop("table", None)  # which says where the effect files are
+            return folder
+        return save_explanation(found, where, pictures=pictures)
+
+
+def explain(
+    session: Session | Path | str,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    lot: Lot | Path | str | None = None,
+    discover: bool = False,
+    progress: Progress = lambda what, done, of: None,
+) -> Why:
+    """Explain the mismatch of a session, or of a session folder: against its stills' gravity or dials, or against its truth file.
+
+    seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; lot, or its file: whose
+    effects the unit may have; discover: search for the equation that no catalogue has (docs/discover.md); progress is told what is being
+    done.  Raises CalibrationError, in one line, for what cannot be read, and for a boring cause that must be mended first.
+    """
+    where = session if isinstance(session, Session) else Path(session)
+    config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
+    if config.protocol.reference == "truth":
+        if discover:
+            raise CalibrationError(
+                "--discover searches turns between stills, and this session's reference is a truth file; leave it out, or record "
+                "turns between stills"
+            )
+        if lot is not None:
+            raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
+        return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
+    known = lot if lot is None or isinstance(lot, Lot) else read_lot(lot)
+    if known is not None and known.sensor != config.sensor.model:
+        raise CalibrationError(f"a lot of {known.sensor}, and the session's sensor is {config.sensor.model}; give the lot of its own model")
+    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, lot=known)
+    if not discover:
+        return Why(explanation)
+    from tinygc.annexes.discovery.engine import discover as search
+
+    return Why(explanation, search(explanation, seed=seed, progress=progress))
+
+
+def _found(entry: dict) -> FoundEffect:
+    names = ("id", "equation", "parameters", "std", "p_value", "probability", "rivals", "says")
+    told: dict[str, Any] = {name: entry.get(name) for name in names}
+    return FoundEffect(**told, equivalent=tuple(entry.get("equivalent", ())))

@@ -1,0 +1,330 @@
+"""``tinygc.check``, ``tinygc.fit`` and ``tinygc.simulate``: a session in, a result out."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+
+from session.annexes.arrays.recording import ArraySession, read_array
+from session.bench.console import PlainConsole
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
+from session.detect.accelerometer import PARAMETERS
+from session.detect.findings import Finding, worst
+from session.detect.first_look import check_folder, check_session
+from session.detect.stills import SessionStills
+from session.io.config import Accelerometer, Protocol, Site
+from session.io.errors import CalibrationError, DataError, FitError
+from session.io.folder import Session, is_array
+from session.io.units import DEG, G
+from tinygc.closure.prepared import first_look_at_gravity_sign
+from tinygc.effects import Effect, Movement, effect_of
+from tinygc.effects.movement import vibration
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
+from tinygc.models.linear import NAMES
+from tinygc.reporting.fit_text import fit_report
+from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
+from tinygc.simulation.simulator import Distort, Recording, Simulation, plan_of, simulate_session
+from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
+
+if TYPE_CHECKING:
+    from tinygc.deploy.calibration import Calibration
+
+
+# What a terminal would show, as text and for a notebook.
+
+#: columns: wide enough that no cell of a table wraps
+WIDTH = 160
+_HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-height:1.35;white-space:pre">{code}</pre>'
+
+
+def as_text(page: RenderableType) -> str:
+    """Plain lines, without colours and without blanks at their ends."""
+    file = io.StringIO()
+    PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
+    return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
+
+
+def as_html(page: RenderableType) -> str:
+    """The same with its colours, for a notebook."""
+    console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
+    console.print(page)
+    return console.export_html(inline_styles=True, code_format=_HTML)
+
+
+# ``tinygc.check``: the first look at a session, or at a folder that may not even be readable as one.
+
+
+def check(session: Session | ArraySession | Path | str) -> list[Finding]:
+    """All findings, in the order in which they are looked for: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.
+
+    Of a folder, a log that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
+    """
+    if isinstance(session, ArraySession):
+        return _check_array(session)
+    if not isinstance(session, Session) and is_array(Path(session)):
+        try:
+            array = read_array(session)
+        except CalibrationError as error:
+            return [Finding("error", Path(session).name, "reading", str(error))]
+        return _check_array(array)
+    if not isinstance(session, Session):
+        return check_folder(Path(session), first_look_at_gravity_sign)
+    found = SessionStills(session)
+    findings = check_session(session, found)
+    return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)
+
+
+def _check_array(array: ArraySession) -> list[Finding]:
+    from tinygc.annexes.arrays.explanation import check_array  # its correlations are slow to import, and few folders are arrays
+
+    return check_array(array, first_look_at_gravity_sign)
+
+
+# ``tinygc.fit``: the main job, from a session to calibrations and how well they close.
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted number: its name, value and one sigma, in ``unit`` (SI; ``1`` where it has none)."""
+
+    name: str
+    value: float
+    sigma: float
+    unit: str
+
+    def __repr__(self) -> str:
+        return f"<{self.name} = {self.value:.6g} ± {self.sigma:.2g}{'' if self.unit == '1' else f' {self.unit}'}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit:
+    """What ``tinygc.fit`` gives; ``result`` holds everything that was found, in SI."""
+
+    result: FitResult
+
+    def __repr__(self) -> str:
+        tilt = self.closure["least_squares" if "least_squares" in self.result.methods else next(iter(self.result.methods))]
+        return (
+            f"<Fit of {self.session.name}: {', '.join(self.result.methods)}; "
+            f"{len(self.result.problem.used)} segments, held out {tilt['tilt_rms_deg']:.4f}°>"
+        )
+
+    @property
+    def session(self) -> Session:
+        """What was fitted."""
+        return self.result.session
+
+    @cached_property
+    def parameters(self) -> dict[str, Estimate]:
+        """Least squares' 12 parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (of no unit), ``B_x``, ``B_y``, ``B_z`` in rad/s."""
+        values, sigmas = self.result.linear.model.vector, np.sqrt(np.diag(self.result.covariance))  # type: ignore[attr-defined]
+        return {
+            name: Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s")
+            for name, value, sigma in zip(NAMES, values, sigmas, strict=True)
+        }
+
+    @property
+    def accelerometer(self) -> AccelerometerFit:
+        """That the references rest on: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``, ``spread_mps2``."""
+        return self.result.accelerometer
+
+    @cached_property
+    def accelerometer_parameters(self) -> dict[str, Estimate]:
+        """The accelerometer's nine numbers of f = M (measured - b) in its own triad: ``scale_x`` … (M's diagonal less 1),
+        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both of no unit, and ``bias_x`` … in m/s^2.
+
+        A sigma is NaN where the calibration was taken as given.  Names of ``accelerometer.unobserved`` were not told by the session.
+        """
+        found = self.accelerometer
+        sigmas = np.full(PARAMETERS, np.nan) if found.sigmas is None else found.sigmas
+        names = [name.replace(" ", "_") for name in ACCELEROMETER_NAMES]
+        return {
+            name: Estimate(name, float(value), float(sigma), "m/s^2" if name.startswith("bias") else "1")
+            for name, value, sigma in zip(names, found.values, sigmas, strict=True)
+        }
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(12, 12) of ``parameters``, in their order and units."""
+        return self.result.covariance
+
+    @cached_property
+    def closure(self) -> dict[str, ClosureFigures]:
+        """Held-out closure by method, degrees rms: ``tilt_rms_deg``, ``roll_rms_deg``, ``pitch_rms_deg``, ``yaw_rms_deg`` (or None)."""
+        return {name: closure_figures(fit.held_out) for name, fit in self.result.methods.items()}
+
+    @cached_property
+    def closure_runs(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Error at the return of each closure run, by file and method, degrees: ``roll_deg``, ``pitch_deg``, ``yaw_deg``, ``rmse_deg``."""
+        pairs = zip(self.result.runs, self.result.run_errors, strict=True)
+        return {run.file: {name: run_figures(error) for name, error in errors.items()} for run, errors in pairs}
+
+    @cached_property
+    def models(self) -> dict[str, Calibration]:
+        """The calibration of each method, ready for use."""
+        from tinygc.deploy.calibration import Calibration
+
+        rate_hz = 1 / self.result.problem.logs[0].samples.period_s
+        tables = model_tables(self.result)
+        return {name: Calibration(fit.model, rate_hz, tables[name]) for name, fit in self.result.methods.items()}
+
+    @property
+    def model(self) -> Calibration:
+        """Least squares' calibration.  Raises FitError where that method was not among those asked for."""
+        if "least_squares" not in self.models:
+            raise FitError(f"least_squares was not fitted; take one of models: {', '.join(self.models)}")
+        return self.models["least_squares"]
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, for rich."""
+        return fit_report(self.result)
+
+    def summary(self) -> str:
+        """The same as plain text: closure by method, closure runs, parameters with their sigmas, and what to know about them."""
+        return as_text(self.page)
+
+    def _repr_html_(self) -> str:
+        return as_html(self.page)
+
+    def to_json(self) -> dict:
+        """``tinygc-fit/1`` (docs/formats.md)."""
+        return to_json(self.result)
+
+    def save(self, folder: Path | str | None = None) -> Path:
+        """Write each method's model, and the figures, into a folder (``fit`` in the session's); returns it."""
+        return save_models(self.result, None if folder is None else Path(folder))
+
+
+def fit(
+    session: Session | Path | str,
+    options: FitOptions | None = None,
+    *,
+    progress: Progress = lambda what, done, of: None,
+    **choices: Any,
+) -> Fit:
+    """Fit the calibration of a session, or of a session folder, by all methods that are asked for.
+
+    options, or single ones of them by name (``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``): see
+    ``FitOptions``; progress is told what is being done.  Raises CalibrationError, in one line, for what cannot be read or fitted.
+    """
+    where = session if isinstance(session, Session) else Path(session)
+    return Fit(fit_session(where, replace(options or FitOptions(), **choices), progress))
+
+
+# ``tinygc.simulate``: a session that the rest of the tool cannot tell from a recorded one, with its truth.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated:
+    """session: what a recorder would have kept; truth: ``tinygc-truth/1`` (docs/formats.md); simulation: all of it, registers too."""
+
+    session: Session
+    truth: dict
+    simulation: Simulation
+
+    def __repr__(self) -> str:
+        hidden = ", ".join(self.truth["effects"]) or "nothing"
+        return f"<Simulated {len(self.simulation.plan.turns)} turns, seed {self.simulation.options.seed}; hides {hidden}>"
+
+    def save(self, folder: Path | str, force: bool = False) -> Path:
+        """Write it as a session folder with truth.json; returns the folder.  FormatError where the folder holds something else."""
+        return write_simulation(self.simulation, Path(folder), force, self.truth["effects"])
+
+
+def simulate(
+    options: SimulationOptions | None = None, *, effects: Mapping[str, Mapping[str, Any]] | None = None, **choices: Any
+) -> Simulated:
+    """Simulate a session; the same arguments give the same registers.
+
+    options, or single ones of them by name (``segments=12``, ``odr_hz=416.0``, ``seed=3``): see ``SimulationOptions``.  effects: what the
+    gyroscope hides, id -> parameters by their JSON names and units (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…]]}}``).  Raises
+    CalibrationError for options that cannot be, and for an effect that does not add to the rate.
+    """
+    chosen = replace(options or SimulationOptions(), **choices)
+    hidden = {name: dict(parameters) for name, parameters in (effects or {}).items()}
+    plan = plan_of(chosen)
+    simulation = simulate_session(chosen, _distort(hidden, chosen, plan.log_s), plan=plan)
+    return Simulated(_session(simulation), truth_table(simulation, hidden), simulation)
+
+
+def _distort(hidden: dict[str, dict], options: SimulationOptions, duration_s: float) -> Distort | None:
+    """All hidden effects, one after the other."""
+    effects = [_with_theta(name, parameters) for name, parameters in hidden.items()]
+    if not effects:
+        return None
+
+    def distort(t_s: np.ndarray, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
+        dt_s, force_g, full_scale = float(t_s[1] - t_s[0]), force / G, options.gyro_fs_dps * DEG
+        for effect, theta in effects:
+            shaken = vibration(force_g, dt_s)
+            movement = Movement(t_s, dt_s, rate, force_g, temp_c, shaken, duration_s, full_scale, options.temperature_start_c)
+            rate = effect.distort(movement, theta)
+        return rate
+
+    return distort
+
+
+def _with_theta(name: str, parameters: dict) -> tuple[Effect, np.ndarray]:
+    effect = effect_of(name)
+    if effect.kind != "rate":
+        raise DataError(f"{name} does not add to the rate; simulate hides only effects that do")
+    wanted = [effect.parameter.name, *([] if effect.scan is None else [effect.scan.name])]
+    if set(parameters) != set(wanted):
+        raise DataError(f"{name}: parameters are {', '.join(parameters) or 'none'}, expected {' and '.join(wanted)}")
+    theta = _numbers(name, effect.parameter.name, parameters) * effect.parameter.si
+    if theta.shape != effect.parameter.shape or not np.isfinite(theta).all():
+        raise DataError(f"{name}: {effect.parameter.name} has shape {theta.shape}, expected {effect.parameter.shape} of finite numbers")
+    if effect.scan is not None:
+        value = _numbers(name, effect.scan.name, parameters)
+        if value.shape or not np.isfinite(value):
+            raise DataError(f"{name}: {effect.scan.name} has shape {value.shape}, expected a finite number")
+        effect = effect.at(float(value) * effect.scan.si)
+    return effect, theta.ravel()
+
+
+def _numbers(name: str, of: str, parameters: dict) -> np.ndarray:
+    try:
+        return np.asarray(parameters[of], dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{name}: {of} is {parameters[of]!r:.60}, expected numbers") from None
+
+
+def _session(simulation: Simulation) -> Session:
+    """As a reader of its files would have it."""
+    options, unit = simulation.options, simulation.unit
+
+    def arrays(recording: Recording) -> tuple[np.ndarray, ...]:
+        units = options.register_units
+        temp_c = units.temperature_c(recording.temp)
+        arrays = (recording.t_us * 1e-6, recording.gyro * units.gyro_rps, recording.accel * units.accel_mps2)
+        return arrays if temp_c is None else (*arrays, temp_c)
+
+    session = Session.from_arrays(
+        *arrays(simulation.log),
+        closures=[] if simulation.closure is None else [arrays(simulation.closure)],
+        name=f"simulated-{options.seed}",
+        model=options.sensor,
+        serial=f"SIM-{options.unit_drawn_from}",
+        gyro_fs_dps=options.gyro_fs_dps,
+        accel_fs_g=options.accel_fs_g,
+        accelerometer=Accelerometer(np.round(unit.accel_matrix, MATRIX_DIGITS), np.round(unit.accel_bias, BIAS_DIGITS)),
+        site=Site(options.latitude_deg, options.gravity_mps2, unit.heading_deg if options.with_heading else None),
+        protocol=Protocol(still_s=options.still_s, segment_s=2 * options.still_s + options.turn_s),
+    )
+    turns = stopped_turns(simulation.plan, options)
+    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)), turns=turns)

@@ -1,0 +1,359 @@
+"""The twin's channels: how well each is predicted, scatter within stills, gravity during turns, the common delay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from session.io.units import NS
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.effects import CommonDelay, Convention
+from tinygc.models.linear import MATRIX
+from tinygc.noise.refit import KNOWN, Refit, prior_sigmas
+from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.whitening import Whitener
+
+# How well each channel is predicted, together with the others and by itself.
+#
+# The fit sees all channels whitened together, with one calibration for all, so that a misfit of the closure is spread over the stills.
+# To say *where* a mismatch lives, each channel is whitened by its own covariance and may have the calibration that suits it best.
+
+#: by how much a channel's own E may differ from the one that all share: a data sheet's tolerance of sensitivity
+OWN_E_SIGMA = 0.01
+
+
+def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.ndarray) -> dict[str, float]:
+    """Goodness of fit of each channel's rows under the one calibration that all share: whether anything is missing.
+
+    r (n,), nuisance (n, p): whitened together, as a ``Refit`` has them.
+    """
+    q, _ = np.linalg.qr(nuisance / np.linalg.norm(nuisance, axis=0))
+    taken = np.sum(q**2, axis=1)
+    return {name: _p(twin, r[part], taken[part].sum(), unknown_rows(twin, name)) for name, part in whiten.parts.items()}
+
+
+def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
+    """Goodness of fit of each channel with the calibration that suits it best: where something is missing."""
+    alone, taken = own_residuals(twin, whiten, fit)
+    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in whiten.parts.items()}
+
+
+def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
+    """Residuals (n,) of each channel by itself, unit variance, and how many parameters each has used up."""
+    prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+    prior[MATRIX] = OWN_E_SIGMA
+    alone, columns = whiten.by_channel(fit.r), whiten.by_channel(fit.J * prior)
+    taken = {}
+    for name, part in whiten.parts.items():
+        u, size, _ = np.linalg.svd(columns[part], full_matrices=False)
+        kept = size**2 / (1 + size**2)
+        alone[part] -= (u * kept) @ (u.T @ alone[part])
+        taken[name] = float(kept.sum())
+    return alone, taken
+
+
+def unknown_rows(twin: Twin, name: str) -> int:
+    """How many rows of a channel hold no datum: angles of turns that no reference sees."""
+    return int(np.sum(~twin.batch.known)) if name == "closure" else 0
+
+
+def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
+    """Against the measured noise, which is itself only known from so many blocks (Fisher's F)."""
+    noise_freedom = 3 * sum(still.duration_s for _, still in twin.stills) / 0.1 * 0.66
+    freedom = max(len(r) - unknown - taken, 1.0)
+    return float(stats.f.sf(np.sum(r**2) / freedom, freedom, noise_freedom))
+
+
+def bonferroni(p: dict[str, float]) -> float:
+    """The smallest of several p-values, as one."""
+    return min(1.0, len(p) * min(p.values()))
+
+
+# What happens within each still: a constant rate with the measured noise is predicted, so no slope, and everywhere the same scatter.
+
+#: s: longer than a gyro's low-pass of some 10 Hz and more remembers, short enough for ten and more in a still; as ``session.detect`` has it
+WITHIN_BLOCK_S = 0.1
+#: variance of the mean square of first differences of white noise, times the number of differences, in that mean square squared
+DIFFERENCES = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class WithinStills:
+    """slope, scatter (Q, 3): recorded less predicted in sigmas of the noise, for each still and axis."""
+
+    slope: np.ndarray
+    scatter: np.ndarray
+
+    def rms(self, name: str) -> float:
+        """Root mean square of ``slope`` or ``scatter``, in sigmas."""
+        return float(np.sqrt(np.mean(getattr(self, name) ** 2)))
+
+
+def within_stills(twin: Twin) -> WithinStills:
+    """Slope of the rate, and mean square of the differences of 0.1 s means, against the angle random walk of the log."""
+    slopes, scatters = [], []
+    logs = twin.problem.logs
+    as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None and twin.stills]
+    for log, still in as_recorded:
+        samples, walk = logs[log].samples, logs[log].noise.angle_random_walk
+        rate = samples.gyro[still.start : still.stop]
+        t_s = (samples.t_ns[still.start : still.stop] - samples.t_ns[0]) * NS
+        from_middle = t_s - t_s.mean()
+        slope = from_middle @ rate / (from_middle @ from_middle)
+        slopes.append(slope / (walk * np.sqrt(12 / still.duration_s**3)))
+        size = max(round(WITHIN_BLOCK_S / samples.period_s), 1)
+        count = len(rate) // size
+        difference = np.diff(rate[: count * size].reshape(count, size, 3).mean(axis=1), axis=0)
+        expected = 2 * walk**2 / (size * samples.period_s)
+        ratio = np.mean(difference**2, axis=0) / expected if count > 1 else np.ones(3)
+        scatters.append((ratio - 1) / np.sqrt(DIFFERENCES / max(count - 1, 1)))
+    return WithinStills(np.array(slopes), np.array(scatters))
+
+
+# Gravity during the turns: what the gyro predicts for the accelerometer, with a fitted lever arm.
+#
+#     f(t) = -g R_bt(t) e_down + [alpha x] r + [omega x]^2 r,   read `offset` later by the accelerometer
+#
+# Lever arm r and offset are linear in the difference; the scatter from segment to segment is their uncertainty, because the hand shakes
+# the table by far more than the sensors' noise.
+
+#: rows of a fortieth of a second: at 200 dps gravity turns by 5 degrees within one
+BLOCK_S = 0.025
+#: the sensors' filters delay gyro and accelerometer differently by up to half a sample; more is not theirs
+FILTERS_PERIODS = 0.5
+#: of a sandwich over some 40 segments, whose tails are Student's: once in 100 000
+SIGMAS = 5.0
+#: as of every other claim (``verdict/veto.py``)
+BORNE_OUT_P = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class TurnGravity:
+    """lever_m (3,); offset_s, positive where the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s; turns, how
+    many; held_out_p: chance that the offset improves turns that were left out as much (Wilcoxon's signed ranks)."""
+
+    lever_m: np.ndarray
+    offset_s: float
+    sigma_s: float
+    before_mps2: float
+    after_mps2: float
+    bar_s: float
+    turns: int
+    held_out_p: float
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether the two clocks differ by more than chance."""
+        return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
+
+
+@dataclass(frozen=True, eq=False)
+class TurnEquations:
+    """Normal equations of lever arm and offset, turn by turn: normal (S, 4, 4), right (S, 4), square (S,) of what they should explain,
+    from count (S,) values."""
+
+    normal: np.ndarray
+    right: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+
+    def solve(self) -> np.ndarray:
+        """(4,) lever arm, m, and offset, s."""
+        return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
+
+    def left(self, solution: np.ndarray) -> np.ndarray:
+        """(S,) what a solution leaves of each square."""
+        left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
+        return np.maximum(left, 0.0)
+
+    def improvement_p(self) -> float:
+        """Probability that chance makes the offset improve each turn as much, lever arm and offset fitted to all others."""
+        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        arm = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
+        both = np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
+        gains = self._left_each(np.pad(arm, ((0, 0), (0, 1)))) - self._left_each(both)
+        return float(stats.wilcoxon(gains, alternative="greater").pvalue) if len(gains) > 1 and np.any(gains) else 1.0
+
+    def _left_each(self, solutions: np.ndarray) -> np.ndarray:
+        """(S,) what each turn's own solution (S, 4) leaves of its square."""
+        squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
+        return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
+
+    def square_at(self, offset_s: float) -> np.ndarray:
+        """(S,) what is left with a given offset, the lever arm fitted to it."""
+        arm = self.normal.sum(axis=0)[:3]
+        lever = np.linalg.solve(arm[:, :3], self.right.sum(axis=0)[:3] - offset_s * arm[:, 3])
+        return self.left(np.append(lever, offset_s))
+
+
+def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
+    """What gravity in the turns says of lever arm and offset."""
+    state = fit.state
+    batch = twin.batch_at(state)
+    padded = twin.padded(twin.rates(state))
+    turn = rotation.matrix(closure.attitudes(batch, padded))
+    normal, right, square, count = [], [], [], []
+    for i, segment in enumerate(twin.segments):
+        samples = twin.seen.logs[segment.log].samples
+        length, dt = segment.stop - segment.start, samples.period_s
+        omega = padded[i, :length] - batch.earth[i, :length]
+        alpha = np.gradient(omega, dt, axis=0)
+        gravity = -state.gravity_mps2 * turn[i, :length, 2, :]
+        arm = _cross_matrix(alpha) + _cross_matrix(omega) @ _cross_matrix(omega)
+        columns = np.concatenate([arm, np.gradient(gravity, dt, axis=0)[:, :, None]], axis=-1)
+        size = max(1, round(BLOCK_S / dt))
+        blocks = length // size
+        columns = columns[: blocks * size].reshape(blocks, size, 3, 4).mean(axis=1).reshape(-1, 4)
+        value = (state.freed(samples.accel[segment.start : segment.stop]) - gravity)[: blocks * size]
+        value = value.reshape(blocks, size, 3).mean(axis=1).ravel()
+        normal.append(columns.T @ columns)
+        right.append(columns.T @ value)
+        square.append(float(value @ value))
+        count.append(len(value))
+    return TurnEquations(np.array(normal), np.array(right), np.array(square), np.array(count))
+
+
+def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
+    """Fit lever arm and offset to all turns."""
+    equations = turn_equations(twin, fit)
+    solution = equations.solve()
+    # Sandwich over the segments: each is one draw of the hand's shaking.
+    score = equations.right - equations.normal @ solution
+    inverse = np.linalg.inv(equations.normal.sum(axis=0))
+    covariance = inverse @ (score.T @ score) @ inverse
+    sigma = float(np.sqrt(covariance[3, 3]))
+    count = equations.count.sum()
+    period = float(np.median([movement.dt_s for movement in twin.movements]))
+    return TurnGravity(
+        lever_m=solution[:3],
+        offset_s=float(solution[3]),
+        sigma_s=sigma,
+        before_mps2=float(np.sqrt(equations.square.sum() / count)),
+        after_mps2=float(np.sqrt(equations.left(solution).sum() / count)),
+        bar_s=max(FILTERS_PERIODS * period, SIGMAS * sigma),
+        turns=len(equations.count),
+        held_out_p=equations.improvement_p(),
+    )
+
+
+def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
+    """(N, 3, 3) so that matrix @ r = vector x r."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]
+    return np.stack(rows, axis=1)
+
+
+# What the closure cannot fix: a delay that all axes share.  Convention and gravity during the turns fix it instead.
+
+#: values of a common lag that are tried between what the closure and what gravity says: the cost is a parabola, and the best of nine is
+#: within a sixteenth of the way
+LAGS = 9
+
+
+def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The same fit with what the closure cannot fix put where it belongs, as each effect's ``gauge`` declares.
+
+    A convention settles it (skewed axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
+    diagonal is one plus differences) is the delay between gyro and accelerometer; that of a lag, as far as the closure lets it.
+    """
+    if not twin.stills:  # between moments of truth, where turns begin and end in motion, the closure sees a common delay
+        return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
+    for number, claim in enumerate(fit.state.claims):
+        gauge = claim.effect.gauge
+        if isinstance(gauge, Convention):
+            fit = _with_theta(twin, whiten, fit, number, gauge.settle(claim.theta))
+        elif isinstance(gauge, CommonDelay):
+            fit = (_with_possible_lag if gauge.never_negative else _with_common_delay)(twin, whiten, fit, number, gauge)
+    return fit
+
+
+def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """A delay that all axes share, and a truth whose clock nobody has given, are one column: the clock has it.
+
+    An effect keeps what its axes differ by: about their mean, or from the earliest of them where a delay is never negative.  Where the
+    clock is not among the claims, nothing is moved.
+    """
+    claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
+    clock = next((number for number, claim in enumerate(claims) if claim.effect.kind == "truth"), None)
+    if clock is None:
+        return fit
+    moved = []
+    for number, claim in enumerate(claims):
+        gauge = claim.effect.gauge
+        if gauge is None or not gauge.delays:
+            continue
+        entries, late = list(gauge.delays), gauge.late if isinstance(gauge, CommonDelay) else 1.0
+        earliest = isinstance(gauge, Convention) or gauge.never_negative
+        share = np.eye(3)[int(np.argmin(late * claim.theta[entries]))] if earliest else np.full(3, 1 / 3)
+        common, theta = float(share @ claim.theta[entries]), claim.theta.copy()
+        theta[entries] -= common
+        claims[number] = replace(claim, theta=theta)
+        rows = np.add(entries, claim_slice(fit.state.claims, number).start)
+        change[np.ix_(rows, rows)] -= share
+        moved.append(rows)
+        claims[clock] = replace(claims[clock], theta=claims[clock].theta + late * common)
+        change[claim_slice(fit.state.claims, clock).start, rows] += late * share
+    if not moved:
+        return fit
+    state = replace(fit.state, claims=tuple(claims))
+    r = whiten(twin.residuals(state).stacked())
+    covariance = change @ fit.covariance @ change.T
+    for rows in moved:  # what is settled has no sigma of its own; a little keeps the matrix one that can be inverted
+        covariance[np.ix_(rows, rows)] += KNOWN**2
+    return replace(fit, state=state, r=r, chi_square=float(r @ r), covariance=covariance)
+
+
+def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np.ndarray) -> Refit:
+    claims = list(fit.state.claims)
+    claims[number] = replace(claims[number], theta=theta)
+    state = replace(fit.state, claims=tuple(claims))
+    r = whiten(twin.residuals(state).stacked())
+    return replace(fit, state=state, r=r, chi_square=float(r @ r))
+
+
+def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:
+    """A gyro that is late by s shows omega - s d omega/dt."""
+    gravity = turn_gravity(twin, fit)
+    fit = _with_theta(twin, whiten, fit, number, _moved(fit.state.claims[number].theta, gauge, gravity.offset_s))
+    return replace(fit, covariance=_common_from_gravity(fit, number, gauge, gravity))
+
+
+def _moved(theta: np.ndarray, gauge: CommonDelay, by_s: float) -> np.ndarray:
+    """theta (P,) with its axes later by so many seconds."""
+    theta = theta.copy()
+    theta[list(gauge.delays)] += gauge.late * by_s
+    return theta
+
+
+def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:
+    """A lag is never negative.  What all axes share of it shows in the closure by its square alone: the closure does not tell its sign, and
+    a small misfit leaves room for a large lag.  Where it is negative, or gravity contradicts it, it goes to where closure and gravity
+    together have least against it."""
+    gravity = turn_gravity(twin, fit)
+    theta, entries = fit.state.claims[number].theta, list(gauge.delays)
+    if not gravity.is_offset and (gauge.late * theta[entries]).min() >= 0:
+        return fit
+    sigma = np.hypot(gravity.sigma_s, gravity.bar_s / 3)
+    found = []
+    for share in np.linspace(0, 1, LAGS):
+        moved = _moved(theta, gauge, share * gravity.offset_s)
+        earliest = min((gauge.late * moved[entries]).min(), 0.0)
+        there = _with_theta(twin, whiten, fit, number, _moved(moved, gauge, -earliest))
+        found.append((there.r @ there.r + ((1 - share) * gravity.offset_s / sigma) ** 2, there))
+    _, best = min(found, key=lambda pair: pair[0])
+    return replace(best, covariance=_common_from_gravity(fit, number, gauge, gravity))
+
+
+def _common_from_gravity(fit: Refit, number: int, gauge: CommonDelay, gravity: TurnGravity) -> np.ndarray:
+    """The covariance with these entries' mean taken from gravity."""
+    rows = np.add(gauge.delays, claim_slice(fit.state.claims, number).start)
+    change = np.eye(len(fit.covariance))
+    change[np.ix_(rows, rows)] -= 1 / 3
+    covariance = change @ fit.covariance @ change.T
+    # The filters' own relative delay is within the bar; three sigmas of it.
+    covariance[np.ix_(rows, rows)] += gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2
+    return covariance

@@ -1,0 +1,184 @@
+"""A long log as the twin sees it: turns sample by sample, everything else as means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from session.detect.segments import Segment
+from session.detect.stills import Still
+from session.io.samples import Samples
+from tinygc.closure.problem import LEFT_OUT, Problem, conditions
+from tinygc.effects import Conditions, Movement, movement_of
+
+# A long log as the twin sees it: turns sample by sample, what lies between them as means over a second.
+#
+# In a rest nothing happens that a second hides: an effect adds there what it adds to the mean rate, and its mean over a still is what the
+# twin asks for.  A day at 208 Hz is 18 million rows, of which the turns are some hundred thousand; effects have dozens of columns.
+
+#: rows of a session from which on it is thinned: an hour and more at 208 Hz
+LONG = 1_000_000
+#: s over which rests are taken together, and s beside a turn that stay as they are: many times what a filter or a lag remembers
+TOGETHER_S, BESIDE_S = 1.0, 0.5
+#: rows that are looked at at once, and s on either side that they are looked at with: many times what temperature and vibration are
+#: taken over
+AT_ONCE, AROUND_S = 1 << 18, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ThinnedMovement(Movement):
+    """Rows that are not equally far apart; dt_s is that of the turns."""
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(N, 3) rad/s^2, by differences over the time between the rows."""
+        return np.gradient(self.rate, self.t_s, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Thinning:
+    """Of one log: row k of the thinned one is the mean of rows edges[k] <= i < edges[k + 1], edges (M + 1,)."""
+
+    edges: np.ndarray
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(M,) rows that each stands for."""
+        return np.diff(self.edges)
+
+    def row(self, row: int) -> int:
+        """Where a row of the log is."""
+        return int(np.searchsorted(self.edges, row, side="right")) - 1
+
+    def parts(self) -> list[tuple[int, int]]:
+        """Rows (first, last) of the thinned log, ``first <= k < last``, of which each stands for ``AT_ONCE`` rows or so."""
+        cuts = [0]
+        while cuts[-1] < len(self.edges) - 1:
+            behind = int(np.searchsorted(self.edges, self.edges[cuts[-1]] + AT_ONCE, side="right")) - 1
+            cuts.append(max(behind, cuts[-1] + 1))
+        return list(pairwise(cuts))
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """(M, …) of (N, …)."""
+        return np.concatenate([self._means(values[self.edges[a] : self.edges[b]], a, b) for a, b in self.parts()])
+
+    def _means(self, values: np.ndarray, first: int, last: int) -> np.ndarray:
+        sums = np.add.reduceat(values, self.edges[first:last] - self.edges[first], axis=0)
+        return sums / self.counts[first:last].reshape(-1, *(1,) * (values.ndim - 1))
+
+    def samples(self, samples: Samples) -> Samples:
+        """The thinned log; its period is that of the readings."""
+        since_ns = self.means((samples.t_ns - samples.t_ns[0]).astype(float))
+        t_ns = samples.t_ns[0] + np.rint(since_ns).astype(np.int64)
+        temp_c = None if samples.temp_c is None else self.means(samples.temp_c)
+        found = Samples(t_ns, self.means(samples.gyro), self.means(samples.accel), temp_c)
+        found.__dict__["period_s"] = samples.period_s
+        return found
+
+    def movement(self, samples: Samples, thinned: Samples, rate: np.ndarray, known: Conditions, began_s: float) -> Movement:
+        """Of a log and what it was thinned to, with rates (M, 3); temperature and vibration as every reading shows them."""
+        around, found = round(AROUND_S / samples.period_s), []
+        for a, b in self.parts():
+            first, last = int(self.edges[a]), int(self.edges[b])
+            begin, end = max(first - around, 0), min(last + around, len(samples))
+            part = samples.between(begin, end)
+            part.__dict__["period_s"] = samples.period_s
+            moved = movement_of(part, part.gyro, known)
+            own = slice(first - begin, last - begin)
+            found.append([self._means(values[own], a, b) for values in (moved.force_g, moved.temp_c, moved.vibration_g2)])
+        force_g, temp_c, vibration_g2 = (np.concatenate(column) for column in zip(*found, strict=True))
+        return ThinnedMovement(
+            t_s=began_s + thinned.t_s,
+            dt_s=samples.period_s,
+            rate=rate,
+            force_g=force_g,
+            temp_c=temp_c,
+            vibration_g2=vibration_g2,
+            duration_s=known.duration_s,
+            fs_rps=known.fs_rps,
+            first_temp_c=known.first_temp_c,
+        )
+
+
+def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
+    """The problem with its logs, stills and segments in thinned rows, and how each log was thinned; a short one, or one with a truth file,
+    as it is, and None."""
+    if problem.session.truths is not None or sum(len(log.samples) for log in problem.logs) <= LONG:
+        return problem, None
+    thinnings, logs = [], []
+    moved: dict[int, Still] = {}
+    for number, log in enumerate(problem.logs):
+        # Turns that were put away count: a memory is then the same in a part of the session as in the whole.
+        turns = [s for s in problem.segments if s.log == number and s.problem in (None, LEFT_OUT)]
+        own = Thinning(_edges(log.samples, log.stills, turns))
+        stills = [replace(still, start=own.row(still.start), stop=own.row(still.stop - 1) + 1) for still in log.stills]
+        moved |= {id(before): after for before, after in zip(log.stills, stills, strict=True)}
+        bridges = tuple(replace(bridge, row=own.row(bridge.row)) for bridge in log.bridges)
+        logs.append(replace(log, samples=own.samples(log.samples), stills=stills, bridges=bridges))
+        thinnings.append(own)
+
+    def there(segment: Segment) -> Segment:
+        own = thinnings[segment.log]
+        first, last = (moved.get(id(still), still) for still in segment.stills)
+        return replace(segment, first=first, last=last, start=own.row(segment.start), stop=own.row(segment.stop - 1) + 1)
+
+    return problem.changed(logs=logs, segments=[there(segment) for segment in problem.segments]), thinnings
+
+
+def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | None, number: int) -> Movement:
+    """What effects are given of one log; seen, thinnings: what ``thinned`` made of the problem."""
+    samples = seen.logs[number].samples
+    rate, known, began_s = problem.first(samples.gyro), conditions(problem), float(problem.began_s[number])
+    if thinnings is None:
+        return movement_of(samples, rate, known, began_s)
+    return thinnings[number].movement(problem.logs[number].samples, samples, rate, known, began_s)
+
+
+def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np.ndarray:
+    """(M + 1,): every row of these segments, the ends of every still, and a row a second between."""
+    count, beside = len(samples), round(BESIDE_S / samples.period_s)
+    edge = np.zeros(count + 1, dtype=bool)
+    edge[:: max(1, round(TOGETHER_S / samples.period_s))] = True
+    for still in stills:
+        edge[[still.start, still.stop]] = True
+    for segment in segments:
+        edge[max(segment.start - beside, 0) : segment.stop + beside + 1] = True
+    edge[[0, 1, count - 1, count]] = True  # so that it begins and ends when it did
+    return np.flatnonzero(edge)
+
+
+# Means over the stills of one log, some stills at a time: all of them together would be another copy of the log.
+
+#: rows of stills that are averaged at once
+MEANS_AT_ONCE = 1 << 16
+
+
+class StillMeans:
+    """Of stills of one log; counts (N,): readings that each row stands for, where that is not one."""
+
+    def __init__(self, stills: list[Still], counts: np.ndarray | None):
+        self._counts = counts
+        self._rows = np.concatenate([np.arange(still.start, still.stop) for still in stills] or [np.zeros(0, dtype=int)])
+        #: where each still begins among these rows, and where the last one ends
+        self._edges = np.concatenate([[0], np.cumsum([still.stop - still.start for still in stills], dtype=int)])
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """(Q, …) of samples (N, …)."""
+        tail = (1,) * (values.ndim - 1)
+        found = [np.zeros((0, *values.shape[1:]))]
+        for part in self._parts():
+            own, begin = self._rows[part[0] : part[-1]], part[:-1] - part[0]
+            each, count = values[own], np.diff(part)
+            if self._counts is not None:
+                weight = self._counts[own]
+                each, count = each * weight.reshape(-1, *tail), np.add.reduceat(weight, begin)
+            found.append(np.add.reduceat(each, begin, axis=0) / count.reshape(-1, *tail))
+        return np.concatenate(found)
+
+    def _parts(self) -> list[np.ndarray]:
+        """Edges of neighbouring stills, of ``AT_ONCE`` rows or so together."""
+        stills = len(self._edges) - 1
+        cuts = np.unique([*np.searchsorted(self._edges[:-1], np.arange(0, len(self._rows), MEANS_AT_ONCE)), stills])
+        return [self._edges[first : last + 1] for first, last in pairwise(cuts)]

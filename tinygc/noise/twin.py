@@ -1,0 +1,441 @@
+"""The digital twin: the recording's own movement, replayed through the present physics, predicts every channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from session.detect.stills import Still
+from session.io.units import DEG, G
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
+from tinygc.effects import AppliedEffect, Effect, Movement
+from tinygc.models import linear
+from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.noise.thinned import StillMeans, movement_in, thinned
+
+# Where each parameter stands in ``State.vector``, and so in a ``Refit``'s columns and covariance.
+#
+# The linear model's 12, the Earth's horizontal correction (2), the length of gravity, then each claim's theta in order.
+
+LINEAR = slice(0, PARAMETERS)
+EARTH = slice(LINEAR.stop, LINEAR.stop + 2)
+GRAVITY = EARTH.stop  #: one number
+FIRST_CLAIM = GRAVITY + 1
+
+
+def claim_slice(claims: Sequence[AppliedEffect], number: int) -> slice:
+    """Where the theta of claim ``number`` stands.  IndexError where there is no such claim."""
+    start = FIRST_CLAIM + sum(len(claim.theta) for claim in claims[:number])
+    return slice(start, start + len(claims[number].theta))
+
+
+# Where the physics of a twin stands, and the channels in which it is compared with the recording.
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the physics stands: the linear model; horizontal (2,) rad/s, a correction of the Earth's horizontal rate along axes (2, 3):
+    as the heading's error moves it, and across; gravity_mps2; the claimed effects."""
+
+    model: LinearModel
+    horizontal: np.ndarray
+    gravity_mps2: float
+    axes: np.ndarray
+    claims: tuple[AppliedEffect, ...] = ()
+
+    @property
+    def earth_t(self) -> np.ndarray:
+        """(3,) rad/s beyond the problem's own Earth."""
+        return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
+
+    def freed(self, force: np.ndarray) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 without what the pre-calibration leaves."""
+        return sum((-bent_by(claim.effect, force) @ claim.theta for claim in self.claims if claim.effect.kind == "force"), force)
+
+    @property
+    def bends(self) -> bool:
+        """Whether the pre-calibration leaves anything."""
+        return any(claim.theta.any() for claim in self.claims if claim.effect.kind == "force")
+
+    def _claimed(self, kind: str) -> np.ndarray:
+        return sum((claim.theta for claim in self.claims if claim.effect.kind == kind), np.zeros(3))
+
+    @property
+    def vector(self) -> np.ndarray:
+        """All parameters, as ``layout`` has them: 12 linear, 2 of the Earth, gravity, and each claim's, in order."""
+        return np.concatenate([self.model.vector, self.horizontal, [self.gravity_mps2], *(claim.theta for claim in self.claims)])
+
+    def with_vector(self, vector: np.ndarray) -> State:
+        """The same claims with other parameters."""
+        claims = (replace(claim, theta=vector[claim_slice(self.claims, number)]) for number, claim in enumerate(self.claims))
+        model = LinearModel.from_vector(vector[LINEAR])
+        return State(model, vector[EARTH], float(vector[GRAVITY]), self.axes, tuple(claims))
+
+
+def bent_by(effect: Effect, force: np.ndarray) -> np.ndarray:
+    """(N, 3, P): what each number of an effect of kind "force" adds to specific force (N, 3) m/s^2."""
+    assert effect.bends is not None
+    return effect.bends(force / G)
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Stacked residuals or columns: closure (S, d, …) rad, still (Q, 3, …) rad/s, length (Q, …) m/s^2."""
+
+    closure: np.ndarray
+    still: np.ndarray
+    length: np.ndarray
+
+    def stacked(self) -> np.ndarray:
+        """(S d + 3 Q + Q, …)."""
+        tail = self.length.shape[1:]
+        return np.concatenate([self.closure.reshape(-1, *tail), self.still.reshape(-1, *tail), self.length])
+
+
+# The digital twin: the recording's own movement, replayed through the present physics, predicts every channel.
+#
+# Channels that are stacked here: the closure residual of each segment, the mean rate in each still, the length of gravity in each still.
+# What the recording has beyond the prediction are the residuals; each parameter and each effect contributes linear columns to all of
+# them, and exact residuals for refitting.
+
+#: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
+SMALL_FORCE = 1e-3
+#: of a parameter's plausible size, for the same reason
+SMALL_SHARE = 1e-3
+
+
+class Twin:
+    """A problem, ready to be replayed."""
+
+    #: whether the reference has a clock of its own that nobody has given: what delays all axes alike is then its offset
+    clock_free = False
+
+    def __init__(self, problem: Problem):
+        self.problem, self.batch = problem, problem.batch
+        self.seen, self._thinnings = thinned(problem)
+        problem = self.seen  # in the rows that effects are given
+        self.segments = problem.used
+        at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
+        self.stills: list[tuple[int, Still]] = [
+            (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
+        ]
+        self.force = np.array([still.accel_mean for _, still in self.stills]).reshape(-1, 3)
+        q = [q for log in problem.logs for q, still in zip(log.q_tb, log.stills, strict=True) if still.problem is None and at_rest]
+        self.q_tb = np.array(q).reshape(-1, 4)
+        index = {id(still): number for number, (_, still) in enumerate(self.stills)}
+        self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T
+
+    @cached_property
+    def movements(self) -> list[Movement]:
+        """What effects are given of each log."""
+        return [movement_in(self.problem, self.seen, self._thinnings, log) for log in range(len(self.problem.logs))]
+
+    def rows(self, log: int, rows: slice) -> slice:
+        """Where rows of a turn are among those that effects are given."""
+        if self._thinnings is None:
+            return rows
+        start = self._thinnings[log].row(rows.start)
+        return slice(start, start + rows.stop - rows.start)
+
+    def start(self) -> State:
+        """The present physics: the linear model alone."""
+        here = self.problem.session.config.site.expected_gravity_mps2
+        length = float(np.median(np.linalg.norm(self.force, axis=1))) if self.stills else here
+        north = self.problem.earth.rate_t * [1, 1, 0]
+        size = np.linalg.norm(north)
+        along = np.cross([0, 0, 1], north / size) if size > 0 else np.array([1.0, 0, 0])
+        return State(self.problem.first, np.zeros(2), length, np.stack([along, np.cross(along, [0, 0, 1])]))
+
+    def rates(self, state: State) -> list[np.ndarray]:
+        """True rates (N, 3) of each log, as far as the state knows them: linear model and effects undone."""
+        return [self._undone(state, number, len(state.claims)) for number in range(len(self.problem.logs))]
+
+    def _undone(self, state: State, log: int, count: int) -> np.ndarray:
+        """Rates (N, 3) of one log with the first ``count`` claims undone."""
+        readings = np.asarray(self.seen.logs[log].samples.gyro)
+        for claim in state.claims[:count]:
+            if claim.effect.on_readings:
+                readings = claim.effect.correct(readings, self.movements[log].with_rate(readings), claim.theta)
+        rate = state.model(readings)
+        for claim in state.claims[:count]:
+            if claim.effect.kind == "rate" and not claim.effect.on_readings:
+                rate = claim.effect.correct(rate, self.movements[log].with_rate(rate), claim.theta)
+        return rate
+
+    def residuals(self, state: State, rates: list[np.ndarray] | None = None) -> Channels:
+        """What the recording has beyond the prediction."""
+        rates = self.rates(state) if rates is None else rates
+        batch = self.batch_at(state)
+        q_pred = closure.end_attitude(batch, self.padded(rates))
+        angles = closure.error_angles(closure.batch_residual(batch, q_pred))
+        return Channels(angles, self._still_means(rates) - self._earth_in_stills(state), self._lengths(state))
+
+    def batch_at(self, state: State) -> Batch:
+        """The batch with the state's reference attitudes and Earth."""
+        batch = self.batch
+        if state.bends:
+            bent = self._tilted(state.freed(self.force))
+            batch = replace(batch, start=bent[self.first], end=bent[self.last])
+        if state.earth_t.any():
+            (x, y, z), turn = state.earth_t, self._turns
+            batch = replace(batch, earth=batch.earth + (x * turn[:, :, 0] + y * turn[:, :, 1] + z * turn[:, :, 2]))
+        return batch
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
+        return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(S, 3, 3) in the table frame: about which the closure is measured, as ``closure.directions``, by the first linear fit."""
+        return closure.directions(self.batch, closure.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
+
+    @cached_property
+    def level_axes(self) -> list[np.ndarray]:
+        """(N, 6) of each log: the table's x and y axes in the body at each sample, by the first linear fit; between segments the next
+        still's."""
+        found = []
+        for log, movement in enumerate(self.movements):
+            axes = np.full((len(movement.t_s), 6), np.nan)
+            for (number, still), q in zip(self.stills, self.q_tb, strict=True):
+                if number == log:
+                    axes[still.start : still.stop] = rotation.matrix(q)[:2].ravel()
+            for segment, turn in zip(self.segments, self._turns, strict=True):
+                if segment.log == log:
+                    axes[segment.start : segment.stop] = turn[: segment.stop - segment.start, :2].reshape(-1, 6)
+            known = np.isfinite(axes[:, 0])
+            if not known.any():  # of a log that is put away whole, nothing is used
+                found.append(np.zeros_like(axes))
+                continue
+            found.append(axes[known][np.searchsorted(np.flatnonzero(known), np.arange(len(axes))).clip(0, known.sum() - 1)])
+        return found
+
+    def _tilted(self, force: np.ndarray) -> np.ndarray:
+        """Attitudes (Q, 4) of the stills from forces (Q, 3) m/s^2 in them, each with the yaw that was carried to it."""
+        return closure.nearest_yaw(self.q_tb, rotation.from_gravity(force))
+
+    def padded(self, rates: list[np.ndarray]) -> np.ndarray:
+        """Rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
+        padded = np.zeros_like(self.batch.rate)
+        for row, segment in zip(padded, self.segments, strict=True):
+            count = segment.stop - segment.start
+            row[:count] = rates[segment.log][segment.start : segment.stop]
+        return padded
+
+    def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
+        """(Q, …) of samples (N, …) of each log."""
+        return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
+
+    @cached_property
+    def _means(self) -> list[StillMeans]:
+        logs = range(len(self.problem.logs))
+        return [StillMeans([still for number, still in self.stills if number == log], self.counts(log)) for log in logs]
+
+    def counts(self, log: int) -> np.ndarray | None:
+        """(N,) readings that each row of a log stands for, None where that is one."""
+        return None if self._thinnings is None else self._thinnings[log].counts
+
+    def _earth_in_stills(self, state: State) -> np.ndarray:
+        return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
+
+    def _lengths(self, state: State) -> np.ndarray:
+        return np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
+
+    def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
+        """(S, T, d, 3) s; every hypothesis keeps its own, so without the row that nobody looks at."""
+        found = closure.sensitivity(self.batch_at(state), self.padded(rates))
+        return found if self.batch.angles == 3 else found[:, :, : self.batch.angles].copy(order="K")
+
+    def linear_columns(self, sensitivity: np.ndarray) -> Channels:
+        """Of the 12 linear parameters."""
+        design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
+        still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
+        mean = self._still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
+        for axis in range(3):
+            still[:, axis, 3 * axis : 3 * axis + 3] = mean
+            still[:, axis, linear.BIAS.start + axis] = 1.0
+        return Channels(design, still, np.zeros((len(self.stills), linear.PARAMETERS)))
+
+    def earth_columns(self) -> Channels:
+        """Of the Earth's rate in table axes, (3,): it turns the prediction by -w times the segment's duration."""
+        design = -self.batch.duration_s[:, None, None] * self.axes[:, : self.batch.angles]
+        still = -rotation.matrix(self.q_tb).transpose(0, 2, 1)
+        return Channels(design, still, np.zeros((len(self.stills), 3)))
+
+    def gravity_columns(self) -> Channels:
+        """Of the length of gravity."""
+        return Channels(
+            np.zeros((len(self.segments), self.batch.angles, 1)), np.zeros((len(self.stills), 3, 1)), -np.ones((len(self.stills), 1))
+        )
+
+    def force_columns(self, effect: Effect, state: State, rates: list[np.ndarray]) -> Channels:
+        """Of an effect of kind "force"."""
+        return self._bending(state, rates, np.moveaxis(bent_by(effect, self.force), 2, 0))
+
+    def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
+        """Of the accelerometer's bias (3) and matrix (9), all in m/s^2: the latter as an error at one g."""
+        down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+        bias = np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3))
+        matrix = np.einsum("ai,qj->ajqi", np.eye(3), down).reshape(9, len(self.stills), 3)
+        return self._bending(state, rates, np.concatenate([bias, matrix]))
+
+    def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
+        """Columns of P patterns (P, Q, 3) of what is taken off the stills' force, by finite differences of the reference attitudes."""
+        padded, force, base = self.padded(rates), state.freed(self.force), self.batch_at(state)
+
+        turned = closure.turned(base, padded)
+
+        def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            bent = self._tilted(force)
+            end = rotation.multiply(bent[self.first], turned)
+            angles = closure.error_angles(closure.batch_residual(replace(base, start=bent[self.first], end=bent[self.last]), end))
+            return angles, np.linalg.norm(force, axis=1)
+
+        here = look(force)
+        columns = []
+        for pattern in patterns:
+            moved = look(force - SMALL_FORCE * pattern)
+            columns.append([(there - now) / SMALL_FORCE for there, now in zip(moved, here, strict=True)])
+        design, length = (np.stack(part, axis=-1) for part in zip(*columns, strict=True))
+        return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
+
+    def _added(self, effect: Effect, state: State, rates: list[np.ndarray]) -> list[np.ndarray]:
+        """(N, 3, P) for each log: what an effect's parameters add to the rate, where the state is.
+
+        An effect with a memory (a lag) that is claimed already is differentiated as it corrects: its linear columns, taken from the
+        corrected rate, are blind to what all axes have in common.
+        """
+        claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
+        if claimed is None and effect.on_readings:
+            readings = [np.asarray(log.samples.gyro) for log in self.seen.logs]
+            moved = (effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, readings, strict=True))
+            return [np.einsum("ij,njp->nip", state.model.E, columns) for columns in moved]
+        if claimed is None or effect.exact_correct is None:
+            return [effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, rates, strict=True)]
+        theta, added = state.claims[claimed].theta, []
+        for log, movement in enumerate(self.movements):
+            before = np.asarray(self.seen.logs[log].samples.gyro) if effect.on_readings else self._undone(state, log, claimed)
+            movement = movement.with_rate(before)
+            here = effect.correct(before, movement, theta)
+            small = SMALL_SHARE * effect.parameter.plausible
+            steps = small * np.eye(len(theta))
+            columns = np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in steps], axis=-1)
+            added.append(np.einsum("ij,njp->nip", state.model.E, columns) if effect.on_readings else columns)
+        return added
+
+    def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
+        """Of an effect's parameters: how the residuals change when one is added to what the state corrects."""
+        if effect.kind == "force":
+            return self.force_columns(effect, state, rates)
+        if effect.kind == "earth":
+            return self.earth_columns()
+        if effect.basis is not None:
+            return self._basis_columns(effect, sensitivity)
+        by_log = self._added(effect, state, rates)
+        size = effect.parameter.size
+        design = np.empty((len(self.segments), self.batch.angles, size))
+        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
+            count = segment.stop - segment.start
+            part = by_log[segment.log][segment.start : segment.stop]
+            row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
+        return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
+
+    def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
+        """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
+        assert effect.basis is not None
+        by_log = [effect.basis(movement) for movement in self.movements]
+        d, curves = self.batch.angles, by_log[0].shape[1]
+        design = np.empty((len(self.segments), d, curves, 3))
+        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
+            count = segment.stop - segment.start
+            summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
+            row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
+        mean = self._still_means(by_log)
+        still = mean[:, None, :, None] * np.eye(3)[:, None]
+        if effect.has_rows:
+            design, still = design.swapaxes(2, 3), still.swapaxes(2, 3)
+        size = effect.parameter.size
+        return Channels(-design.reshape(-1, d, size), -still.reshape(-1, 3, size), np.zeros((len(self.stills), size)))
+
+
+def _square(sensitivity: np.ndarray) -> np.ndarray:
+    """``linear.columns`` wants three rows; the third is not looked at where yaw is unknown."""
+    missing = 3 - sensitivity.shape[2]
+    return sensitivity if not missing else np.pad(sensitivity, ((0, 0), (0, 0), (0, missing), (0, 0)))
+
+
+# The variable along which an effect lives, of each sample, still and segment: one reading for the JSON, the page and the picture.
+#
+# Gravity along an axis is +1 g where that axis points down: the specific force with its sign reversed.
+
+X, Y, Z = range(3)
+#: what a movement knows of itself, (N,) or (N, 3) in people's units, and the unit
+READ: dict[str, tuple[Callable[[Movement], np.ndarray], str]] = {
+    "time": (lambda m: m.t_s, "s"),
+    "temperature": (lambda m: m.temp_c, "°C"),
+    "vibration": (lambda m: m.vibration_g2, "g²"),
+    "rate": (lambda m: np.abs(m.rate) / DEG, "dps"),
+    "angular acceleration": (lambda m: np.abs(m.acceleration), "rad/s²"),
+    "attitude": (lambda m: -m.force_g, "g"),
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of ``READ``; axis 0 to 2 where it is one component of a vector, None for a scalar or the greatest component."""
+
+    variable: str
+    axis: int | None = None
+
+    @property
+    def units(self) -> str:
+        """Its unit, in words."""
+        return READ[self.variable][1]
+
+    @property
+    def words(self) -> str:
+        """``gravity along x``, ``temperature``, ``rate about y``."""
+        if self.axis is None:
+            return self.variable
+        return f"gravity along {'xyz'[self.axis]}" if self.variable == "attitude" else f"{self.variable} about {'xyz'[self.axis]}"
+
+    def of_samples(self, movement: Movement) -> np.ndarray:
+        """(N,) at each sample of a log."""
+        values = READ[self.variable][0](movement)
+        if values.ndim == 1:
+            return values
+        return values.max(axis=1) if self.axis is None else values[:, self.axis]
+
+    def of_stills(self, twin: Twin) -> np.ndarray:
+        """(Q,) mean over each still."""
+        values = [self.of_samples(movement) for movement in twin.movements]
+        return np.array([values[log][still.start : still.stop].mean() for log, still in twin.stills])
+
+    def of_segments(self, twin: Twin) -> np.ndarray:
+        """(S,) greatest in each segment."""
+        values = [self.of_samples(movement) for movement in twin.movements]
+        return np.array([values[segment.log][segment.start : segment.stop].max() for segment in twin.segments])
+
+
+def variable_of(effect: Effect | None, theta: np.ndarray | None = None) -> Variable:
+    """Of an effect with parameters theta (P,): along the axis of the strongest column of a matrix, of the strongest entry of a vector.
+
+    An effect that names a variable that a movement does not hold is drawn over time, and so is no effect.
+    """
+    variable = effect.regime[0] if effect is not None and effect.regime else "time"
+    if variable not in READ:
+        return Variable("time")
+    if theta is not None and np.size(theta) == 9 and variable in ("attitude", "rate", "angular acceleration"):
+        return Variable(variable, int(np.argmax(np.linalg.norm(np.reshape(theta, (3, 3)), axis=0))))
+    if variable != "attitude":
+        return Variable(variable)
+    if effect is None or theta is None or np.size(theta) != 3 or effect.kind == "earth":
+        return Variable(variable, Z)
+    return Variable(variable, int(np.argmax(np.abs(theta))))

@@ -1,0 +1,200 @@
+"""The covariance of all channels together, and whitening with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+
+from session.io.units import MG
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import inverse_lower, solve_lower
+from tinygc.noise.twin import Twin
+
+# Covariances of which few elements are not zero: ``scipy.sparse`` has them as well, and takes longer to import than a fit takes.
+
+
+@dataclass(frozen=True, eq=False)
+class Sparse:
+    """A matrix (n, n): ``values`` (m,) at ``rows`` and ``columns`` (m,), each place once; zero elsewhere."""
+
+    size: int
+    rows: np.ndarray
+    columns: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, dense: np.ndarray) -> Sparse:
+        """Of a matrix (n, n), without its zeros."""
+        rows, columns = np.nonzero(dense)
+        return cls(len(dense), rows, columns, dense[rows, columns])
+
+    @classmethod
+    def of_diagonal(cls, diagonal: np.ndarray) -> Sparse:
+        """Of one whose diagonal (n,) alone is not zero."""
+        at = np.flatnonzero(diagonal)
+        return cls(len(diagonal), at, at, diagonal[at])
+
+    def block(self, of: np.ndarray) -> np.ndarray:
+        """Some rows and the same columns, by number (k,), as (k, k)."""
+        place = np.full(self.size, -1)
+        place[of] = np.arange(len(of))
+        row, column = place[self.rows], place[self.columns]
+        inside = (row >= 0) & (column >= 0)
+        dense = np.zeros((len(of), len(of)))
+        dense[row[inside], column[inside]] = self.values[inside]
+        return dense
+
+    def dense(self) -> np.ndarray:
+        """(n, n)."""
+        return self.block(np.arange(self.size))
+
+
+# The covariance of all channels together, and whitening with it.
+#
+# Gyro and accelerometer noise are measured in the stills' own short-time scatter.  The segments contain part of the stills at their ends,
+# so their gyro noise is shared.  What white noise does not cover comes as further covariance (``explanation/noise``).
+
+#: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
+#: better than it allows in benchmarks/null_sessions.py, so that it raises no alarm
+ACCEL_INSTABILITY_MPS2 = 0.03 * MG
+#: what a pre-calibration is good for, at zero g and at one g: the zero-g level alone moves by 0.1 mg per degC (data sheet)
+PRECALIBRATION_MPS2 = 0.1 * MG
+#: groups of columns that are whitened at once (benchmarks/explain_speed.py)
+TOGETHER = 64
+
+
+class Whitener:
+    """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
+
+    white (n, n): white noise and the pre-calibration's allowance alone; more (n, n): what comes on top of it.
+    """
+
+    def __init__(self, twin: Twin, more: np.ndarray | None = None):
+        s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
+        self.sizes = s * d, 3 * q, q
+        self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
+        self._allowances = _precalibration(twin)
+        self.white = _covariance(twin) + self._allowances @ self._allowances.T
+        self._rows: slice | np.ndarray = slice(None)
+        self._set(self.white if more is None else self.white + more)
+
+    def _set(self, covariance: np.ndarray) -> None:
+        self._factor = np.linalg.cholesky(covariance)
+        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
+        self.allowances = self(self._allowances)
+
+    def __call__(self, stacked: np.ndarray) -> np.ndarray:
+        """Rows of unit variance, uncorrelated."""
+        return self.own(stacked[self._rows])
+
+    def own(self, rows: np.ndarray) -> np.ndarray:
+        """The same of the rows that are looked at, alone (``only``)."""
+        return solve_lower(self._factor, rows)
+
+    def matrix(self) -> np.ndarray:
+        """(n, n) ``own`` as a matrix: lower triangular, made anew each time."""
+        return inverse_lower(self._factor)
+
+    def back(self, whitened: np.ndarray) -> np.ndarray:
+        """The stacked channels (n,) or (n, m) that are whitened so."""
+        return self._factor @ whitened
+
+    def with_more(self, more: np.ndarray) -> Whitener:
+        """The same channels with other covariance (n, n) on top of white noise."""
+        other = copy(self)
+        for name in ("_own_factors", "precision"):
+            other.__dict__.pop(name, None)
+        other._set(self.white + more)
+        return other
+
+    def each(self, columns: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        """Whitened columns (n, P) of each, many at once: several times faster."""
+        groups = iter(columns)
+        while some := list(islice(groups, TOGETHER)):
+            edges = np.cumsum([each.shape[1] for each in some])[:-1]
+            yield from np.split(self(np.concatenate(some, axis=1)), edges, axis=1)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(n, n) of the stacked channels."""
+        return self._factor @ self._factor.T
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """(n, n), the inverse of the covariance."""
+        from scipy.linalg.lapack import dpotri
+
+        lower, _ = dpotri(self._factor, lower=True)
+        return np.tril(lower) + np.tril(lower, -1).T
+
+    def pulled(self, whitened: np.ndarray) -> np.ndarray:
+        """The precision times the stacked channels (n,) or (n, m) that are whitened so."""
+        from scipy.linalg import solve_triangular
+
+        return solve_triangular(self._factor, whitened, lower=True, trans="T", check_finite=False)
+
+    def by_channel(self, whitened: np.ndarray) -> np.ndarray:
+        """Rows (n,) or (n, m), whitened together, as each channel's own covariance alone would whiten them."""
+        stacked = self.back(whitened)
+        alone = np.empty_like(stacked)
+        for name, part in self.parts.items():
+            alone[part] = solve_lower(self._own_factors[name], stacked[part])
+        return alone
+
+    @cached_property
+    def _own_factors(self) -> dict[str, np.ndarray]:
+        covariance = self.covariance
+        return {name: np.linalg.cholesky(covariance[part, part]) for name, part in self.parts.items()}
+
+    def only(self, rows: np.ndarray) -> Whitener:
+        """A whitener of some of the rows (n,) bool alone: the others, correlated with them, are not looked at."""
+        part = copy(self)
+        part._rows = rows
+        part._factor = np.linalg.cholesky(self._factor[rows] @ self._factor[rows].T)
+        return part
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(n,) standard deviation of each row before whitening."""
+        return np.sqrt(np.sum(self._factor**2, axis=1))
+
+
+def _covariance(twin: Twin) -> np.ndarray:
+    problem, batch = twin.problem, twin.batch
+    s, d, q = len(twin.segments), batch.angles, len(twin.stills)
+    full = np.zeros((s * d + 4 * q, s * d + 4 * q))
+    full[: s * d, : s * d] = problem.floor.dense()
+    if not q:
+        return full
+    turn = rotation.matrix(twin.q_tb)
+    walk = np.array([problem.logs[log].noise.angle_random_walk ** 2 for log, _ in twin.stills])
+    duration = np.array([still.duration_s for _, still in twin.stills])
+    for number in range(q):
+        at = s * d + 3 * number
+        full[at : at + 3, at : at + 3] += np.diag(walk[number] / duration[number])
+    for i, segment in enumerate(twin.segments):
+        for number in (twin.first[i], twin.last[i]):
+            log, still = twin.stills[number]
+            period = problem.logs[log].samples.period_s
+            shared_s = max(0, min(segment.stop, still.stop) - max(segment.start, still.start)) * period
+            block = (twin.axes[i, :d] @ turn[number] * walk[number]) * shared_s / duration[number]
+            rows, at = slice(i * d, i * d + d), s * d + 3 * number
+            full[rows, at : at + 3] += block
+            full[at : at + 3, rows] += block.T
+    for number, (log, still) in enumerate(twin.stills):
+        variance = float(np.mean(problem.logs[log].noise.velocity_random_walk ** 2)) / still.duration_s + ACCEL_INSTABILITY_MPS2**2
+        full[s * d + 3 * q + number, s * d + 3 * q + number] = variance
+    return full
+
+
+def _precalibration(twin: Twin) -> np.ndarray:
+    """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
+    start = twin.start()
+    if not twin.stills:
+        return np.zeros((len(twin.segments) * twin.batch.angles, 0))
+    return twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2

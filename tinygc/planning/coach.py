@@ -1,0 +1,230 @@
+"""The coach: after each segment, what is still known worst, and the movement from here that would help most.
+
+It knows the segments only through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
+An accelerometer that nobody has calibrated has nine more (``accelerometer``), of which the length of gravity in each still tells as well.
+A movement's worth is what its two angles, and the still that it ends in, would leave of the sigmas, beside their targets, if it were made
+from where the sensor lies now.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.bench.messages import AcceptedTurn, Advice, Movement, Progress
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc import closure
+from tinygc.annexes.lots.explanation import LotWord, word_of
+from tinygc.annexes.lots.lot import Lot
+from tinygc.attitude import rotation
+from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
+from tinygc.closure.residual import Batch
+from tinygc.closure.uncertainty import covariance_from_columns
+from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.models import linear
+from tinygc.planning import turns as accel
+from tinygc.planning.proposals import TARGETS, parameter_words
+from tinygc.planning.turns import EIGHTHS, QUARTERS, OwnAccelerometer, Turn, as_known, columns, ends, length_information, turns_from
+
+UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
+UNSEEN = 100.0
+#: rad/s, the bias instability that a session is planned with, whatever the sensor: no recording is there yet to take it from, and it
+#: enters no uncertainty that is reported
+PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
+#: of full scale, the peak of a turn that is asked for: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than it was told
+PLANNED_FULL_SCALE = 0.6
+SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
+MOVED = np.cos(0.5 * DEG)  #: attitudes that a better known accelerometer has moved by more are looked at again
+STILL_S = 2.0  #: of the still that a proposed turn ends in
+MOST_TO_GO = 40  #: turns that are looked ahead for the number that is enough
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A segment: the force at its ends that its columns were made with, columns (2, 12 or 21), noise (2, 2), its middle."""
+
+    turn: AcceptedTurn
+    ends: np.ndarray
+    columns: np.ndarray
+    own: np.ndarray
+
+
+class Coach:
+    """Call it with what the session has so far; it answers with ``Advice``.  targets (12,) of the gyroscope's parameters; lot: that the
+    board is of, as long as its turns do not say otherwise."""
+
+    def __init__(self, targets: np.ndarray = TARGETS, lot: Lot | None = None):
+        self._gyro_targets, self._lot = targets, lot
+        self._word = LotWord(None, "")
+        self._seen: dict[int, _Seen] = {}
+        self._progress = Progress(())
+        self._own: OwnAccelerometer | None = None
+
+    def __call__(self, progress: Progress) -> Advice:
+        """Advice on all segments so far (at least one)."""
+        self.look(progress)
+        sigma = self.sigma
+        worst = np.argsort(-sigma)
+        missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
+        if not missing:
+            reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
+            says = self._word.says or ("" if self._lot is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
+            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
+        # The board lies where the last still was, which need not be the end of a turn that counts.
+        lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
+        turn = self.best_turn(lies.accel_mean)
+        reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
+        return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
+
+    def _says(self, measured: np.ndarray) -> str:
+        """Of a board of a lot: how many turns are enough, as it is now; or that it is none of the lot's."""
+        if self._lot is None or self._word.says:
+            return self._word.says
+        more = self.turns_to_go(measured)
+        return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
+
+    def turns_to_go(self, measured: np.ndarray) -> int | None:
+        """How many of the turns that it would ask for reach every target, from where the accelerometer reads ``measured`` (3,); None: more
+        than ``MOST_TO_GO``."""
+        force = measured if self._own is None else self._own.accelerometer.correct(measured)
+        information = np.linalg.inv(self.covariance / np.outer(self.targets, self.targets))
+        for count in range(MOST_TO_GO):
+            if np.diag(np.linalg.inv(information)).max() <= 1:
+                return count
+            turn, rows = self._best(information, force)
+            information, force = information + rows.T @ rows, turn.carries(force)
+        return None
+
+    def look(self, progress: Progress) -> None:
+        """Take in what the session has so far."""
+        self._progress = progress
+        self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
+        before, self._seen = self._seen, {}
+        for turn in progress.turns:
+            found = before.get(id(turn))
+            if found is None or (found.ends * self._directions(turn)).sum(axis=1).min() < MOVED:
+                found = self._of(turn)
+            self._seen[id(turn)] = found
+        if self._lot is not None:
+            seen = list(self._seen.values())
+            ends = np.array([[rotation.from_gravity(direction) for direction in each.ends] for each in seen])
+            columns12 = np.array([each.columns[:, : linear.PARAMETERS] for each in seen])
+            own = np.array([each.own for each in seen])
+            self._word = word_of(self._lot, tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
+
+    @property
+    def targets(self) -> np.ndarray:
+        """(12,), or (21,) where the session calibrates its accelerometer, too."""
+        return self._gyro_targets if self._own is None else np.concatenate([self._gyro_targets, accel.TARGETS])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(P, P) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
+        seen = list(self._seen.values())
+        own = np.array([each.own for each in seen])
+        floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
+        middle_s = np.array([each.turn.middle_s for each in seen])
+        design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
+        if self._own is None:
+            return covariance_from_columns(design, floor, wander, lot=self._word.prior)
+        lengths = np.zeros((design.shape[-1],) * 2)
+        if self._progress.stills:
+            lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
+        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths, self._word.prior)
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(P,) one sigma of each parameter in units of its target."""
+        return np.sqrt(np.diag(self.covariance)) / self.targets
+
+    def best_turn(self, measured: np.ndarray) -> Turn:
+        """The turn to make where the accelerometer reads ``measured`` (3,) m/s^2."""
+        force = measured if self._own is None else self._own.accelerometer.correct(measured)
+        return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force)[0]
+
+    def _best(self, information: np.ndarray, force: np.ndarray) -> tuple[Turn, np.ndarray]:
+        """The best turn beside an information (P, P), in units of the targets, from where force (3,) is felt; and its rows (2 or 3, P)."""
+        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
+        turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, PLANNED_FULL_SCALE * self._progress.gyro_fs_rps)
+        rows = self._rows(force, turns) * self.targets
+        after = information + rows.swapaxes(-1, -2) @ rows
+        if sigma.max() > UNKNOWN:
+            best = int(np.argmax(np.linalg.slogdet(after)[1]))
+        else:
+            left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
+            if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is known worst: the attitude that helps its worst number most
+                best = int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))
+            else:
+                best = int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))
+        return turns[best], rows[best]
+
+    def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
+        """(M, 2 or 3, P): what each turn would add, by its noise: its two angles, and the length of gravity in the still behind it."""
+        angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in self._seen.values()])))
+        gyro = columns(force, turns) / angle
+        if self._own is None:
+            return gyro
+        q_first, q_last = ends(force, turns)
+        last = np.array([turn.carries(force) for turn in turns])
+        tilt = self._own.tilt_rows(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
+        noise = next(reversed(self._seen.values())).turn.noise
+        white = float(np.mean(noise.velocity_random_walk**2)) / STILL_S
+        length = self._own.length_rows(last)[:, None] / np.sqrt(white + self._own.sigma_mps2**2)
+        nothing = np.zeros((len(turns), 1, linear.PARAMETERS))
+        return np.concatenate([np.concatenate([gyro, tilt], axis=-1), np.concatenate([nothing, length], axis=-1)], axis=1)
+
+    def _directions(self, turn: AcceptedTurn) -> np.ndarray:
+        """(2, 3): which way gravity pulls at both ends, by what is known of the accelerometer."""
+        force = np.array([still.accel_mean for still in turn.segment.stills])
+        force = force if self._own is None else self._own.accelerometer.correct(force)
+        return force / np.linalg.norm(force, axis=1, keepdims=True)
+
+    def _of(self, turn: AcceptedTurn) -> _Seen:
+        """A segment: its two angles' columns and their noise."""
+        first, last = turn.segment.stills
+        measured = turn.samples.gyro[None]
+        bias = (first.gyro_mean + last.gyro_mean) / 2
+        force = self._directions(turn)
+        start, end = (rotation.from_gravity(direction)[None] for direction in force)
+        # The Earth's place is taken by the bias: what is left is the turn, as nearly as the sensor's own errors of 1 % matter here.
+        batch = Batch(measured, turn.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
+        attitudes = closure.attitudes(batch, measured)
+        own = gyro_variance(batch, attitudes, [turn.noise])[0, :2, :2]
+        tilt = sum(still_tilt_variance(still, turn.noise) for still in (first, last))
+        design = linear.columns(closure.sensitivity(batch, measured), measured)[0, :2]
+        if self._own is not None:
+            lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
+            tilt += 2 * float(np.mean((self._own.sigma_mps2 / lengths) ** 2))
+            there = force * lengths
+            at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
+            design = np.concatenate([design, at_ends], axis=1)
+        return _Seen(turn, force, design, own + tilt * np.eye(2))
+
+
+def _turns(count: int, one: str, many: str) -> str:
+    return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
+
+
+def _movements(turn: Turn) -> tuple[Movement, ...]:
+    return tuple(Movement(_vector(part.axis), part.angle_rad) for part in turn.parts)
+
+
+def _vector(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _said(parameter: int, sigma: float) -> str:
+    """A parameter and how far it is from its target."""
+    far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
+    return f"{_name(parameter)} ({far})"
+
+
+def _name(parameter: int) -> str:
+    gyro = parameter < linear.PARAMETERS
+    return parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
+
+
+def _named(sigma: np.ndarray) -> tuple[tuple[str, float], ...]:
+    return tuple((_name(i), float(each)) for i, each in enumerate(sigma))

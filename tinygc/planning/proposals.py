@@ -1,0 +1,241 @@
+"""What to record next: the movement that teaches most about what is known worst."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_columns
+from session.detect.check_references import with_aligned_truth, with_own_accelerometer
+from session.detect.check_samples import with_bridges
+from session.io.errors import FormatError
+from session.io.folder import read_session, sha256_of
+from session.io.results import Keys, MapOf, Maybe, Text, read_required
+from session.io.texts import printable
+from session.io.units import DEG, STANDARD_GRAVITY_MPS2
+from tinygc import closure
+from tinygc.annexes.lots.fit import LotFile, LotUse, fit_with_lot, lot_file
+from tinygc.annexes.lots.prior import prior_of, require_usable
+from tinygc.attitude import rotation
+from tinygc.closure.build import build_problem
+from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import Batch
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.stated_noise import stated_joint_covariance, stated_noise
+from tinygc.models import linear
+from tinygc.planning import turns
+from tinygc.planning.turns import SIDES, parts_from, up_words
+
+# What the last explanation of a session asked to be recorded next.
+
+SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text())})
+
+
+def requested_by_explain(folder: Path) -> str | None:
+    """``next`` of DIR/explain/explain.json; None where nothing was explained, nothing asked, or the logs are not those any more.
+
+    FormatError for an explanation that cannot be read.
+    """
+    path = folder / "explain" / "explain.json"
+    if not path.exists():
+        return None
+    explained = read_required(path, SHAPE, "explain again, or remove it")
+    # Logs that were recorded since do not answer it before they are explained, too.
+    same = all(_sha256(folder, name) == sha256 for name, sha256 in explained.get("logs", {}).items())
+    return printable(explained.get("next") or "") or None if same else None
+
+
+def _sha256(folder: Path, name: str) -> str | None:
+    """Of a file of this folder; None where there is none, or where the name leads elsewhere."""
+    try:
+        return sha256_of(folder / name) if Path(name).name == name else None
+    except (FormatError, ValueError):  # a name that no file can have
+        return None
+
+
+# What to record next: the movement that teaches most about what is known worst.
+#
+# A single turn about one body axis, from a still with some axis up, adds its own closure residual: two angles, linear in the gyroscope's 12
+# parameters through the same sensitivity as everything else, and in the accelerometer's nine through the tilt at both ends.  Its two stills
+# add the length of gravity in their attitudes.  Its worth is how much it lowers the variance of the parameter that is least certain beside
+# its target, whichever sensor's it is.
+
+#: one sigma that a 40-segment session of an ASM330LHH reaches: what is worse than this is worth another turn
+TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
+#: of a scale that was given: what that is taken to be good for, since gravity's length tells the scale that all axes share no better
+GIVEN_SCALE = 1e-3 * GIVEN_SIGMA_MG
+TURNS_DEG = (270, 225)  #: which end on a side, and on an edge
+TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
+MOST = 40  #: turns that are looked ahead
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """words for the operator; parameter that it helps; sigma of that parameter now and after, in units of its target."""
+
+    words: str
+    parameter: str
+    now: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """proposals; asked: what `explain` asked for there, if it did; enough: how many such turns reach every target, None for more than
+    ``MOST``; lot: what came from the lot, where one was given."""
+
+    proposals: list[Proposal]
+    asked: str | None
+    enough: int | None
+    lot: LotUse | None = None
+
+
+def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
+    """The plan for a session.  Raises what ``build_problem``, ``read_lot`` and ``require_usable`` raise."""
+    given = None if lot is None else lot_file(lot)
+    session, _ = with_own_accelerometer(read_session(folder))
+    if given is not None:
+        require_usable(given.lot, session.config.sensor.model, given.file)
+    session, _ = with_aligned_truth(session)
+    problem = build_problem(with_bridges(session), lot=None if given is None else given.lot)
+    known, use = known_of(problem), None
+    if given is not None:
+        known, use = with_lot(known, problem, given)
+    all_turns = _greedy(known, MOST)
+    enough = len(all_turns) if len(all_turns) < MOST else None
+    return Plan(all_turns[:count], requested_by_explain(session.folder), enough, use)
+
+
+def with_lot(known: Known, problem: Problem, given: LotFile) -> tuple[Known, LotUse]:
+    """What a session and its lot tell together; the session alone where its unit does not belong to the lot."""
+    *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), given, stated_noise(problem))
+    if use.used != "yes":
+        return known, use
+    own = slice(len(known.covariance) - linear.PARAMETERS, None)
+    information = np.linalg.inv(known.covariance)
+    information[own, own] += np.linalg.inv(prior_of(given.lot, problem.first.vector).covariance)
+    return replace(known, covariance=np.linalg.inv(information)), use
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """covariance (P, P), SI, of what a session tells: the accelerometer's nine numbers, where it tells of them, then the gyroscope's 12;
+    sigma_rad of a turn's angle and sigma_mps2 of a still's length, as they are found to miss; with_gravity: whether its length is known."""
+
+    covariance: np.ndarray
+    sigma_rad: float
+    sigma_mps2: float = 0.0
+    with_gravity: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters, as a person says them."""
+        gyroscope = [parameter_words(name) for name in linear.NAMES]
+        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*JOINT_NAMES[:PARAMETERS], *gyroscope]
+
+    @property
+    def targets(self) -> np.ndarray:
+        """(P,) one sigma, SI."""
+        if len(self.covariance) == linear.PARAMETERS:
+            return TARGETS
+        own = turns.TARGETS.copy()
+        if not self.with_gravity:
+            own[SCALES] = GIVEN_SCALE
+        return np.concatenate([own, TARGETS])
+
+
+def known_of(problem: Problem) -> Known:
+    """With all noise that the recording shows, both sensors together; the gyroscope alone where no stills tell of the accelerometer."""
+    given = problem.session.config.accelerometer
+    mode = "prior" if given.source == "given" else "fit"
+    joint = fit_joint(problem, mode, given.sigma_mg or GIVEN_SIGMA_MG)
+    if joint is not None and joint.p_value is not None and joint.p_value <= REFUTED_P:
+        joint = fit_joint(problem, "fit")  # what no longer holds is no knowledge
+    level = problem if joint is None else recalibrated(problem, joint)
+    noise = None if joint is None else stated_noise(level)
+    if joint is None or noise is None:
+        covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
+        return Known(covariance, float(np.median(problem.floor.sigma[problem.batch.known])))
+    rows = len(problem.used) * problem.batch.angles
+    sigma_mps2 = float(np.median(1 / joint.system.root[rows:]))
+    covariance = stated_joint_covariance(level, joint.model, noise, still_rates=False)
+    return Known(covariance, noise.tilt_rms / np.sqrt(2), sigma_mps2, joint.mode == "fit")
+
+
+def parameter_words(name: str) -> str:
+    """``E_xy`` as a person says it."""
+    kind, axes = name.split("_")
+    if kind == "B":
+        return f"bias of {axes}"
+    return f"scale of {axes[0]}" if axes[0] == axes[1] else f"misalignment of {axes[0]} towards {axes[1]}"
+
+
+def _greedy(known: Known, count: int) -> list[Proposal]:
+    """The best movement, then the best after that, …, until every parameter reaches its target."""
+    targets, names = known.targets, known.names
+    moves = [(move.words, _rows(move, known) * targets) for move in _moves()]
+    information, proposals = np.linalg.inv(known.covariance / np.outer(targets, targets)), []
+    for _ in range(count):
+        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
+        worst = int(np.argmax(sigma))
+        if sigma[worst] <= 1:
+            break
+        gains = [np.linalg.inv(information + J.T @ J)[worst, worst] for _, J in moves]
+        words, J = moves[int(np.argmin(gains))]
+        information = information + J.T @ J
+        after = float(np.sqrt(np.linalg.inv(information)[worst, worst]))
+        proposals.append(Proposal(words, names[worst], float(sigma[worst]), after))
+    return proposals
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """words; attitudes (2, 4) at its ends, and the directions of force (2, 3) in them; gyroscope (2, 12): columns of its closure."""
+
+    words: str
+    q_tb: np.ndarray
+    up: np.ndarray
+    gyroscope: np.ndarray
+
+
+def _rows(move: Move, known: Known) -> np.ndarray:
+    """(r, P): what a move's closure and its stills' lengths tell, each in its own sigmas."""
+    closes = move.gyroscope / known.sigma_rad
+    if len(known.covariance) == linear.PARAMETERS:
+        return closes
+    force = move.up * STANDARD_GRAVITY_MPS2
+    tilt = tilt_columns(move.q_tb, IDENTITY, force)[:, :2] / known.sigma_rad
+    lengths = length_columns(IDENTITY, force) / known.sigma_mps2
+    if not known.with_gravity:  # then only their difference tells
+        lengths = (lengths[:1] - lengths[1:]) / np.sqrt(2)
+    return np.concatenate(
+        [np.concatenate([tilt[0] - tilt[1], closes], axis=1), np.pad(lengths, ((0, 0), (0, linear.PARAMETERS)))],
+    )
+
+
+def _moves() -> list[Move]:
+    """Six stills, three axes, two senses; three quarters of a turn, which end on a side, and five eighths, which end on an edge."""
+    found = []
+    for up, turn_deg in product(SIDES, TURNS_DEG):
+        for part in parts_from(up, turn_deg, TURN_S):
+            words = f"from a still with {up_words(up)} up, turn {part.words} ({TURN_S:.0f} s)"
+            start = rotation.from_gravity(up)  # an accelerometer reads +g along the axis that points up
+            turn = part.axis * part.angle_rad
+            q_tb = np.array([start, rotation.multiply(start, rotation.exp(turn))])
+            found.append(Move(words, q_tb, np.array([up, part.up]), _columns(start, turn)))
+    return found
+
+
+def _columns(start: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    t = np.arange(0, TURN_S + 2 * STILL_S, 1 / RATE_HZ)
+    phase = np.clip((t - STILL_S) / TURN_S, 0, 1)
+    rate = (turn / TURN_S * 2 * np.sin(np.pi * phase)[:, None] ** 2)[None]
+    dt = np.full((1, len(t) - 1), 1 / RATE_HZ)
+    batch = Batch(rate, dt, np.zeros_like(rate), start[None], start[None], yaw_known=False)
+    return linear.columns(closure.sensitivity(batch, rate), rate)[0, :2]

@@ -1,0 +1,332 @@
+"""Turns that an operator can be asked for, and what each would teach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
+from session.detect.stills import Noise, Still
+from session.io.config import Accelerometer
+from session.io.numeric import sigma_of
+from session.io.units import DEG, MG, G
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.joint import tilt_columns
+from tinygc.closure.residual import Batch
+from tinygc.effects import Movement
+from tinygc.models import linear
+
+# How a board lies that somebody has set straight: on one of its six sides, or on an edge between two of them.
+#
+# A hand knows the vertical and the board's own axes where they are level or upright; it knows nothing in between.
+
+SIDES = np.array([sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)])
+EDGES = np.array([(a + b) / np.sqrt(2) for a, b in product(SIDES, SIDES) if np.argmax(np.abs(a)) < np.argmax(np.abs(b))])
+
+
+def nearest_up(accel: np.ndarray, with_edges: bool = False) -> np.ndarray:
+    """(3,) unit: what of the board points up where its accelerometer reads accel (3,), had somebody set it straight."""
+    among = np.concatenate([SIDES, EDGES]) if with_edges else SIDES
+    return among[int(np.argmax(among @ accel))]
+
+
+def up_words(up: np.ndarray) -> str:
+    """``-x``; on an edge ``x and -z``."""
+    return " and ".join(f"{'-' if part < 0 else ''}{name}" for name, part in zip("xyz", up, strict=True) if abs(part) > 0.1)
+
+
+def on_a_side(up: np.ndarray) -> bool:
+    """Whether it lies on a side, and not on an edge."""
+    return bool(np.abs(up).max() > 0.9)
+
+
+def straight(up: np.ndarray) -> np.ndarray:
+    """(3,) what of a board that was turned by quarters or eighths points up, without rounding errors."""
+    return nearest_up(up, with_edges=True)
+
+
+# What a turn and the stills at its ends tell of an accelerometer that nobody has calibrated: nine numbers more, in the same linear terms.
+#
+# The force is f = M (m - b), M upper triangular, in the order and by the derivatives of ``session.detect.accelerometer``.  In every still
+# its length is gravity's: one row.  Its direction is the attitude at both ends of a turn: an error of f at the start turns the attitude
+# that is predicted for the end, one at the end turns the attitude that it is compared with.
+
+#: a tilt of 0.05 mrad, which is the target of the gyroscope's misalignments, too
+TARGETS = np.array([50e-6] * 6 + [50e-6 * G] * 3)
+#: what an accelerometer may be off by before any still was seen: 10 %, and 0.6 g (an MPU-9250 had 0.5 g)
+PRIOR_SIGMA = np.array([0.1] * 6 + [0.6 * G] * 3)
+#: m/s^2: what a MEMS accelerometer wanders by within minutes, until the stills themselves say how far they miss
+WANDERS_MPS2 = 0.05 * MG
+SPARE = 6  #: stills beyond nine that say it
+UNCALIBRATED = Accelerometer(source="none")
+
+
+@dataclass(frozen=True, eq=False)
+class OwnAccelerometer:
+    """accelerometer: as it is known so far (M upper triangular), or as it comes; sigma_mps2: of a still beyond white noise, each axis."""
+
+    accelerometer: Accelerometer
+    sigma_mps2: float
+
+    @property
+    def x(self) -> np.ndarray:
+        """(9,) as ``session.detect.accelerometer`` orders them."""
+        return np.concatenate([self.accelerometer.matrix[UPPER], self.accelerometer.bias_mps2])
+
+    def length_rows(self, force: np.ndarray) -> np.ndarray:
+        """(S, 9) m/s^2 per unit: how each number changes the length of forces (S, 3), as they are by what is known."""
+        return length_columns(self.x, self.accelerometer.measured(force))
+
+    def tilt_rows(self, first: np.ndarray, last: np.ndarray, q_first: np.ndarray, q_last: np.ndarray) -> np.ndarray:
+        """(S, 2, 9) rad per unit: how each number turns the end attitude that is predicted, beside the one that gravity shows.
+
+        first, last (S, 3) m/s^2: the force at both ends by what is known; q_first, q_last (S, 4): the attitudes there, of which the second
+        is the predicted one.
+        """
+        start, end = (tilt_columns(q, self.x, self.accelerometer.measured(force)) for q, force in ((q_first, first), (q_last, last)))
+        return (start - end)[:, :2]
+
+
+def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> OwnAccelerometer:
+    """From what the stills give so far (None: nothing), and how far they miss gravity's length under it."""
+    if accelerometer is None or len(stills) < PARAMETERS + SPARE:
+        return OwnAccelerometer(accelerometer or UNCALIBRATED, WANDERS_MPS2)
+    length = np.linalg.norm(accelerometer.correct(np.array([still.accel_mean for still in stills])), axis=1)
+    miss = float(sigma_of(length - np.median(length))) * np.sqrt(len(length) / (len(length) - PARAMETERS))
+    return OwnAccelerometer(accelerometer, miss)
+
+
+def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: Noise) -> np.ndarray:
+    """(9, 9): what the lengths of gravity in the stills tell."""
+    force = own.accelerometer.correct(np.array([still.accel_mean for still in stills]))
+    white = float(np.mean(noise.velocity_random_walk**2)) / np.array([still.duration_s for still in stills])
+    rows = own.length_rows(force) / np.sqrt(white + own.sigma_mps2**2)[:, None]
+    return rows.T @ rows
+
+
+# Turns that an operator can be asked for, from an attitude, and what each would tell: its columns of the linear sensitivity.
+#
+# One movement, or two without a rest between, each about one axis that a hand knows: the board's own axis that stands upright, or one that
+# is level; by quarter turns.  The board is taken for set straight before, on the side that it lies nearest to, and it ends on a side.  So
+# "by 90° about y" and "until -x is up" are the same turn, and the errors of the last turn are not carried on.  Words, picture
+# and estimate are of this one turn.
+
+QUARTERS = (90, 180, 270, 360)
+#: an accelerometer's axes are seen askew only between the sides: such a turn ends on an edge, or begins there
+EIGHTHS = (45, 90, 135, 180, 225, 270, 315, 360)
+MOST_DEG = 360  #: of two movements together: what one hand does
+SINGLE_S, PAIR_S = 3.0, 4.0  #: of one movement; of two, shared by their angles; longer where the full scale is small
+SLANTED_RAD = 20 * DEG  #: a board that lies further from straight is to be set straight in so many words
+PEAK = 2.0  #: of a smooth turn's rate, beside its mean
+STRAIGHT_S = 1.0  #: of setting it straight, where the estimate reckons with it
+STILL_S, RATE_HZ = 1.0, 20.0
+LEVEL = 0.1  #: cosine, on sides and edges: below it an axis is level
+
+
+@dataclass(frozen=True, eq=False)
+class TurnPart:
+    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): the same, in the body."""
+
+    axis: np.ndarray
+    angle_rad: float
+    seconds: float
+    words: str
+    up: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """What lies between two stills.  straightened: how the board is set straight first; up (3,) unit: what of it points up then."""
+
+    straightened: TurnPart
+    parts: tuple[TurnPart, ...]
+
+    @property
+    def up(self) -> np.ndarray:
+        """(3,) unit: what of the board points up where the movements begin."""
+        return self.straightened.up
+
+    @property
+    def words(self) -> str:
+        """What to do, for the operator."""
+        said = ", then at once ".join(part.words for part in self.parts)
+        return f"{self.straightened.words}turn {said} ({sum(part.seconds for part in self.parts):.0f} s)"
+
+    def carries(self, accel: np.ndarray) -> np.ndarray:
+        """What a still accelerometer that read accel (3,) before the turn reads after it."""
+        return self.parts[-1].up * np.linalg.norm(accel)
+
+
+def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_rps: float = np.inf) -> list[Turn]:
+    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: no turn's peak is above."""
+    up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
+    straightened = _straightened(accel / np.linalg.norm(accel), up)
+    together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
+
+    def lasts(degrees: int, least_s: float) -> float:
+        return max(least_s, PEAK * degrees * DEG / most_rps)
+
+    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, lasts(degrees, SINGLE_S))]
+    pairs = [
+        Turn(straightened, (first, second))
+        for one, other in together
+        for first in parts_from(up, one, lasts(one + other, PAIR_S) * one / (one + other))
+        for second in parts_from(first.up, other, lasts(one + other, PAIR_S) * other / (one + other), "its")
+        if abs(first.axis @ second.axis) < LEVEL  # about the same axis it would be one turn
+    ]
+    return singles + pairs
+
+
+def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
+    """(M, 2, 12) rad per unit of each parameter: what each turn adds, begun where the accelerometer reads accel (3,)."""
+    movements = [(turn.straightened, *turn.parts) for turn in turns]
+    lengths = np.array([sum(part.seconds for part in parts) for parts in movements])[:, None] + 2 * STILL_S
+    t = np.arange(0, lengths.max(), 1 / RATE_HZ)
+    rate = np.zeros((len(turns), len(t), 3))
+    began = np.full((len(turns), 1), STILL_S)
+    for parts in _abreast(movements):
+        angle, seconds = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds"))
+        speed = angle / seconds * PEAK * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        rate += speed[..., None] * np.array([part.axis for part in parts])[:, None]
+        began = began + seconds
+    dt = (t[1:] <= lengths) / RATE_HZ
+    start = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
+    batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
+    return linear.columns(closure.sensitivity(batch, rate), rate)[:, :2]
+
+
+def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (M, 4) before and after each turn, begun where the accelerometer reads accel (3,)."""
+    first = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
+    last = first
+    for parts in _abreast([(turn.straightened, *turn.parts) for turn in turns]):
+        last = rotation.multiply(last, rotation.exp(np.array([part.axis * part.angle_rad for part in parts])))
+    return first, last
+
+
+_NOTHING = TurnPart(np.zeros(3), 0.0, 1.0, "", np.zeros(3))
+
+
+def _abreast(movements: list[tuple[TurnPart, ...]]) -> list[list[TurnPart]]:
+    """The first part of each, then the second of each, and so on."""
+    most = max(map(len, movements))
+    return [[parts[number] if number < len(parts) else _NOTHING for parts in movements] for number in range(most)]
+
+
+def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
+    """The shortest way from where lies (3,) points up to where ``up`` does."""
+    axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
+    length = np.linalg.norm(axis)
+    axis = axis / length if length > 0 else axis
+    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
+    words = f"{how}, " if angle > SLANTED_RAD else ""
+    return TurnPart(axis, angle, STRAIGHT_S, words, up)
+
+
+def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:
+    """About what stands upright, and about what is level, both ways.  up (3,): what points up before."""
+    return list(_parts_from(tuple(up.tolist()), degrees, seconds, whose))
+
+
+@cache  # there are 18 ways to lie, and every advice needs some hundred movements
+def _parts_from(lies: tuple[float, ...], degrees: int, seconds: float, whose: str) -> tuple[TurnPart, ...]:
+    up, angle, found = np.array(lies), degrees * DEG, []
+    if degrees % 90 == 0:
+        axis_words = f"{whose} {up_words(up).removeprefix('-')} axis" if on_a_side(up) else "the vertical"
+        for sense, side in ((1.0, "left"), (-1.0, "right")):
+            words = f"{degrees}° to the {side} about {axis_words}, {up_words(up)} {'stays' if on_a_side(up) else 'stay'} up"
+            found.append(TurnPart(sense * up, angle, seconds, words, up))
+    for axis, name in zip(np.eye(3), "xyz", strict=True):
+        if abs(axis @ up) > LEVEL:
+            continue
+        for sense in (1.0, -1.0):
+            first, last = (_turned(up, sense * axis, each) for each in (90 if on_a_side(up) else 45, degrees))
+            passes = "" if np.array_equal(first, last) else f", {up_words(first)} up first,"
+            words = f"{degrees}° about {whose} {name} axis (level){passes} until {up_words(last)} {'is' if on_a_side(last) else 'are'} up"
+            found.append(TurnPart(sense * axis, angle, seconds, words, last))
+    return tuple(found)
+
+
+def _turned(up: np.ndarray, axis: np.ndarray, degrees: int) -> np.ndarray:
+    """What of the board points up after a turn about a level axis of it."""
+    return straight(rotation.matrix(rotation.exp(axis * degrees * DEG)).T @ up)
+
+
+# Movements that a hand can be asked for, sample by sample, so that laws can be asked what each would make of them.
+#
+# A single turn from a side, as ``proposals`` and ``turns`` know it, slowly and quickly, with a still before and after it.
+
+SPLITTING_STILL_S, SPLITTING_RATE_HZ = 1.0, 25.0
+#: of one turn: briskly, as usual, slowly
+TURNS_S = (1.5, 3.0, 8.0)
+#: of full scale, that no turn's peak comes near
+MOST_OF_SCALE = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """words for the operator; movement, still at both ends; sensitivity (N, 2, 3) s of its closure; stills: rows at rest, before, after."""
+
+    words: str
+    movement: Movement
+    sensitivity: np.ndarray
+    stills: tuple[slice, slice]
+
+
+def trials(like: Movement) -> list[Trial]:
+    """Turns by quarters from each side; like: a log of the sensor, whose full scale, temperature and vibration hold."""
+    found = []
+    for seconds in TURNS_S:
+        moves = [
+            (up, part)
+            for up, degrees in product(SIDES, QUARTERS)
+            for part in parts_from(up, degrees, seconds)
+            if PEAK * part.angle_rad / seconds <= MOST_OF_SCALE * like.fs_rps
+        ]
+        if moves:
+            found += _together(moves, seconds, like)
+    return found
+
+
+def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Movement) -> list[Trial]:
+    """Of one duration."""
+    t = np.arange(0, seconds + 2 * SPLITTING_STILL_S, 1 / SPLITTING_RATE_HZ)
+    speed = PEAK / seconds * np.sin(np.pi * np.clip((t - SPLITTING_STILL_S) / seconds, 0, 1)) ** 2
+    rate = speed[:, None] * np.array([part.axis * part.angle_rad for _, part in moves])[:, None]
+    start = rotation.from_gravity(np.array([up for up, _ in moves]))
+    dt = np.full((len(moves), len(t) - 1), 1 / SPLITTING_RATE_HZ)
+    batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
+    turn = rotation.matrix(closure.attitudes(batch, rate))
+    up_t = np.einsum("sij,sj->si", rotation.matrix(start), np.array([up for up, _ in moves]))
+    force = np.einsum("stji,sj->sti", turn, up_t)
+    sensitivity = closure.sensitivity(batch, rate)[:, :, :2]
+    count = round(SPLITTING_STILL_S * SPLITTING_RATE_HZ)
+    stills = slice(count), slice(len(t) - count, len(t))
+    return [
+        Trial(
+            f"from a still with {up_words(up)} up, turn {part.words} ({part.seconds:g} s)",
+            _movement(t, rate[number], force[number], like),
+            sensitivity[number],
+            stills,
+        )
+        for number, (up, part) in enumerate(moves)
+    ]
+
+
+def _movement(t: np.ndarray, rate: np.ndarray, force: np.ndarray, like: Movement) -> Movement:
+    """At the log's middle temperature and vibration; at its beginning in time."""
+    return Movement(
+        t_s=like.t_s[0] + t,
+        dt_s=1 / SPLITTING_RATE_HZ,
+        rate=rate,
+        force_g=force,
+        temp_c=np.full(len(t), np.median(like.temp_c)),
+        vibration_g2=np.full(len(t), np.median(like.vibration_g2)),
+        duration_s=like.duration_s,
+        fs_rps=like.fs_rps,
+        first_temp_c=like.first_temp_c,
+    )

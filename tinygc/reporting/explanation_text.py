@@ -1,0 +1,215 @@
+"""An explanation in the terminal and on its picture's page, and as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from session.bench.console import one_line
+from session.io.files import result_folder
+from session.io.results import write_whole
+from session.io.units import DEG, MG
+from tinygc.effects.effect import IN_STILLS
+from tinygc.explanation.claims import VERDICTS, Claim, measured, p_words
+from tinygc.explanation.decision import tilt_rms
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.result import (
+    HEADING,
+    chance_words,
+    considered_lines,
+    equivalent_words,
+    is_refitted,
+    noise_rows,
+    residual_table,
+    rival_words,
+    to_json,
+    what_next,
+    where,
+)
+from tinygc.explanation.search import in_words
+from tinygc.explanation.unknown import lines_end_hz
+from tinygc.noise.twin import Variable
+from tinygc.reporting.pictures.page import draw
+
+# The terminal's and the picture's page of an explanation.
+
+MOST_SAID = 6  #: segments that are worst
+
+
+def explanation_page(e: Explanation, with_next: bool = True) -> Group:
+    """Verdict, effects with their parameters, where it lives, proof, and what to do next, unless another says that."""
+    parts: list = [verdict_line(e), Text("")]
+    # The first look's own suspicions stand before what has no name: they are the likelier cause.
+    parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
+    for claim in e.claimed:
+        parts.append(
+            Text.assemble(
+                (f"{claim.effect.id}  ", "bold cyan"),
+                claim.effect.equation,
+                f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
+            )
+        )
+        parts.append(one_line(f"  {claim.says}"))
+        parts += [Text(f"  {line}") for line in parameter_lines(claim)]
+        if claim.equivalent:
+            parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
+        parts += [*_rivals(claim), Text("")]
+    for claim in e.findings:
+        chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}"
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, chance))
+        parts.append(one_line(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit"))
+        parts += [*_rivals(claim), Text("")]
+    parts += [
+        Text(HEADING, "italic"),
+        _channels(e),
+        _gravity(e),
+        _stamps(e),
+        Text(""),
+    ]
+    parts += _considered(e)
+    parts += [one_line(f"of the lot: {each.words}") for each in e.of_lot]
+    if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
+        parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
+    parts += _noise(e)
+    if not e.problem.instability.source.startswith("typical"):
+        parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
+    parts += [*_where(e), _proof(e)]
+    if e.verdict == "no_mismatch":
+        parts += [Text(line) for line in in_words(e.seen_from)]
+    if with_next and (following := what_next(e)):
+        parts.append(Text.assemble(("next: ", "bold"), following))
+    return Group(*parts)
+
+
+def verdict_line(e: Explanation) -> Text:
+    """The session, the verdict, and how probable no more than noise is."""
+    words, style = VERDICTS[e.verdict]
+    return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
+
+
+def _rivals(claim: Claim) -> list[Text]:
+    rivals = rival_words(claim)
+    return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
+
+
+def _considered(e: Explanation) -> list[Text]:
+    """What fired, or was weighed, and is not borne out."""
+    lines = considered_lines(e)
+    return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
+
+
+def _noise(e: Explanation) -> list[Text | Table]:
+    """The components with their sizes."""
+    table = Table(box=None, show_header=False)
+    for row in noise_rows(e):
+        table.add_row(*row)
+    return [Text("noise beyond white, which everything is judged against:"), table] if table.row_count else []
+
+
+def parameter_lines(claim: Claim) -> list[str]:
+    """``name: value ± std``, a matrix by rows."""
+    lines = []
+    for name, value in claim.parameters.items():
+        std = claim.std.get(name)
+        rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
+        spreads = std if isinstance(std, list) and std and isinstance(std[0], list) else [std]
+        for i, row in enumerate(rows):
+            spread = spreads[i] if i < len(spreads) else None
+            lines.append(f"{name if i == 0 else ' ' * len(name)}: {_numbers(row, spread)}")
+    return lines
+
+
+def _numbers(value: Any, std: Any) -> str:
+    if not isinstance(value, list):
+        return str(value) if isinstance(value, int | str) else measured(value, std)  # a text says of what the numbers are
+    if not isinstance(std, list) or len(std) != len(value):
+        shown = ", ".join(f"{v:.10g}" for v in value[:16])
+        return shown + (f", … ({len(value)})" if len(value) > 16 else "")
+    return "   ".join(measured(v, s) for v, s in zip(value, std, strict=True))
+
+
+def _channels(e: Explanation) -> Table:
+    """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
+    table, refitted = Table(box=None), is_refitted(e)
+    for column in ("channel", "values", *(("before", "after") if refitted else ("rms",))):
+        table.add_column(column, justify="left" if column == "channel" else "right")
+    for row in residual_table(e):
+        shown = [row.before] + [row.after] * (row.after is not None)
+        table.add_row(row.channel, str(row.values), *(f"{rms:.2f}" for rms in shown))
+    return table
+
+
+def _stamps(e: Explanation) -> Text:
+    """Registers and stamps: what is predicted is none that is false, and one sample a period."""
+    longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
+    mended = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
+    found = [effect.id for effect in mended if effect.occurs is None or effect.occurs.counts != IN_STILLS]
+    return Text(
+        f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
+    )
+
+
+def _gravity(e: Explanation) -> Text:
+    lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
+    return Text(
+        f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
+        f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
+        + ("" if e.gravity.is_offset else f" (its filters alone may make {1e3 * e.gravity.bar_s:.1f})")
+    )
+
+
+def _where(e: Explanation) -> list[Text]:
+    place = where(e)
+    if not place["phases"]:
+        return []
+    words = [f"lives in: {', '.join(place['phases'])}"]
+    if place["axes"]:
+        words.append(f"axes {', '.join(place['axes'])}")
+    words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    if place["segments"]:
+        worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
+        words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
+    return [Text("; ".join(words))]
+
+
+def variable_words(regime: dict | None) -> str:
+    """``gravity along x −0.98 to 1 g``; nothing where there is none, or where it is time, which the seconds say."""
+    if regime is None or regime["variable"] == "time":
+        return ""
+    words = Variable(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
+    return f"{words} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}".replace("-", "−")
+
+
+def seconds_words(seconds: list[float] | None) -> str:
+    """``from 3.2 to 154.7 s``, or nothing."""
+    return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
+
+
+def _proof(e: Explanation) -> Text:
+    before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
+    if not e.proof.changed:
+        return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
+    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
+    return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
+
+
+# An explanation as files: what was found, and its picture.
+
+
+def save_explanation(e: Explanation, folder: Path | None = None, pictures: bool = True, table: dict | None = None) -> Path:
+    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder.
+
+    table: the result, where more is told than the explanation knows of.
+
+    Raises StorageError where it cannot be written, CalibrationError where a picture is wanted and matplotlib is missing.
+    """
+    folder = folder or e.session.own_folder("explain")
+    with result_folder(folder):
+        write_whole(folder / "explain.json", table or to_json(e))
+    if pictures:
+        draw(e, folder / "explain.png")
+    return folder

@@ -1,0 +1,356 @@
+"""A fit in the terminal: closure table, parameters, remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from session.bench.console import one_line
+from session.detect.accelerometer import LengthFit
+from session.detect.check_references import truth_words
+from session.io.texts import printable, shell_word
+from session.io.units import DEG, MG
+from tinygc.closure.runs import ClosureRun
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.options import METHODS, MethodFit
+from tinygc.estimation.results import FitResult, known_turns_words
+from tinygc.models.linear import BIAS, COVERAGE_FACTOR, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
+
+if TYPE_CHECKING:
+    from tinygc.estimation.physics import PhysicsFit
+
+
+# An accelerometer's calibration as a table in the terminal.
+
+DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
+#: a still that counts for less than this did not count
+IDLE_WEIGHT = 0.1
+
+
+def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
+    """Scale, nonorthogonality and bias, each with one sigma."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in ("", "x", "y", "z"):
+        table.add_column(column, justify="right" if column else "left", no_wrap=True)
+    for word, unit, values, sigmas, names in found.errors():
+        digits, spread = DIGITS[unit], np.zeros(3) if sigmas is None else sigmas
+        shown = zip(values, spread, names, strict=True)
+        cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
+        table.add_row(f"{word}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
+    if found.mode == "prior":
+        table.caption = f"the calibration that is given is a prior; it holds: p = {found.p_value:.2g}"
+        table.caption_justify = "left"
+    return table
+
+
+def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
+    """What ``calibrate.py accelerometer`` prints."""
+    text = Text(f"{name}: ", "bold")
+    before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
+    said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
+    text.append(said, "not bold")
+    parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer, what it errs by: value ± one sigma")]
+    idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
+    if len(idle):
+        listed = ", ".join(f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle[:5]) + (", …" if len(idle) > 5 else "")
+        parts.append(Text(f"stills that hardly counted, their gravity being off: {listed}", "yellow"))
+    if found.unobserved:
+        do = "rest it on edges and corners, too"
+        parts.append(Text(f"Not observed by these attitudes: {', '.join(found.unobserved)}; {do}.", "yellow"))
+    return Group(*parts)
+
+
+# What to know about a fit, below its tables in the terminal: warnings, noise, losses, physics, correlations.
+
+NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
+
+
+def remarks(result: FitResult) -> list[Text]:
+    """A line each, where there is something to say."""
+    said = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
+    said += _noise_words(result)
+    if result.session.alignment is not None:
+        said.append(one_line(f"Truth: {truth_words(result.session.alignment)}."))
+    said.append(Text(result.bias_from.words))
+    if result.lot is not None:
+        said.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
+    said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
+    if result.physics is not None:
+        said.append(Text(_physics_words(result.physics), "cyan"))
+        said += [one_line(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
+    unobserved = result.linear.notes.get("unobserved")
+    if unobserved:
+        seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
+        if result.problem.batch.turns is not None:
+            seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
+        said.append(Text(seen, "yellow"))
+    pairs = _correlations(result.covariance)
+    if pairs:
+        said.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
+    now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
+    words = ("without", "with") if result.options.still_rates else ("with", "without")
+    moved = np.abs(linear_of(result.other_choice).B - linear_of(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
+    said.append(
+        Text(
+            f"{words[0].capitalize()} --still-rates: held out {other:.4f} instead of {now:.4f}; "
+            f"the bias moves by up to {moved.max():.1f} sigma."
+        )
+    )
+    said.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
+    return said
+
+
+def _noise_words(result: FitResult) -> list[Text]:
+    """What the sigmas reckon with, and whether the closure needs more than noise."""
+    words = []
+    if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
+        above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
+        p = f" (p {_p_words(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
+        if above >= 1:
+            much = f"The closure is {above:.1f} times its noise floor{p}"
+        else:  # of all turns alike; weighed each by its own noise, or by the noise that is found, it is more
+            much = (
+                f"The closure is {above:.1f} times its noise floor over all turns, and more than noise where each is weighed by its own{p}"
+            )
+        words.append(
+            Text(
+                f"{much}: something is missing from the model, or this sensor's noise is more than white. "
+                "The sigmas above are widened for it.",
+                "yellow",
+            )
+        )
+    if result.noise is None:
+        words.append(one_line(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
+    else:
+        words.append(one_line(f"Bias instability: {result.problem.instability.words}."))
+        words.append(one_line(f"Noise beyond white, which the sigmas reckon with: {result.noise.words}."))
+    return words
+
+
+def linear_of(fit: MethodFit) -> LinearModel:
+    """Of least squares, the model."""
+    assert isinstance(fit.model, LinearModel)
+    return fit.model
+
+
+def _losses(result: FitResult) -> list[tuple[ClosureRun, str]]:
+    """Each closure run, with what is to be said of samples lost in it."""
+    from tinygc.estimation.physics import loss_words
+
+    return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
+
+
+def _denoiser_words(figures: dict) -> str:
+    less = figures["noise_reduction"]
+    words = (
+        "not measured (no still is as long as the window)" if less is None else " ".join(f"{ratio:.1f}" for ratio in less) + " times less"
+    )
+    return f"Denoised: noise at rest {words}; {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms) late."
+
+
+def _physics_words(physics: PhysicsFit) -> str:
+    fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
+    mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
+    if physics.refused:
+        mended.append("there is more that has no name: see calibrate.py explain" if mended else NAMELESS)
+    if physics.model.session_s is not None:
+        mended.append(
+            "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
+        )
+    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
+
+
+def _p_words(p_value: float) -> str:
+    return f"= {p_value:.1g}" if p_value > 1e-99 else "< 1e-99"
+
+
+def _correlations(covariance: np.ndarray) -> list[str]:
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
+    return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]
+
+
+# The terminal report of a fit, as rich renderables: it returns them, and prints nothing.
+
+TITLES = {name: method.title for name, method in METHODS.items()}
+MOST_RESTS = 8  #: rests that are no reference, in the text
+SAME_FLOOR = 0.01  #: two floors that differ by less are one
+
+
+def fit_report(result: FitResult) -> Group:
+    """Closure by method, closure runs, parameters, and what to know about them."""
+    parts: list[RenderableType] = [_headline(result), _methods(result)]
+    if result.against_raw.worse:
+        parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
+    if result.runs:
+        parts.append(_closure_runs(result))
+    parts += [_parameters(result), *_accelerometer(result), *remarks(result), use_line(result)]
+    return Group(*parts)
+
+
+def use_line(result: FitResult) -> Text:
+    """Which of the models to use, and why."""
+    if result.file_to_use is None:
+        return one_line(f"Use none of the models: {result.use.why}.", "bold red")
+    return one_line(f"Use {result.file_to_use} ({TITLES[result.use.method or '']}): {result.use.why}.", "bold green")
+
+
+def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
+    """What to run next; effects: folders of effects that the fit was given, which what comes next needs, too."""
+    folder = shell_word(result.session.folder)
+    if result.file_to_use is None:
+        return one_line(f"next: calibrate.py check {folder}; then record more turns, to more attitudes")
+    unexplained = result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual)
+    given = "".join(f" --effects {shell_word(path)}" for path in effects)
+    return one_line(f"next: calibrate.py {'explain' if unexplained else 'report'} {folder}{given}")
+
+
+def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(first)
+    for column in columns:
+        table.add_column(column, justify="right" if right else "left", no_wrap=right)
+    return table
+
+
+def _headline(result: FitResult) -> Text:
+    problem = result.problem
+    noise = problem.noise.gyro / DEG * 1e3
+    rejected = [segment for segment in problem.segments if not segment.accepted]
+    text = Text(f"{result.session.name}: ", "bold")
+    text.append(
+        f"{len(problem.stills)} stills, {len(problem.segments)} segments, {len(problem.used)} used; "
+        f"gyro noise {noise[0]:.1f} {noise[1]:.1f} {noise[2]:.1f} mdps/√Hz; {earth_words(result)}\n",
+        "not bold",
+    )
+
+    def add(line: str, style: str = "not bold") -> None:
+        text.append(f"  {printable(line)}\n", style)
+
+    for segment in rejected:
+        add(f"segment {segment.number} at {segment.start_s:.0f} s left out: {segment.problem}", "yellow")
+    starts = {segment.number: segment.start_s for segment in problem.used}
+    for each in problem.widened:
+        add(f"segment {each.segment} at {starts[each.segment]:.0f} s: {each.words}", "yellow")
+    unused = problem.unused_rests
+    for log, rest in unused[:MOST_RESTS]:
+        add(f"rest {rest} ({log})" if len(problem.session.logs) > 1 else f"rest {rest}")
+    if len(unused) > MOST_RESTS:
+        add(f"… and {len(unused) - MOST_RESTS} more rests that are no reference (fit.json has all)")
+    for segment in problem.used:
+        if segment.note:
+            add(f"segment {segment.number} at {segment.start_s:.0f} s: {segment.note}")
+    if words := known_turns_words(result):
+        add(words)
+    return text
+
+
+def earth_words(result: FitResult) -> str:
+    """How the Earth's rotation was allowed for."""
+    groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
+    words = _heading_words(result)
+    if asked is not None and result.problem.earth.source == "estimated":
+        words += f" (site.heading_deg = {asked:g} contradicts it: did the sensor begin at the table's index?)"
+    return words + (f"; the yaw is carried in {groups} pieces, each with a heading of its own" if groups > 1 else "")
+
+
+def _heading_words(result: FitResult) -> str:
+    earth = result.problem.earth
+    if earth.source == "given" and earth.heading_rad is not None:
+        return f"Earth's rotation with the heading given ({earth.heading_rad / DEG:.0f}°)"
+    if earth.source == "estimated" and earth.heading_rad is not None:
+        heading = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
+        return f"Earth's rotation, heading estimated from the stills: {heading}"
+    if earth.source == "unknown":
+        return "Earth's rotation about the vertical only (the stills do not show the heading)"
+    return (
+        "the Earth's rotation is left out (no site.latitude_deg in session.toml)" if result.options.earth else "Earth's rotation left out"
+    )
+
+
+def _methods(result: FitResult) -> Table:
+    table = _table("Closure per segment, degrees rms", "", "par.", "fitted", "held out", "roll", "pitch", "yaw", "seconds", right=True)
+    for name, fit in result.methods.items():
+        train, held = closure_figures(fit.angles), closure_figures(fit.held_out)
+        yaw = "–" if held["yaw_rms_deg"] is None else f"{held['yaw_rms_deg']:.4f}"
+        table.add_row(
+            TITLES[name],
+            str(fit.parameters),
+            f"{train['tilt_rms_deg']:.4f}",
+            f"{held['tilt_rms_deg']:.4f}",
+            f"{held['roll_rms_deg']:.4f}",
+            f"{held['pitch_rms_deg']:.4f}",
+            yaw,
+            f"{fit.seconds:.2f}",
+        )
+    floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
+    table.add_row("noise floor", "", floor, floor, style="dim")
+    if result.noise is not None and result.noise.tilt_rms > (1 + SAME_FLOOR) * result.problem.floor.tilt_rms:
+        beyond = f"{result.noise.tilt_rms / DEG:.4f}"
+        table.add_row("… with the noise beyond white", "", beyond, beyond, style="dim")
+    if result.physics is not None and abs(result.physics.problem.floor.tilt_rms / result.problem.floor.tilt_rms - 1) > SAME_FLOOR:
+        mended = f"{result.physics.problem.floor.tilt_rms / DEG:.4f}"
+        table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
+    folds = min(result.options.folds, len(result.problem.used))
+    table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    if result.problem.batch.turns is not None:
+        table.caption += "; yaw here: the turns of known angle, each about its own axis"
+    table.caption_justify = "left"
+    return table
+
+
+def _closure_runs(result: FitResult) -> Table:
+    table = _table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
+    for run, errors in zip(result.runs, result.run_errors, strict=True):
+        table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
+        for name, error in errors.items():
+            figures = run_figures(error)
+            row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
+            table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
+        floor = run.floor_rad / DEG
+        table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
+    if any(run.earth.source == "unknown" for run in result.runs):
+        table.caption = (
+            "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
+            "of the Earth's rotation only the vertical part is taken off"
+        )
+        table.caption_justify = "left"
+    return table
+
+
+def _parameters(result: FitResult) -> Table:
+    """What the sensor does, by least squares, in the words and signs of the report (``field_parameters``)."""
+    hidden = tuple(result.linear.notes.get("unobserved", ()))
+    quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden)
+    by_name = {(q.word, q.component): q for q in quantities}
+    table = _table("Parameters (least squares), what the sensor errs by: value ± one sigma", "", "x", "y", "z", right=True)
+
+    def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
+        table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
+
+    row("scale factor error, ppm", 0, [("scale factor error", axis) for axis in "xyz"])
+    for axis in "xyz":
+        row(f"misalignment, {axis} to …, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
+    row("bias, dps", 5, [("bias", axis) for axis in "xyz"])
+    table.caption = "the models hold what undoes them: ω = E m + B, E the inverse of the sensor's matrix, B = −E bias"
+    table.caption_justify = "left"
+    return table
+
+
+def _cell(quantity: Quantity, digits: int) -> str:
+    sigma = quantity.expanded / COVERAGE_FACTOR
+    return f"{quantity.value:.{digits}f} ± {sigma:.{digits}f}" if quantity.observed else "not observed"
+
+
+def _accelerometer(result: FitResult) -> list[Table]:
+    """Its nine numbers, where they were estimated with the gyroscope's."""
+    found = result.accelerometer
+    return [] if found.mode == "given" else [accelerometer_table(found, "Accelerometer, estimated with them: value ± one sigma")]

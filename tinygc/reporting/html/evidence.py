@@ -1,0 +1,539 @@
+"""All that a report rests on: the fit, the explanation, which calibration it states, pass or fail."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
+from session.detect.check_stills import ENOUGH_SEGMENTS
+from session.io.config import Accelerometer
+from session.io.folder import file_key, hash_of_log, input_hashes
+from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS
+from tinygc import models
+from tinygc.annexes.discovery.searched import Searched, searched
+from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
+from tinygc.closure.build import build_problem
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.joint import REFUTED_P
+from tinygc.closure.prepared import prepare
+from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.runs import ClosureRun
+from tinygc.closure.uncertainty import MISMATCH_P
+from tinygc.effects import AppliedEffect, catalogue
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.choice import AgainstRaw
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.physics import covariance_at_end, loss_words, lost_in, rate_covariance, rows_of_rates
+from tinygc.estimation.results import AT_END, FitResult, versions
+from tinygc.explanation.engine import Explanation, explain_session
+from tinygc.explanation.truth_engine import explain_truth
+from tinygc.explanation.truth_evidence import TruthExplanation
+from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.models.model import accelerometer_table, sensor_table
+from tinygc.models.physics import PhysicsModel
+from tinygc.noise.refit import Refit, refit
+from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.twin import State, Twin
+from tinygc.noise.whitening import Whitener
+from tinygc.reporting.html.markup import degrees, probability, significant, tilt_rms
+
+# What the linear model does not have, measured all the same: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
+#
+# A report states them whether or not they are there.  Each is refitted exactly, together with the linear model, the Earth's unknown
+# part and whatever effects have been named before, on the closure, the stills' rates and gravity's length.
+
+G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"
+PPM = 1e-6
+#: a sigma above this share of what is plausible at all is the prior's, not the session's
+OBSERVED_SHARE = 0.3
+
+
+def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> list[Quantity]:
+    """Nine g-sensitivities (dps/g: what each axis adds to the true rate per g along each axis) and three asymmetries (ppm: scale
+    factor for positive less that for negative rates, over their mean); ``start`` has the effects that are in the model."""
+    start = twin.start() if start is None else start
+    named = [claim.effect for claim in start.claims]
+    known = {effect.id for effect in named}
+    # Together: what one of them leaves in the residuals must not widen or bend the other.
+    tried = [catalogue()[name] for name in (G_SENSITIVITY, ASYMMETRY) if name not in known]
+    fit = refit(twin, whiten, [*named, *tried], start) if tried else refit(twin, whiten, named, start)
+    widen = _widen(fit)
+    latitude_known = twin.problem.earth.source != "none"
+    quantities = []
+    for number, claim in enumerate(fit.state.claims):
+        covariance = fit.theta_covariance(number) * widen
+        if claim.effect.id == G_SENSITIVITY:
+            quantities += _g_sensitivity(claim.theta, covariance, claim.effect.parameter.plausible, latitude_known)
+        if claim.effect.id == ASYMMETRY:
+            quantities += _asymmetry(claim.theta, covariance, claim.effect.parameter.plausible)
+    return sorted(quantities, key=lambda quantity: quantity.word != "g-sensitivity")
+
+
+def _widen(fit: Refit) -> float:
+    """Factor on the covariance that the residuals ask for."""
+    return max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1))
+
+
+def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Quantity]:
+    note = ""
+    if not latitude_known:
+        # All axes alike following gravity is a rotation about the vertical: the Earth's own, where its latitude is not known.
+        alike = np.eye(3).ravel()
+        covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
+        note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
+    sigma = np.sqrt(np.diag(covariance))
+    return [
+        Quantity(
+            "g-sensitivity",
+            f"{axis} per g on {along}",
+            "dps/g",
+            float(theta[i] / DEG),
+            float(COVERAGE_FACTOR * sigma[i] / DEG),
+            bool(sigma[i] < OBSERVED_SHARE * plausible),
+            note=note if axis == along else "",
+        )
+        for i, (axis, along) in enumerate((axis, along) for axis in "xyz" for along in "xyz")
+    ]
+
+
+def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Quantity]:
+    sigma = np.sqrt(np.diag(covariance))
+    return [
+        Quantity(
+            "scale factor asymmetry",
+            axis,
+            "ppm",
+            float(2 * half[i] / PPM),
+            float(COVERAGE_FACTOR * 2 * sigma[i] / PPM),
+            bool(sigma[i] < OBSERVED_SHARE * plausible),
+        )
+        for i, axis in enumerate("xyz")
+    ]
+
+
+# Which calibration a report states: the linear one, or, where ``explain`` has named physics and it closes better, the one with it.
+
+#: of what is left after naming, channel by channel (tinygc.explain)
+LINEAR, PHYSICS = "least_squares", "physics"
+
+
+@dataclass(frozen=True, eq=False)
+class Adopted:
+    """name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; floor_rms rad of tilt that
+    noise alone leaves on them; closure_p: of what it leaves on segments that it was fitted to, with closure_freedom degrees (None: with
+    more data than these segments);
+    vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
+    each closure run and how probable more is from what is known to be uncertain; run_losses: a sentence for each run in which
+    samples seem lost, else none; quantities in the field's words; accelerometer that its references rest on."""
+
+    name: str
+    model: LinearModel | PhysicsModel
+    angles: np.ndarray
+    numbers: list[int]
+    floor_rms: float
+    closure_p: float
+    closure_freedom: int | None
+    vector: np.ndarray
+    covariance: np.ndarray
+    claims: tuple[AppliedEffect, ...]
+    run_errors: list[np.ndarray]
+    run_p: list[float]
+    run_losses: list[str]
+    quantities: list[Quantity]
+    accelerometer: Accelerometer
+
+    @property
+    def linear(self) -> LinearModel:
+        """Its linear part."""
+        return LinearModel.from_vector(self.vector[:PARAMETERS])
+
+    @property
+    def in_use(self) -> LinearModel | PhysicsModel:
+        """The model for logs of any time, as of the session's end."""
+        return self.model.at_end() if isinstance(self.model, PhysicsModel) else self.model
+
+    @property
+    def follows_session(self) -> tuple[str, ...]:
+        """Ids of its effects that follow the session's time, and stand still in ``in_use``."""
+        return tuple(claim.effect.id for claim in self.claims if claim.effect.of_one_session)
+
+    @property
+    def method(self) -> str:
+        """What ``fit`` calls ``in_use``."""
+        return self.name + AT_END if self.follows_session else self.name
+
+    @property
+    def times_floor(self) -> float:
+        """Held-out closure over what noise alone leaves."""
+        return tilt_rms(self.angles) / self.floor_rms
+
+    @property
+    def in_numbers(self) -> str:
+        """By how much data its parameters are held."""
+        return f"{len(self.numbers)} segments for {len(self.vector)} parameters"
+
+    @property
+    def title(self) -> str:
+        """In tables."""
+        return "least squares" if self.name == LINEAR else "linear model with physics"
+
+
+def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
+    """The calibration to report."""
+    if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.naming.fit.state.claims):
+        before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
+        if after < before:
+            return _with_physics(fit, explanation)
+    linear = fit.linear.model
+    assert isinstance(linear, LinearModel)
+    vector, covariance = linear.vector, fit.covariance
+
+    def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
+        return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
+
+    unobserved = tuple(fit.linear.notes.get("unobserved", ()))
+    return Adopted(
+        name=LINEAR,
+        model=linear,
+        angles=fit.linear.held_out,
+        numbers=[segment.number for segment in fit.problem.used],
+        floor_rms=fit.problem.floor.tilt_rms,
+        closure_p=fit.goodness.p_value,
+        closure_freedom=fit.goodness.freedom,
+        vector=vector,
+        covariance=covariance,
+        claims=(),
+        **_runs(fit, vector, covariance, errors),
+        quantities=field_quantities(vector, covariance, unobserved),
+        accelerometer=fit.session.config.accelerometer,
+    )
+
+
+def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
+    found = explanation.naming.fit
+    claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
+    known = conditions(explanation.mended.problem)
+    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found)
+
+    def model(trial: np.ndarray) -> PhysicsModel:
+        at, changed = PARAMETERS, []
+        for claim in claims:
+            changed.append(AppliedEffect(claim.effect, trial[at : at + len(claim.theta)]))
+            at += len(claim.theta)
+        return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
+
+    def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
+        rate = run.rates(model(trial))
+        return run.with_earth(found.state.earth_t, rate).errors_at(rate)
+
+    return Adopted(
+        name=PHYSICS,
+        model=model(vector),
+        angles=explanation.proof.after,
+        numbers=explanation.proof.after_numbers,
+        floor_rms=explanation.proof.floor_rms,
+        closure_p=float(explanation.left["closure"]),
+        closure_freedom=None,
+        vector=vector,
+        covariance=covariance,
+        claims=claims,
+        **_runs(fit, vector, covariance, errors),
+        quantities=field_quantities(vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]),
+        accelerometer=explanation.mended.problem.session.config.accelerometer,
+    )
+
+
+def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
+    """Each closure run's error, and the probability of more from noise, from the parameters' own uncertainty, and from a bias that has
+    wandered on since the session."""
+    from scipy.stats import chi2
+
+    found, p = [], []
+    sigma = np.sqrt(np.diag(covariance))
+    for run in fit.runs:
+        error = errors(vector, run)
+        slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
+        drift = slope[:, BIAS] * np.sqrt(_wander_since(fit, run))
+        expected = np.diag(run.floor_rad**2) + slope @ covariance @ slope.T + drift @ drift.T
+        found.append(error)
+        p.append(float(chi2.sf(error @ np.linalg.solve(expected, error), 3)))
+    return {"run_errors": found, "run_p": p, "run_losses": [loss_words(lost_in(run)) for run in fit.runs]}
+
+
+def _wander_since(fit: FitResult, run: ClosureRun) -> float:
+    """(rad/s)^2: variance of the bias in the run less its mean in the session."""
+    moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
+    spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
+    wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
+    contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
+    return float(contrast @ wander @ contrast)
+
+
+def agrees(p_value: float) -> bool:
+    """Whether noise explains it."""
+    return p_value >= MISMATCH_P
+
+
+def model_table(adopted: Adopted, fit: FitResult) -> dict:
+    """The calibration for logs of any time as ``tinygc-model/1``, as ``fit`` saves it."""
+    from session import VERSION
+
+    hashes = input_hashes(fit.session)
+    more = {"method": adopted.method, "session": fit.session.name, "sha256": hashes, "version": VERSION}
+    more |= {"sensor": sensor_table(fit.session.config.sensor), "accelerometer": accelerometer_table(adopted.accelerometer)}
+    if adopted.name == LINEAR:
+        more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
+    else:
+        assert isinstance(adopted.model, PhysicsModel)  # as ``_with_physics`` makes it
+        more |= covariance_at_end(adopted.model, adopted.covariance)
+    return models.to_dict(adopted.in_use, **more)
+
+
+# Pass or fail, and by which rule.
+#
+# With a limit: the held-out closure of the segments and the error of each closure run, of the calibration that is reported, must not be
+# above it.  Without one: both must be what noise allows (p at least 0.01), and held-out closure must be near enough to its floor, of
+# enough segments, for that to mean anything: few segments leave little that a fit could not follow.  Nor is it decided where the
+# accelerometer's own numbers are not observed: what is wrong with all references alike is wrong with E, and closes all the same.  Either
+# way, a calibration that closes held-out segments worse than the raw rates do fails.
+
+#: held-out closure this many times its floor is not noise, whatever the fitted residuals say
+NEAR_FLOOR = 2.0
+
+
+@dataclass(frozen=True)
+class Decision:
+    """passed; rule, one sentence; reasons, a sentence for each figure that it rests on (true where it is met); doubts, a sentence for
+    each reason why what is met tells little; by_limit: whether a limit was given."""
+
+    passed: bool
+    rule: str
+    reasons: list[tuple[bool, str]]
+    doubts: list[str]
+    by_limit: bool
+
+    @property
+    def answer(self) -> str:
+        """pass, doubtful pass, not decided, fail.  A limit decides by itself: what speaks against it is said beside it."""
+        if not self.passed:
+            return "fail"
+        return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
+
+    @property
+    def word(self) -> str:
+        """The answer as a person reads it."""
+        return {"pass": "Pass", "doubtful pass": "Pass, with doubts", "not decided": "Not decided", "fail": "Fail"}[self.answer]
+
+
+def decide(
+    adopted: Adopted,
+    files: list[str],
+    limit_deg: float | None,
+    raw: AgainstRaw | None = None,
+    accelerometer: AccelerometerFit | None = None,
+) -> Decision:
+    """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured; accelerometer that the
+    references rest on."""
+    if limit_deg is not None:
+        reasons = [_against("segments, held out, rms of tilt", tilt_rms(adopted.angles), limit_deg)]
+        reasons += [_against(f"{file}, RMSE", rmse(error), limit_deg) for file, error in zip(files, adopted.run_errors, strict=True)]
+        rule = f"Limit {significant(limit_deg, 3)}° asked for: held-out closure of the segments and RMSE of each closure run at most that."
+    else:
+        degrees_of = "" if adopted.closure_freedom is None else f", {adopted.closure_freedom} degrees of freedom"
+        reasons = [_by_chance(f"closure of the fitted segments{degrees_of}", adopted.closure_p)]
+        reasons += [_by_chance(file, p) for file, p in zip(files, adopted.run_p, strict=True)]
+        rule = (
+            f"No limit given: what is left must be what noise allows, p at least {MISMATCH_P:g}; and to be decided, held-out closure "
+            f"at most {NEAR_FLOOR:g} times the floor, of at least {ENOUGH_SEGMENTS} segments."
+        )
+    reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *adopted.run_losses], strict=True)]
+    if raw is not None and raw.condemns(tilt_rms(adopted.angles) / DEG):
+        words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
+        reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
+        rule += " Worse than the raw rates is a fail in any case."
+    doubts = _doubts(adopted) + _accelerometer_doubts(accelerometer)
+    return Decision(all(met for met, _ in reasons), rule, reasons, doubts, limit_deg is not None)
+
+
+def _doubts(adopted: Adopted) -> list[str]:
+    doubts = []
+    if len(adopted.numbers) < ENOUGH_SEGMENTS:
+        doubts.append(f"{adopted.in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
+    if adopted.times_floor > NEAR_FLOOR:
+        doubts.append(f"held-out closure is {significant(adopted.times_floor)} times what noise alone leaves ({adopted.in_numbers})")
+    return doubts
+
+
+def _accelerometer_doubts(accelerometer: AccelerometerFit | None) -> list[str]:
+    """What the closure cannot show: references that all err alike turn the calibration with them."""
+    if accelerometer is None:
+        return []
+    doubts = []
+    if accelerometer.unobserved:
+        none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
+        left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
+        doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
+    if accelerometer.mode == "prior" and accelerometer.p_value is not None and accelerometer.p_value < REFUTED_P:
+        doubts.append(
+            f"accelerometer: the given calibration was kept as a prior, and no longer holds ({probability(accelerometer.p_value)})"
+        )
+    return doubts
+
+
+def rmse(error: np.ndarray) -> float:
+    """rad: over roll, pitch, yaw."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _against(what: str, figure_rad: float, limit_deg: float) -> tuple[bool, str]:
+    met = bool(figure_rad / DEG <= limit_deg)
+    return met, f"{what}: {degrees(figure_rad)}, {'within' if met else 'above'} {significant(limit_deg, 3)}°"
+
+
+def _by_chance(what: str, p: float) -> tuple[bool, str]:
+    return agrees(p), f"{what}: {probability(p)}, " + ("noise explains it" if agrees(p) else "more than noise allows")
+
+
+# All that a report rests on: the fit, the explanation, and what is measured besides.
+
+#: an Allan deviation wants pieces of at least so many samples
+SHORTEST_PIECE = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """fit; explanation, or against_truth where the reference is a truth file, or neither;
+    adopted: the calibration that is reported; decision; quantities: every number of the parameter
+    tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
+    methods that were taken from what ``fit`` had saved; searched: what an earlier ``explain --discover`` found, or None."""
+
+    fit: FitResult
+    explanation: Explanation | None
+    against_truth: TruthExplanation | None
+    adopted: Adopted
+    decision: Decision
+    quantities: list[Quantity]
+    allan: AllanCurve | None
+    hashes: dict[str, str]
+    versions: dict[str, str]
+    made: str
+    limit_deg: float | None
+    reused: tuple[str, ...] = ()
+    searched: Searched | None = None
+
+    @property
+    def problem(self) -> Problem:
+        """That the fit was made of."""
+        return self.fit.problem
+
+    @property
+    def verdict(self) -> str | None:
+        """Of ``explain``; None where it was not asked."""
+        found = self.explanation or self.against_truth
+        return None if found is None else found.verdict
+
+
+def gather(
+    folder: Path,
+    options: FitOptions,
+    *,
+    explain: bool = True,
+    limit_deg: float | None = None,
+    fit_folder: Path | None = None,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Evidence:
+    """Run fit, and explain; fit_folder: where ``fit`` may have saved the same already (the session's ``fit``).
+
+    The session is read, checked and made a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
+    """
+    prepared = prepare(
+        folder,
+        use_earth=options.earth,
+        exclude=options.exclude,
+        accelerometer=options.accelerometer,
+        progress=lambda what: progress(what, 0, 1),
+    )
+    logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain else {}
+    beyond_catalogue = searched(folder, logs) if explain else None
+    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
+    truth = fit.session.config.protocol.reference == "truth"
+    if options.exclude and explain:  # what a fit leaves out is looked at all the same
+        prepared = prepared.as_given()
+        problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
+        prepared = replace(prepared, problem=problem)
+    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
+    explanation = explain_session(folder, **how) if explain and not truth else None
+    against_truth = explain_truth(folder, **how) if explain and truth else None
+    progress("what the session shows besides", 0, 1)
+    adopted = adopt(fit, explanation)
+    allan = stillness(fit.problem)
+    # The twin rests on stills, which a session with a truth file need not have.
+    beyond = [] if truth else _beyond(fit, explanation, adopted)
+    quantities = [*adopted.quantities, *beyond, *_noise(allan)]
+    return Evidence(
+        fit=fit,
+        explanation=explanation,
+        against_truth=against_truth,
+        adopted=adopted,
+        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer),
+        quantities=quantities,
+        allan=allan,
+        hashes=input_hashes(fit.session),
+        versions=versions(),
+        made=_now(),
+        limit_deg=limit_deg,
+        reused=fit.reused,
+        searched=beyond_catalogue,
+    )
+
+
+def stillness(problem: Problem) -> AllanCurve | None:
+    """The Allan deviation of all undisturbed stills, first calibration applied; None where they are too short for one."""
+    period_s = problem.logs[0].samples.period_s
+    pieces = [
+        problem.first(log.samples.gyro[still.start : still.stop])
+        for log in problem.logs
+        if abs(log.samples.period_s / period_s - 1) < 0.01
+        for still in log.stills
+        if still.problem is None and still.bumps == 0 and still.stop - still.start >= SHORTEST_PIECE
+    ]
+    return allan_curve(pieces, period_s) if pieces else None
+
+
+def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -> list[Quantity]:
+    if explanation is not None and adopted.claims:
+        return beyond_linear(explanation.twin, explanation.whiten, explanation.naming.fit.state)
+    twin = explanation.twin if explanation is not None else Twin(fit.problem)
+    whiten = explanation.whiten if explanation is not None else known_whitener(twin)
+    return beyond_linear(twin, whiten)
+
+
+def _noise(curve: AllanCurve | None) -> list[Quantity]:
+    """Angle random walk and bias instability of each axis."""
+    if curve is None:
+        return []
+    found = []
+    for number, axis in enumerate("xyz"):
+        walk = angle_random_walk(curve, number)
+        value, sigma = walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR
+        found.append(Quantity("angle random walk", axis, "°/√h", value, COVERAGE_FACTOR * sigma, walk.observed))
+    for number, axis in enumerate("xyz"):
+        floor = bias_instability(curve, number)
+        value, sigma, most = (x / DEG_PER_HOUR for x in (floor.value, floor.sigma, floor.at_most))
+        found.append(Quantity("bias instability", axis, "°/h", value, COVERAGE_FACTOR * sigma, floor.observed, most))
+    return found
+
+
+def _now() -> str:
+    """UTC, or the moment that SOURCE_DATE_EPOCH names: the same report twice is then the same bytes."""
+    asked = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
+    return moment.strftime("%Y-%m-%d %H:%M UTC")

@@ -1,0 +1,63 @@
+"""Measures that several sections share: spread of gravity's length, spectrum of the stills."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import welch
+
+from session.io.units import MG
+from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.markup import significant
+
+# How far gravity's length spreads over the stills, before and after: a card of the answer, and what the accelerometer's section charts.
+
+
+def card(evidence: Evidence) -> tuple[str, str, str] | None:
+    """Name, figure and words for the answer's box: gravity's spread; None where the session has no stills that say it."""
+    before, after = misses_of(evidence)
+    if evidence.problem.session.truths is not None or not after.size:
+        return None
+    found = evidence.fit.accelerometer
+    arrow = "" if before is None else f"<small>{spread_text(before)} →</small> "
+    left = len(found.unobserved)
+    words = {"fit": "from these very stills and turns", "prior": "the given one, sharpened", "given": "as given"}[found.mode]
+    words = "nobody has calibrated it" if found.calibration.source == "none" else words
+    tail = f"; <strong>{left} of its 9 numbers not observed</strong>" if left else ""
+    return "Accelerometer", f"{arrow}{spread_text(after)}", f"spread of gravity’s length over {after.size} stills; {words}{tail}"
+
+
+def spread_text(misses: np.ndarray) -> str:
+    """Their standard deviation, in mg."""
+    return f"{significant(float(np.std(misses)) / MG, 2)} mg"
+
+
+def misses_of(evidence: Evidence) -> tuple[np.ndarray | None, np.ndarray]:
+    """m/s^2 before, None where there is no other, and after, of the stills that are references."""
+    found = evidence.fit.accelerometer
+    if found.misses_mps2 is not None:
+        return found.misses_mps2
+    gravity = evidence.problem.session.config.site.expected_gravity_mps2
+    return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])
+
+
+# The spectrum of what stands still: one-sided amplitude densities, averaged over windows that all lie within a still.
+
+#: a window of so many seconds: the lowest frequency that a still of a second or two has
+WINDOW_S = 1.0
+FEWEST_SAMPLES = 16
+
+
+def density(pieces: list[np.ndarray], period_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Frequencies (F,) Hz and densities (F, 3) in the unit of the pieces (N_i, 3) per sqrt(Hz); None where no piece is a window long."""
+    shortest = max((len(piece) for piece in pieces), default=0)
+    size = min(round(WINDOW_S / period_s), shortest)
+    if size < FEWEST_SAMPLES:
+        return None
+    total, count = 0.0, 0
+    for piece in pieces:
+        if len(piece) < size:
+            continue
+        windows = 2 * len(piece) // size - 1
+        frequency, power = welch(piece, 1 / period_s, nperseg=size, axis=0, detrend="constant")
+        total, count = total + power * windows, count + windows
+    return frequency[1:], np.sqrt(total / count)[1:]

@@ -1,0 +1,126 @@
+"""The whole page: head, contents, sections; and the report as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+
+from session.io.files import result_folder
+from session.io.results import write_text_whole
+from session.io.units import DEG
+from tinygc.estimation.choice import run_figures
+from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.markup import Section, escape, tilt_rms
+from tinygc.reporting.html.sections import SECTIONS
+from tinygc.reporting.html.style import style_sheet
+
+# The report for other programs: ``tinygc-report/1``.
+
+SCHEMA = "tinygc-report/1"
+
+
+def summary(evidence: Evidence) -> dict:
+    """JSON-ready: decision, closure, every number of the parameter tables with its expanded uncertainty (k = 2), hashes, versions."""
+    adopted, decision = evidence.adopted, evidence.decision
+    return {
+        "schema": SCHEMA,
+        "session": evidence.fit.session.name,
+        "passed": None if decision.answer == "not decided" else decision.passed,
+        "answer": decision.answer,
+        "doubts": decision.doubts,
+        "rule": decision.rule,
+        "limit_deg": evidence.limit_deg,
+        "calibration": adopted.name,
+        "effects": [claim.effect.id for claim in adopted.claims],
+        "closure": {
+            "holdout_tilt_rms_deg": tilt_rms(adopted.angles) / DEG,
+            "floor_rms_deg": adopted.floor_rms / DEG,
+            "p_value": adopted.closure_p,
+            "degrees_of_freedom": adopted.closure_freedom,
+            "runs": [
+                {"file": run.file, **run_figures(error), "p_value": p}
+                for run, error, p in zip(evidence.fit.runs, adopted.run_errors, adopted.run_p, strict=True)
+            ],
+        },
+        "verdict": evidence.verdict,
+        "parameters": [
+            {
+                "parameter": q.word,
+                "component": q.component,
+                "unit": q.unit,
+                "value": q.value if q.observed else None,
+                "expanded_uncertainty": q.expanded if q.observed else None,
+                "coverage_factor": 2,
+                "at_most": q.at_most if isfinite(q.at_most) else None,
+            }
+            for q in evidence.quantities
+        ],
+        "accelerometer": evidence.fit.accelerometer.to_json(),
+        "inputs": evidence.hashes,
+        "versions": evidence.versions,
+        "made": evidence.made,
+    }
+
+
+# The whole page: head, list of contents, sections.
+
+#: nothing is fetched and nothing runs, whatever a file's text may try
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def page(evidence: Evidence) -> str:
+    """The report as one HTML document."""
+    sections = [made for section in SECTIONS if (made := section(evidence)) is not None]
+    return document(f"Calibration report: {evidence.fit.session.name}", _head(evidence), sections, _foot(evidence))
+
+
+def document(title: str, head: str, sections: Sequence[Section], foot: str) -> str:
+    """A page of sections with a list of contents; head and foot are HTML, title is text."""
+    contents = "".join(f'<li><a href="#{section.id}">{section.title}</a></li>' for section in sections)
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
+        f"<title>{escape(title)}</title><style>{style_sheet()}</style></head>"
+        f'<body><div class="sheet"><nav aria-label="Contents"><ol>{contents}</ol></nav>'
+        f"<main>{head}{''.join(map(_section, sections))}{foot}</main></div></body></html>\n"
+    )
+
+
+def save(evidence: Evidence, path: Path) -> Path:
+    """Write the page, whole or not at all; returns its path."""
+    text = page(evidence)
+    with result_folder(path.parent):
+        write_text_whole(path, text)
+    return path
+
+
+def _head(evidence: Evidence) -> str:
+    sensor = evidence.fit.session.config.sensor
+    serial = f" · {escape(sensor.serial)}" if sensor.serial else ""
+    return (
+        '<header><p class="kicker">Calibration report</p>'
+        f"<h1>{escape(sensor.model)}{serial}</h1>"
+        f'<p class="kicker">Gyroscope at ±{sensor.gyro_fs_dps:g} dps and {sensor.odr_hz:g} Hz · session '
+        f"{escape(evidence.fit.session.name)} · "
+        f"made {escape(evidence.made)}</p></header>"
+    )
+
+
+def _section(section: Section) -> str:
+    if section.id == "answer":
+        return section.html
+    return (
+        f'<section id="{section.id}" aria-labelledby="{section.id}-title"><h2 id="{section.id}-title">{section.title}'
+        f"</h2>{section.html}</section>"
+    )
+
+
+def _foot(evidence: Evidence) -> str:
+    version = escape(evidence.versions["TinyGC"])
+    return (
+        "<footer>A calibration report of the instrument with this serial number, in the conditions of this session; it is no certificate. "
+        f"TinyGC {version}, {escape(evidence.made)}.</footer>"
+    )

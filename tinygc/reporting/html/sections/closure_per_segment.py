@@ -1,0 +1,117 @@
+"""Closure of every segment, before and after, against the floor; and the same errors as a target seen from above."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.closure.residual import closure_angles
+from tinygc.models.linear import bias_only
+from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
+from tinygc.reporting.html.evidence import NEAR_FLOOR, Adopted, Evidence, agrees
+from tinygc.reporting.html.markup import Section, degrees, escape, figure, key, paragraph, significant, tilt_rms
+
+#: of a direction's two errors, the share within one, two, three sigmas
+RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))
+
+
+def section(evidence: Evidence) -> Section:
+    """Two pictures."""
+    adopted, problem = evidence.adopted, evidence.problem
+    raw = closure_angles(problem.batch, bias_only())
+    sigma = np.sqrt(np.trace(problem.floor.own[:, :2, :2], axis1=1, axis2=2) / 2)
+    numbers = [segment.number for segment in problem.used]
+    by_number = dict(zip(numbers, sigma, strict=True))
+    own = np.array([by_number.get(number, sigma.mean()) for number in adopted.numbers])
+    worst = int(np.argmax(np.linalg.norm(adopted.angles[:, :2], axis=1) / own))
+    html = figure(
+        lambda width: _by_segment(evidence, raw, numbers, width),
+        "Each segment judged by a fit that had not seen it. "
+        f"Rms {degrees(tilt_rms(raw))} raw, {degrees(tilt_rms(adopted.angles))} calibrated, {degrees(adopted.floor_rms)} from "
+        "noise alone.",
+        [
+            key("before", "raw"),
+            key("after", f"calibrated ({escape(adopted.title)}), held out"),
+            key("floor", "noise floor", "dash"),
+            *_limit_key(evidence),
+        ],
+    )
+    ratio = np.linalg.norm(adopted.angles[:, :2], axis=1) / own
+    inside = [float(np.mean(ratio <= k)) for k, _ in RINGS]
+    html += f'<div class="pair"><div>{figure(lambda width: _target(evidence, own, width), kind="target")}</div><div>'
+    html += paragraph(
+        "<strong>The same errors from above.</strong> Each dot is one segment's error of tilt about the table's two horizontal "
+        "axes. The rings are one, two and "
+        "three sigmas of noise alone."
+    )
+    html += paragraph(
+        "Within the rings lie "
+        + ", ".join(f"{100 * share:.0f} % (noise alone: {expected})" for share, (_, expected) in zip(inside, RINGS, strict=True))
+        + f". The furthest beyond its floor is segment {adopted.numbers[worst]}, {significant(ratio[worst], 2)} sigmas. "
+        f"{_width(adopted)}"
+    )
+    html += "</div></div>"
+    return Section("closure", "Closure per segment", html)
+
+
+def _width(adopted: Adopted) -> str:
+    """How much wider than noise the held-out errors are, and what that means."""
+    ratio = f"Held out, they are {significant(adopted.times_floor)} times what noise alone leaves, rms: "
+    if not agrees(adopted.closure_p):
+        return ratio + "more than noise allows even on the fitted segments, so something is missing from the model."
+    if adopted.times_floor > NEAR_FLOOR:
+        return ratio + f"{adopted.in_numbers} do not hold the fit that judges a segment; record more turns."
+    return ratio + f"with {adopted.in_numbers}, the fit that judges a segment has a little less to go by."
+
+
+def _limit_key(evidence: Evidence) -> list[str]:
+    return [key("limit", "limit", "dash")] if evidence.limit_deg else []
+
+
+def _by_segment(evidence: Evidence, raw: np.ndarray, numbers: list[int], width: int) -> str:
+    adopted, floor = evidence.adopted, evidence.adopted.floor_rms / DEG
+    before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (raw, adopted.angles))
+    y = log_axis(
+        [*before, *after, floor, *([evidence.limit_deg] if evidence.limit_deg else [])],
+        "tilt at the end of the segment, degrees",
+        margin=1.3,
+    )
+    last = max([*numbers, *adopted.numbers])
+    chart = Chart(width, 280, Axis(-0.8, last + 0.8, "segment"), y, "Closure of each segment before and after calibration")
+    chart.across(floor, "floor")
+    if evidence.limit_deg:
+        chart.across(evidence.limit_deg, "limit", "limit")
+    radius = 3.4 if len(numbers) < 150 else 1.8
+    chart.dots(
+        numbers,
+        before,
+        "before",
+        [f"segment {n}, raw: {significant(v)}°" for n, v in zip(numbers, before, strict=True)],
+        radius=radius - 0.4,
+    )
+    words = [f"segment {n}, calibrated: {significant(v)}°" for n, v in zip(adopted.numbers, after, strict=True)]
+    return chart.dots(adopted.numbers, after, "after", words, radius=radius).svg()
+
+
+def _target(evidence: Evidence, sigma: np.ndarray, width: int) -> str:
+    adopted = evidence.adopted
+    side = min(width, 340)
+    one = float(np.sqrt(np.mean(sigma**2)))
+    reach = max(3.4 * one, 1.08 * float(np.abs(adopted.angles[:, :2]).max()))
+    centre, scale = side / 2, (side / 2 - 16) / reach
+    parts = [f'<path class="grid" d="M12 {centre}H{side - 12}M{centre} 12V{side - 12}"/>']
+    for k, _ in RINGS:
+        if k * one < reach:
+            parts.append(f'<circle class="dash k-floor" cx="{centre}" cy="{centre}" r="{k * one * scale:.1f}"/>')
+            if k * one * scale > 22:
+                parts.append(f'<text x="{centre + 4}" y="{centre - k * one * scale - 4:.1f}">{k}σ</text>')
+    dots = []
+    for number, (x, y) in zip(adopted.numbers, adopted.angles[:, :2], strict=True):
+        title = f"segment {number}: {significant(np.hypot(x, y) / DEG)}°"
+        dots.append(f'<circle cx="{centre + x * scale:.1f}" cy="{centre - y * scale:.1f}" r="3.6"><title>{title}</title></circle>')
+    parts.append(f'<g class="dot k-after">{"".join(dots)}</g>')
+    parts.append(
+        f'<text x="{side - 4}" y="{centre - 6}" text-anchor="end">about x</text><text x="{centre + 6}" y="{side - 4}">about y</text>'
+    )
+    parts.append(f'<text x="4" y="{side - 4}">1σ = {degrees(one)}</text>')
+    return drawing(side, side, "Error of tilt of each segment about the two horizontal axes, with rings of noise", "".join(parts))

@@ -1,0 +1,141 @@
+"""Methods side by side: what each leaves on segments that it was fitted to, and on those that it never saw."""
+
+from __future__ import annotations
+
+from session.io.units import DEG
+from tinygc.estimation.choice import closure_figures
+from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
+from tinygc.reporting.html.chart import Axis, Chart, log_axis
+from tinygc.reporting.html.evidence import Evidence, rmse
+from tinygc.reporting.html.markup import (
+    NONE,
+    Section,
+    aligned_decimals,
+    degrees,
+    escape,
+    figure,
+    fixed,
+    key,
+    paragraph,
+    significant,
+    table,
+    tilt_rms,
+)
+
+
+def section(evidence: Evidence) -> Section:
+    """Table and picture."""
+    rows = _rows(evidence)
+    floor = evidence.problem.floor.tilt_rms
+    runs = bool(evidence.fit.runs)
+    words = f"{min(evidence.fit.options.folds, len(evidence.problem.used))} folds"
+    html = paragraph(
+        "All methods minimise the same residual on the same segments: what is left between the attitude that the integrated rate predicts "
+        "at the end of a turn and the one that gravity shows there. <em>Held out</em> is the honest figure: each segment is judged "
+        "by a fit "
+        f"that has not seen it ({words})."
+    )
+    html += figure(
+        lambda width: _picture(evidence, rows, width),
+        keys=[
+            key("after", "held out"),
+            key("after", "fitted", "ring"),
+            *([key("physics", "closure run, RMSE")] if runs else []),
+            key("floor", "noise floor", "dash"),
+        ],
+    )
+    marked = [number for number, row in enumerate(rows) if row[0] == evidence.adopted.name]
+    # Physics is judged on the mended log, whose floor is wider by what nobody can know of the gaps.
+    own = evidence.adopted.floor_rms
+    mended = evidence.adopted.name == "physics" and abs(own / floor - 1) > SAME_FLOOR
+    cells = [_cells(row, own if row[0] == evidence.adopted.name else floor, runs) for row in rows]
+    html += table(
+        ("Method", "parameters", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *(("closure run",) if runs else ()), "seconds"),
+        cells,
+        f"Degrees. Fitted, held out: rms of tilt. Roll, pitch, yaw: held out, about the table's axes. Noise floor: {degrees(floor)}"
+        f"{f', of the mended log with physics {degrees(own)}' if mended else ''}. "
+        "In bold: the calibration that this report states.",
+        marked=marked,
+        minor=(1, 5, 6, 7, *((9,) if runs else (8,))),
+    )
+    html += paragraph(_use(evidence))
+    if evidence.adopted.name == "physics":
+        html += paragraph(
+            'The linear model with physics is the one of <a href="#explain">what explain found</a>, held out over ten folds. '
+            "<code>calibrate.py fit --physics auto</code> fits it beside the others.",
+            "soft",
+        )
+    return Section("methods", "Methods side by side", html)
+
+
+def _use(evidence: Evidence) -> str:
+    """Which of the methods that were fitted to use, and why."""
+    fit = evidence.fit
+    if fit.use.method is None:
+        return f"<strong>Of these methods use none:</strong> {escape(fit.use.why)}."
+    return f"<strong>Of these methods use {escape(TITLES[fit.use.method])}</strong>: {escape(fit.use.why)}."
+
+
+def _rows(evidence: Evidence) -> list[tuple]:
+    """name, parameters, fitted angles or None, held-out angles, run errors, seconds or None."""
+    fit = evidence.fit
+    rows: list[tuple] = [
+        (name, one.parameters, one.angles, one.held_out, [errors[name] for errors in fit.run_errors], one.seconds)
+        for name, one in fit.methods.items()
+    ]
+    adopted = evidence.adopted
+    if adopted.name not in fit.methods:
+        rows.append((adopted.name, len(adopted.vector), None, adopted.angles, adopted.run_errors, None))
+    return rows
+
+
+def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
+    name, parameters, fitted, held_out, errors, seconds = row
+    figures, decimals = closure_figures(held_out), aligned_decimals(floor / DEG)
+    tilt = figures["tilt_rms_deg"]
+    cells = [
+        escape(TITLES.get(name, name)),
+        str(parameters),
+        NONE if fitted is None else fixed(tilt_rms(fitted) / DEG, decimals),
+        fixed(tilt, decimals),
+    ]
+    cells += [significant(tilt * DEG / floor)]
+    cells += [
+        NONE if value is None else fixed(value, decimals)
+        for value in (figures["roll_rms_deg"], figures["pitch_rms_deg"], figures["yaw_rms_deg"])
+    ]
+    if runs:
+        cells.append(", ".join(fixed(rmse(error) / DEG, decimals) for error in errors))
+    return [*cells, NONE if seconds is None else f"{seconds:.2f}"]
+
+
+def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
+    floor = evidence.problem.floor.tilt_rms / DEG
+    values = [floor]
+    for _, _, fitted, held_out, errors, _ in rows:
+        values += [tilt_rms(held_out) / DEG, *(rmse(error) / DEG for error in errors)]
+        values += [] if fitted is None else [tilt_rms(fitted) / DEG]
+    x, count = log_axis(values, "closure, degrees", margin=1.3), len(rows)
+    narrow = width < 500
+    y = Axis(-0.7, count - 0.3, ticks=[] if narrow else [(count - 1 - i, _short(row[0])) for i, row in enumerate(rows)])
+    chart = Chart(
+        width, (46 if narrow else 30) * count + 62, x, y, "Closure by method", left=18 if narrow else 190, right=20 if narrow else 14
+    )
+    chart.upright(floor, "floor")
+    for i, (name, _, fitted, held_out, errors, _) in enumerate(rows):
+        level = count - 1 - i - (0.18 if narrow else 0)
+        kind, title = name if name in TITLES else "ink", TITLES.get(name, name)
+        if narrow:
+            _, (b,) = chart.at([x.lo], [level + 0.5])
+            chart.text(20, float(b) + 6, title)
+        chart.across(level, "quiet", style="grid")
+        for error in errors:
+            chart.dots([rmse(error) / DEG], [level], "physics", [f"{title}, closure run: {degrees(rmse(error))}"], radius=3)
+        if fitted is not None:
+            chart.dots([tilt_rms(fitted) / DEG], [level], kind, [f"{title}, fitted: {degrees(tilt_rms(fitted))}"], ring=True, radius=5.5)
+        chart.dots([tilt_rms(held_out) / DEG], [level], kind, [f"{title}, held out: {degrees(tilt_rms(held_out))}"], radius=5)
+    return chart.svg()
+
+
+def _short(name: str) -> str:
+    return TITLES.get(name, name)

@@ -1,0 +1,78 @@
+"""Noise at rest: overlapping Allan deviation of the stills, and their spectrum."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.io.units import DEG, DEG_PER_HOUR
+from tinygc.closure.allan import AllanCurve, Reading, angle_random_walk
+from tinygc.closure.problem import Problem
+from tinygc.closure.residual import RateMap
+from tinygc.reporting.html.chart import Axis, Chart, log_axis
+from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.markup import Section, figure, key, paragraph, significant
+from tinygc.reporting.html.measures import density
+
+
+def section(evidence: Evidence) -> Section | None:
+    """None where the stills are too short for either."""
+    curve, problem = evidence.allan, evidence.problem
+    if curve is None:
+        return None
+    walks = [angle_random_walk(curve, axis) for axis in range(3)]
+    white = ", ".join(f"{axis} {significant(n / DEG * 1e3, 2)}" for axis, n in zip("xyz", problem.noise.gyro, strict=True))
+    html = paragraph(
+        f"White noise, one-sided density: {white} mdps/√Hz (its angle random walk is that divided by √2). All stillness there is: "
+        f"{_total(problem):.0f} s, in pieces of at most "
+        f"{significant(curve.longest_s, 2)} s; longer averages than half a piece do not exist here."
+    )
+    keys = [key(axis, axis, "line") for axis in "xyz"]
+    html += figure(
+        lambda width: _allan(curve, walks, width),
+        "Overlapping Allan deviation, pieces pooled, with one sigma. Dashed: the white noise’s slope −1/2. Below 0.05 s the "
+        "sensor’s low-pass filter holds the curve down.",
+        [*keys, key("floor", "white noise", "dash")],
+    )
+    pieces = still_pieces(problem, problem.first)
+    if found := density(pieces, problem.logs[0].samples.period_s):
+        html += figure(lambda width: _spectrum(*found, width), "Amplitude density at rest.", keys)
+    return Section("noise", "Noise at rest", html)
+
+
+def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
+    """Calibrated rates (N, 3) rad/s of each undisturbed still of the logs that have the first one's data rate."""
+    period_s = problem.logs[0].samples.period_s
+    return [
+        rates[still.start : still.stop]
+        for log in problem.logs
+        if abs(log.samples.period_s / period_s - 1) < 0.01
+        for rates in [model(log.samples.gyro)]
+        for still in log.stills
+        if still.problem is None and still.bumps == 0
+    ]
+
+
+def _total(problem: Problem) -> float:
+    return sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0)
+
+
+def _allan(curve: AllanCurve, walks: list[Reading], width: int) -> str:
+    tau, deviation = curve.tau_s, curve.deviation / DEG_PER_HOUR
+    spread = curve.relative_sigma[:, None]
+    y = log_axis([*deviation.ravel(), *(deviation * (1 - np.minimum(spread, 0.6)))[-1]], "Allan deviation, °/h", margin=1.15)
+    chart = Chart(width, 280, log_axis(tau, "averaging time, s", margin=1.05), y, "Allan deviation of the three axes")
+    mean = float(np.mean([walk.value for walk in walks])) / DEG_PER_HOUR
+    chart.line(tau, mean / np.sqrt(tau), "floor", "dash")
+    for i, axis in enumerate("xyz"):
+        chart.area(tau, deviation[:, i] * (1 - np.minimum(spread[:, 0], 0.9)), deviation[:, i] * (1 + spread[:, 0]), axis)
+        chart.line(tau, deviation[:, i], axis)
+    return chart.svg()
+
+
+def _spectrum(frequency: np.ndarray, amplitude: np.ndarray, width: int) -> str:
+    shown = amplitude / DEG * 1e3
+    y = log_axis(shown, "mdps/√Hz", margin=1.2)
+    chart = Chart(width, 230, Axis(0, frequency[-1], "frequency, Hz"), y, "Spectrum of the three axes at rest")
+    for i, axis in enumerate("xyz"):
+        chart.line(frequency, shown[:, i], axis)
+    return chart.svg()

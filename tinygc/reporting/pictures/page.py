@@ -1,0 +1,113 @@
+"""One page per explanation: each cause where it lives, and what is left with it; closure per segment; the stills over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.units import DEG, MG
+from tinygc.effects.effect import TURNS
+from tinygc.explanation.claims import VERDICTS
+from tinygc.explanation.decision import tilt_rms
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.result import is_refitted
+from tinygc.noise.channels import own_residuals
+from tinygc.noise.twin import Variable
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, save
+from tinygc.reporting.pictures.panels import draw_claim
+from tinygc.reporting.pictures.values import lengths_per_still, rates_per_still
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_ROWS = 4  #: of causes that are drawn, strongest first
+
+
+def draw(e: Explanation, path: Path) -> None:
+    """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
+    save(figure_of(e), path)
+
+
+def figure_of(e: Explanation) -> Figure:
+    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    told = [*e.claimed, *e.findings]
+    shown = told[:MOST_ROWS]
+    rows = max(len(shown), 1) + 1
+    headline = f"{e.session.name}: {VERDICTS[e.verdict][0]}"
+    figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
+    for claim, row in zip(shown, grid, strict=False):
+        draw_claim(e, claim, *row)
+        if len(shown) > 1:
+            row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
+    if not shown:
+        _stills_in_time(e, grid[0, 0])
+        _lengths_in_time(e, grid[0, 1])
+    _closure(e, grid[-1, 0])
+    if any(claim.effect.kind in ("rate", "earth") and "still" in claim.effect.seen_in and claim.effect.pair != TURNS for claim in shown):
+        _stills_in_time(e, grid[-1, 1])
+    else:
+        _channels(e, grid[-1, 1])
+    return figure
+
+
+def _closure(e: Explanation, axes: Axes) -> None:
+    """Held-out closure per segment: before, after, floor."""
+    series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.proof.changed else []
+    series += [("after" if e.proof.changed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
+    for name, colour, face, numbers, angles in series:
+        closure = np.linalg.norm(angles[:, :2], axis=1) / DEG
+        axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
+    axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
+    axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend, which would lie on the points
+    axes.legend(loc="upper center", ncols=3, fontsize=8)
+
+
+def _stills_in_time(e: Explanation, axes: Axes) -> None:
+    """Rate in each still over the session: where drifts and steps show."""
+    before, after = rates_per_still(e)
+    t_s, refitted = Variable("time").of_stills(e.twin), is_refitted(e)
+    for i, axis in enumerate("xyz"):
+        if refitted:
+            axes.plot(t_s, before[:, i] * 1e3, "-", color=AXES[axis], lw=0.8, alpha=0.6)
+        axes.plot(t_s, after[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4, label=axis)
+    title = "Rate in the stills over time" + (": lines before, circles after" if refitted else "")
+    axes.set(xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title=title)
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.legend(ncols=3)
+
+
+def _lengths_in_time(e: Explanation, axes: Axes) -> None:
+    """Length of gravity in each still."""
+    _, left = lengths_per_still(e)
+    axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
+
+
+def _channels(e: Explanation, axes: Axes) -> None:
+    """The channels' sigmas: what is left in each beside what noise alone leaves."""
+    refitted = is_refitted(e)
+    fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]
+    names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
+    at, width, greatest = np.arange(len(e.whiten.parts)), 0.8 / len(fits), 0.0
+    for i, (label, colour, fit) in enumerate(fits):
+        left, taken = own_residuals(e.twin, e.whiten, fit)
+        parts = e.whiten.parts.items()
+        rms = [np.sqrt(np.sum(left[part] ** 2) / max(part.stop - part.start - taken[name], 1)) for name, part in parts]
+        axes.bar(at + (i - (len(fits) - 1) / 2) * width, rms, width, color=colour, label=label or None)
+        greatest = max(greatest, *rms)
+    axes.axhline(1, color=FLOOR, ls="--", label="noise alone")
+    axes.set_xticks(at, [names[name] for name in e.whiten.parts])
+    axes.set(
+        ylabel="rms in sigmas", title="Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
+    )
+    if greatest > 20:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0, 1.25 * max(greatest, 1))
+    axes.legend()

@@ -1,0 +1,216 @@
+"""Panels of effects in the stills: zero rate, the Earth, gravity's length, creep."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
+from session.io.units import DEG, EARTH_RATE_RPS, MG
+from tinygc.attitude import rotation
+from tinygc.closure.stills import StillSet
+from tinygc.explanation.claims import Claim
+from tinygc.explanation.engine import Explanation
+from tinygc.noise.twin import Variable, bent_by
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, told_value
+from tinygc.reporting.pictures.values import (
+    added_in_stills,
+    at_constant,
+    lengths_per_still,
+    rates_per_still,
+    recorded_in_stills,
+    theta,
+    variable_for,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+# An effect that moves the zero: the rate in each still along what it follows, with its law; and against what the effect says.
+
+#: what an effect reads where it follows one variable alone
+READS = {"attitude": {"force"}, "temperature": {"temperature"}, "time": {"time"}}
+#: points of a curve
+GRID = 401
+
+
+def along(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Filled before, rings after, and the law's curve; where each axis follows gravity along itself, that is what it is drawn against.
+
+    Before has all else of the fit taken off: the other columns of a matrix, too.
+    """
+    values, variable = theta(e, claim), variable_for(e, claim)
+    own = variable.variable == "attitude" and values.size == 3
+    if variable.variable == "attitude" and values.size == 9:
+        values = np.where(np.arange(9) % 3 == variable.axis, values, 0.0)
+    _, left = rates_per_still(e)
+    recorded = left + added_in_stills(e, claim, values)
+    for i, axis in enumerate("xyz"):
+        along_axis = Variable("attitude", i) if own else variable
+        x = along_axis.of_stills(e.twin)
+        axes.plot(x, recorded[:, i] * 1e3, "o", color=AXES[axis], ms=4)
+        axes.plot(x, left[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4)
+        if _has_curve(claim, variable, values):
+            at = np.linspace(x.min(), x.max(), GRID)
+            curve = at_constant(claim.effect, values, e.twin.movements[0], along_axis, i, at) / DEG
+            axes.plot(at, curve * 1e3, color=AXES[axis], lw=1.5)
+        number = i if values.size == 3 else 3 * i + (variable.axis or 0)
+        value = told_value(claim, number) if claim.effect.parameter.shape in ((3,), (3, 3)) else ""
+        axes.plot([], [], "o-", color=AXES[axis], label=f"{axis}: {value}" if value else axis)
+    axes.plot([], [], "o", mfc="none", color="black", label="after")
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    label = "gravity along the same axis" if own else variable.words
+    over = "gravity" if variable.variable == "attitude" else variable.words
+    axes.set(
+        xlabel=f"{label} ({variable.units})",
+        ylabel="rate beyond the prediction (mdps)",
+        title=f"Where it lives: the rate in each still over {over}, and the law",
+    )
+    legend(axes, claim.effect.equation)
+
+
+def _has_curve(claim: Claim, variable: Variable, values: np.ndarray) -> bool:
+    """Whether the variable alone tells what the effect adds to a still."""
+    effect = claim.effect
+    one = variable.variable != "attitude" or values.size in (3, 9)
+    return one and not effect.reach and set(effect.inputs) <= READS.get(variable.variable, set())
+
+
+def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """On the line where the effect is all there is."""
+    says, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
+    for i, axis in enumerate("xyz"):
+        axes.plot(says[:, i], recorded[:, i], "o", color=AXES[axis], label=axis, ms=4)
+    span = [np.min([says, recorded]), np.max([says, recorded])]
+    axes.plot(span, span, color=FLOOR, lw=0.8, label="slope 1")
+    axes.set(xlabel=f"{claim.effect.id} says (mdps)", ylabel="recorded in the still (mdps)", title="Recorded against explained")
+    axes.legend()
+
+
+# A rate that is fixed in the world: the stills' rates, turned into the table's frame, gather in one place that is not zero.
+
+MDPS = 1e-3 * DEG
+
+
+def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool = False) -> None:
+    """Horizontal, along the found rate's own horizontal direction, and down; with a circle as large as the Earth's rate."""
+    turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
+    size = np.hypot(*fixed[:2])
+    ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
+    _, left = rates_per_still(e)
+    for name, colour, fill, rates in (("before", BEFORE, BEFORE, recorded_in_stills(e, claim)), ("after", AFTER, "none", left)):
+        in_table = np.einsum("qij,qj->qi", turn, rates) * 1e3
+        x, y = in_table @ ahead, in_table[:, 2]
+        axes.plot(x, y, "o", color=colour, mfc=fill, ms=4, alpha=0.6)
+        axes.plot(x.mean(), y.mean(), "P", color=colour, mec="black", ms=13, label=f"mean {name}")
+    if as_the_earths:
+        angle = np.linspace(0, 2 * np.pi, 200)
+        earth = EARTH_RATE_RPS / MDPS
+        axes.plot(earth * np.cos(angle), earth * np.sin(angle), color=FLOOR, ls="--", label="the Earth's rate, 15.04 °/h")
+    axes.axhline(0, color=FLOOR, lw=0.6)
+    axes.axvline(0, color=FLOOR, lw=0.6)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.invert_yaxis()
+    axes.set(
+        xlabel="horizontal, northward where it is the Earth (mdps)",
+        ylabel="down (mdps)",
+        title="Where it lives: one rate, fixed in the table's frame",
+    )
+    axes.legend(fontsize=8)
+
+
+# A stale pre-calibration: the length of gravity in each still, over attitude, and against what the bias says.
+
+
+def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Gravity has one length, whatever the attitude: a bias makes it longer one way up, and shorter the other.
+
+    Of each axis, with what the bias of the others does taken off; filled before, rings after, and the line of the bias.
+    """
+    _, after = lengths_per_still(e)
+    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    for number, (axis, colour) in enumerate(AXES.items()):
+        bias = theta(e, claim)[number]
+        x = Variable("attitude", number).of_stills(e.twin)
+        axes.plot(x, (after + down[:, number] * bias) / MG, "o", color=colour, ms=4)
+        axes.plot(x, after / MG, "o", mfc="none", color=colour, ms=4)
+        ends = np.array([x.min(), x.max()])
+        axes.plot(ends, -ends * bias / MG, "-", color=colour, lw=1.5, label=f"{axis}: {told_value(claim, number)}")
+    axes.plot([], [], "o", mfc="none", color="black", label="after")
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.set(
+        xlabel="gravity along the same axis (g)",
+        ylabel="length of gravity beyond one value (mg)",
+        title="Where it lives: gravity's length changes with attitude",
+    )
+    legend(axes, claim.effect.equation)
+
+
+def length_against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """What it adds to gravity's length in each attitude."""
+    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    says = np.sum(down * (bent_by(claim.effect, e.twin.force) @ theta(e, claim)), axis=1) / MG
+    recorded = says + lengths_per_still(e)[1] / MG
+    axes.plot(says, recorded, "o", color=AFTER, ms=4)
+    span = [min(says.min(), recorded.min()), max(says.max(), recorded.max())]
+    axes.plot(span, span, color=FLOOR, lw=0.8)
+    axes.set(xlabel=f"{claim.effect.id} says (mg)", ylabel="recorded in the still (mg)", title="Recorded against explained")
+
+
+# Stills that were none: the angle by which the body turns in each, and its rate against the bar.
+
+
+def turned_angle(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Integral of the gyro, less its usual zero, within each still: those that were not still run away."""
+    moving, zero = set(claim.parameters["stills"]), _zero(e, claim)
+    for number, (log, still) in enumerate(_stills(e)):
+        rate = log.samples.gyro[still.start : still.stop] - zero
+        angle = np.linalg.norm(np.cumsum(rate, axis=0), axis=1) * log.samples.period_s / DEG
+        bad = number in moving
+        t_s = np.arange(len(angle)) * log.samples.period_s
+        axes.plot(t_s, angle, color=BEFORE if bad else PALE, lw=1.4 if bad else 0.8, zorder=2 if bad else 1, label=_label(axes, bad))
+    axes.set(
+        xlabel="time within the still (s)",
+        ylabel="turned since it began (°)",
+        title="Where it lives: the body turns while it should be still",
+    )
+    axes.legend(fontsize=8)
+
+
+def rate_against_bar(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """By gravity and by the gyro, and what noise would make of gravity."""
+    zero, stills = _zero(e, claim), _stills(e)
+    numbers = np.arange(len(stills))
+    bad = np.isin(numbers, claim.parameters["stills"])
+    by_gravity = np.array([np.linalg.norm(still.tilt_rate) for _, still in stills]) / DEG
+    by_gyro = np.array([np.linalg.norm(still.gyro_mean - zero) for _, still in stills]) / DEG
+    for which, colour, name in ((~bad, AFTER, "still"), (bad, BEFORE, "not still")):
+        axes.semilogy(numbers[which], by_gyro[which], "o", color=colour, label=f"{name}, by the gyro")
+        axes.semilogy(numbers[which], by_gravity[which], "^", mfc="none", color=colour, label=f"{name}, by gravity")
+    axes.step(numbers, [_bar(log, still) / DEG for log, still in stills], where="mid", color=FLOOR, ls="--", label="bar for gravity")
+    axes.set(xlabel="still", ylabel="turns at (dps)", title="Rate within each still")
+    axes.legend(fontsize=8, ncols=2)
+
+
+def _stills(e: Explanation) -> list[tuple]:
+    """(log, still) of all, as they are numbered."""
+    return [(log, still) for log in e.problem.logs for still in log.stills]
+
+
+def _zero(e: Explanation, claim: Claim) -> np.ndarray:
+    """(3,) rad/s: the gyro's usual reading at rest."""
+    good = [still.gyro_mean for number, (_, still) in enumerate(_stills(e)) if number not in claim.parameters["stills"]]
+    return np.median(good or [still.gyro_mean for _, still in _stills(e)], axis=0)
+
+
+def _bar(log: StillSet, still: Still) -> float:
+    """rad/s: what the first look lets noise make of gravity's movement in this still (``session.detect.stills``)."""
+    sigma = float(log.noise.velocity_random_walk.max()) * np.sqrt(12 / still.duration_s**3) / still.gravity_mps2
+    return max(CREEP_SIGMAS * sigma, CREEP_RPS)
+
+
+def _label(axes: Axes, bad: bool) -> str | None:
+    name = "not still" if bad else "still"
+    return None if name in axes.get_legend_handles_labels()[1] else name

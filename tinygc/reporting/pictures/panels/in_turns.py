@@ -1,0 +1,251 @@
+"""Panels of effects in the turns: closure, laws, data rate, clock offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.units import DEG, MG
+from tinygc.explanation.claims import Claim
+from tinygc.explanation.engine import Explanation
+from tinygc.noise.channels import turn_equations
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, told_value
+from tinygc.reporting.pictures.values import axis_laws, closure_by_segment, per_parameter, strongest, theta, variable_for
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+# Any effect that acts while the sensor turns: what each turn misses, on a straight line over what the effect says.
+
+#: parameters that are drawn, strongest first
+MOST = 3
+#: of a lag, in s, what the horizontal axis is told of
+ONE_MS = 1e-3
+
+
+def before(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """On the line of slope one where the effect is the cause."""
+    _against_said(e, claim, axes, taken_off=False)
+
+
+def after(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """The same turns, to the same scale, once the effect is taken off: level where it was all."""
+    _against_said(e, claim, axes, taken_off=True)
+
+
+def lag_before(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """What each turn misses against what 1 ms of lag would make: the slope is the lag in ms."""
+    _against_one_ms(e, claim, axes, taken_off=False)
+
+
+def lag_after(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """The same turns, to the same scale, once the lag is taken off."""
+    _against_one_ms(e, claim, axes, taken_off=True)
+
+
+def _against_said(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    values, spans = theta(e, claim), []
+    for entry, colour in _drawn(e, claim):
+        value = told_value(claim, entry)
+        label = entry_name(claim.effect, entry) + (f": {value}" if value and not taken_off else "")
+        spans.append(_points(e, claim, axes, taken_off, entry, values[entry], colour, label))
+    if not taken_off:
+        span = np.array([np.min(spans), np.max(spans)])
+        axes.plot(span, span, color=FLOOR, lw=1.5, label="slope 1: it is the cause")
+    axes.set(
+        xlabel=f"what {claim.effect.id} makes the turn miss (°)",
+        ylabel="what the turn misses (°)",
+        title="After: the effect taken off, to the same scale" if taken_off else "Before: each turn misses what the effect makes it miss",
+    )
+    legend(axes, None if taken_off else claim.effect.equation)
+
+
+def _against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    if claim.effect.parameter.unit != "s":  # no delay
+        _against_said(e, claim, axes, taken_off)
+        return
+    values = theta(e, claim)
+    for entry, colour in _drawn(e, claim):
+        name = entry_name(claim.effect, entry).replace("from ", "from dω/dt about ")
+        span = _points(e, claim, axes, taken_off, entry, ONE_MS, colour, name if taken_off else "")
+        if not taken_off:
+            axes.plot(span, span * values[entry] / ONE_MS, color=colour, lw=1.5, label=f"{name}: slope {told_value(claim, entry)}")
+    axes.set(
+        xlabel="what 1 ms would make the turn miss (°)",
+        ylabel="what the turn misses (°)",
+        title="After: taken off, to the same scale"
+        if taken_off
+        else "Before: what each turn misses follows its change of rate; slope in ms",
+    )
+    legend(axes, None if taken_off else claim.effect.equation)
+
+
+def _points(e: Explanation, claim: Claim, axes: Axes, taken_off: bool, entry: int, unit: float, colour: str, label: str) -> np.ndarray:
+    """Draw one parameter against so many SI units of it; the span (2,) of x, in degrees.  The limits are those of before in either case."""
+    of = per_parameter(e, claim, entry)
+    x, y = of.x * unit / DEG, (of.after if taken_off else of.before) / DEG
+    axes.errorbar(x, y, of.sigma / DEG, fmt="o", ms=4, lw=0.8, color=colour, label=label or None)
+    axes.update_datalim(np.column_stack([x, of.before / DEG]))
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.autoscale_view()
+    return np.array([np.min(x, initial=0.0), np.max(x, initial=0.0)])
+
+
+def _drawn(e: Explanation, claim: Claim) -> list[tuple[int, str]]:
+    """Parameters that are drawn, each with its colour: of an axis its own, of anything else in order."""
+    every, own = list(AXES.values()), claim.effect.parameter.size == 3
+    return [(entry, every[entry if own else number]) for number, entry in enumerate(strongest(e, claim, MOST))]
+
+
+def along(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Closure before and after, along the greatest that the variable reaches in the segment."""
+    variable = variable_for(e, claim)
+    x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
+    for name, colour, fill, closure in zip(("before", "after"), (BEFORE, AFTER), (BEFORE, "none"), closure_by_segment(e), strict=True):
+        axes.semilogy(x, [closure.get(number, np.nan) for number in numbers], "o", color=colour, mfc=fill, label=name)
+    axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label="floor")
+    label = f"greatest {variable.words} in the segment ({variable.units})"
+    axes.set(xlabel=label, ylabel="held-out closure (°)", title="Where it lives: closure of each segment")
+    axes.legend()
+
+
+# The law itself, turn by turn: the scale error or the zero that each turn asks for, with the effect's curve through them.
+
+
+def law_before(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """As recorded: points with the noise of each turn, and the curve of the law."""
+    _panel(e, claim, axes, taken_off=False)
+
+
+def law_after(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """The same turns, to the same scale, once the law is taken off."""
+    _panel(e, claim, axes, taken_off=True)
+
+
+def _panel(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    laws = axis_laws(e, claim)
+    if laws is None:
+        (after if taken_off else before)(e, claim, axes)
+        return
+    for number, ((axis, colour), of, (at, values)) in enumerate(zip(AXES.items(), laws.turns, laws.curves, strict=True)):
+        alpha = np.clip(2 * of.sigma.min(initial=np.inf) / of.sigma, 0.15, 1)
+        for x, y, sigma, strength in zip(of.x, of.after if taken_off else of.before, of.sigma, alpha, strict=True):
+            axes.errorbar(x, y, sigma, fmt="o", ms=4, lw=0.8, color=colour, alpha=strength)
+        if not taken_off:
+            axes.plot(at, values, color=colour, lw=1.8, label=f"{axis}: {told_value(claim, number)}")
+        else:
+            axes.plot([], [], "o", color=colour, ms=4, label=axis)
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    if len(laws.reached):
+        axes.set_xlim(*_limits(laws.reached))
+        axes.set_ylim(*_limits(np.append(laws.asked, 0.0)))
+    axes.set(
+        xlabel=laws.x_label,
+        ylabel=f"{laws.words} of each turn ({laws.unit})",
+        title="After: the law taken off, to the same scale"
+        if taken_off
+        else f"Before: the {laws.words} of each turn follows its {laws.follows}",
+    )
+    legend(axes, None if taken_off else claim.effect.equation)
+
+
+def _limits(values: np.ndarray) -> tuple[float, float]:
+    """What holds all of the values, with some room."""
+    low, high = float(values.min()), float(values.max())
+    room = 0.05 * max(high - low, 1e-12)
+    return low - room, high + room
+
+
+# Motion that is faster than half the data rate: closure over the data rate that is taken, and where it leads to.
+
+#: on either side of the data, a factor
+ROOM = 1.35
+#: below the lowest of them, a factor: the legend's
+ROOM_BELOW = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class DataRates:
+    """rates_hz (K,) that are taken, the native one and every 2nd, 3rd, … sample; closure_deg (K,) rms at each; exponent of the closure in
+    the rate; predicted_deg: what motion between the samples makes at the native rate; floor_deg: what noise alone leaves, or None."""
+
+    rates_hz: np.ndarray
+    closure_deg: np.ndarray
+    exponent: float
+    predicted_deg: float
+    floor_deg: float | None = None
+
+
+def draw(axes: Axes, data: DataRates) -> None:
+    """Log-log: the closure at each rate, the line of the exponent through the thinned ones, and what it leaves at the native rate."""
+    order = np.argsort(data.rates_hz)[::-1]
+    rates, closure = np.asarray(data.rates_hz, dtype=float)[order], np.asarray(data.closure_deg, dtype=float)[order]
+    axes.loglog(rates[1:], closure[1:], "o", color=BEFORE, ms=7, label="closure, samples left out")
+    axes.loglog(rates[:1], closure[:1], "s", color=AFTER, ms=8, label=f"closure as recorded: {closure[0]:.3g}°")
+    at = np.array([rates[-1] / ROOM, rates[0] * ROOM])
+    line = data.predicted_deg * (at / rates[0]) ** data.exponent
+    axes.loglog(at, line, color=BEFORE, lw=1.5, label=f"motion between samples: closure ~ rate$^{{{data.exponent:.1f}}}$")
+    axes.loglog(
+        rates[:1], [data.predicted_deg], "D", mfc="none", color=BEFORE, ms=9, label=f"of it at {rates[0]:.4g} Hz: {data.predicted_deg:.3g}°"
+    )
+    if data.floor_deg is not None:
+        axes.axhline(data.floor_deg, color=FLOOR, ls="--", label=f"noise alone: {data.floor_deg:.2g}°")
+    for number, (rate, angle) in enumerate(zip(rates, closure, strict=True)):
+        words = "every sample" if number == 0 else f"every {_ordinal(round(rates[0] / rate))}"
+        axes.annotate(words, (rate, angle), xytext=(7, 7), textcoords="offset points", fontsize=8)
+    lowest = min([closure.min(), data.predicted_deg, *([data.floor_deg] if data.floor_deg else [])])
+    axes.set_xlim(rates[-1] / ROOM, rates[0] * ROOM * 1.3)
+    axes.set_ylim(lowest / ROOM_BELOW, max(closure.max(), line.max()) * 1.5)
+    axes.set_xticks(rates, [f"{rate:.3g}" for rate in rates])
+    axes.minorticks_off()
+    axes.set(
+        xlabel="samples taken a second (Hz)",
+        ylabel="rms closure of the turns (°)",
+        title="Fewer samples close worse: the motion is too fast for them",
+    )
+    axes.legend(fontsize=8, loc="lower left")
+
+
+def over_rate(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Of a claim whose parameters are the names of ``DataRates``."""
+    told = claim.parameters
+    floor_deg = float(np.degrees(e.proof.floor_rms))
+    draw(axes, DataRates(np.array(told["rates_hz"]), np.array(told["closure_deg"]), told["exponent"], told["predicted_deg"], floor_deg))
+
+
+def _ordinal(number: int) -> str:
+    return f"{number}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(number if number < 20 else number % 10, 'th') } sample"
+
+
+# Clocks that differ: gravity's misfit in the turns over the offset that is assumed, and turn by turn.
+
+
+def misfit_over_offset(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """The lever arm is fitted anew for each offset."""
+    equations = turn_equations(e.twin, e.naming.fit)
+    found = e.gravity.offset_s
+    offsets = np.linspace(min(0, found) - abs(found), max(0, found) + abs(found), 121)
+    misfit = np.array([np.sqrt(equations.square_at(offset).sum() / equations.count.sum()) for offset in offsets]) / MG
+    axes.plot(1e3 * offsets, misfit, color=AFTER)
+    axes.axvline(0, color=BEFORE, label="one clock")
+    axes.axvline(1e3 * found, color=AFTER, label=f"the gyro {1e3 * abs(found):.1f} ms {'late' if found > 0 else 'early'}")
+    axes.axvspan(-1e3 * e.gravity.bar_s, 1e3 * e.gravity.bar_s, color=FLOOR, alpha=0.2, label="what filters may do")
+    axes.set(
+        xlabel="the gyro is late by (ms)", ylabel="gravity off in the turns (mg rms)", title="Where it lives: gravity during the turns"
+    )
+    axes.legend(fontsize=8)
+
+
+def misfit_by_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Each segment with one clock, and with the offset."""
+    equations = turn_equations(e.twin, e.naming.fit)
+    numbers = [segment.number for segment in e.twin.segments]
+    for name, colour, fill, offset in (("one clock", BEFORE, BEFORE, 0.0), ("with the offset", AFTER, "none", e.gravity.offset_s)):
+        misfit = np.sqrt(equations.square_at(offset) / equations.count) / MG
+        axes.plot(numbers, misfit, "o", color=colour, mfc=fill, label=f"{name}, {np.sqrt(np.mean(misfit**2)):.1f} mg rms")
+    axes.set(xlabel="segment", ylabel="gravity off in the turn (mg rms)", title="Gravity predicted from the gyro against the accelerometer")
+    axes.set_ylim(bottom=0)
+    axes.legend()

@@ -1,0 +1,190 @@
+"""Tables in the terminal: the first look, the list of sessions, a comparison."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from session.bench.console import one_line
+from session.detect.findings import LEVELS, Finding, worst
+from session.io.texts import printable, shell_word
+from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
+from tinygc.estimation.listing import ListedSession
+
+# The first look in the terminal: the worst first, and at the end, where the eye is, the verdict and what to do next.
+
+#: how the findings of an array's units begin
+UNIT = re.compile(r"unit [0-9]+(?=:|$)")
+LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
+
+
+def findings_table(findings: list[Finding]) -> Table:
+    """One row a check, the worst first; of one level, in the order in which they were looked for."""
+    table = Table(title="First look", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in ("", "where", "what", "it says", "do"):
+        table.add_column(column)
+    for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
+        table.add_row(Text(finding.level, LEVEL_STYLES[finding.level]), finding.where, finding.what, finding.says, finding.do)
+    return table
+
+
+def next_line(folder: Path, findings: list[Finding]) -> Text:
+    """What to do next."""
+    word = shell_word(folder)
+    said = f"mend it, then calibrate.py check {word}" if worst(findings) == "error" else f"calibrate.py fit {word}"
+    return one_line(f"next: {said}")
+
+
+def unit_lines(findings: list[Finding]) -> list[Text]:
+    """A verdict for each unit of an array, the worst first; none for a single session."""
+    units: dict[str, list[Finding]] = {}
+    for finding in findings:
+        if unit := UNIT.match(finding.where):
+            units.setdefault(unit[0], []).append(finding)
+    ranked = sorted(units.items(), key=lambda item: -LEVELS.index(worst(item[1])))
+    return [one_line(f"{unit}: {verdict_line(mine)}", LEVEL_STYLES[worst(mine)]) for unit, mine in ranked]
+
+
+def verdict_line(findings: list[Finding]) -> Text:
+    """How many of each level, and the worst in full."""
+    counts = [(sum(finding.level == level for finding in findings), level) for level in reversed(LEVELS)]
+    counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
+    level = worst(findings)
+    words = {
+        "error": "FAIL: nothing can be fitted before this is mended",
+        "warning": "Pass, with warnings: it costs accuracy",
+        "note": "Pass",
+        "ok": "Pass",
+    }
+    first = next((finding.line for finding in findings if finding.level == level), "")
+    more = f": {first}" if level in ("error", "warning") else ""
+    return one_line(f"{words[level]} ({counted or 'nothing was looked at'}){more}", LEVEL_STYLES[level])
+
+
+# Sessions as a table in the terminal.
+
+NONE = "–"
+COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "floor", "closure runs", "use", "explain")
+NUMBERS = ("logs", "segments", "held out", "floor", "closure runs")
+
+
+def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableType:
+    """A row each; what is wrong with one stands in its row."""
+    if not sessions:
+        return one_line(f"{folder}: no session here (folders with session.toml); calibrate.py record or replay makes one")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in COLUMNS:
+        table.add_column(column, justify="right" if column in NUMBERS else "left")
+    table.caption, table.caption_justify = "closure in degrees: held-out tilt rms; RMSE of each closure run", "left"
+    for each in sessions:
+        name = each.folder.relative_to(folder) if each.folder != folder else each.folder
+        sensor = (f"{each.units} × " if each.units else "") + " ".join(filter(None, (each.model, each.serial)))
+        recorded = (each.date or NONE)[:16].replace("T", " ") + (" (file)" if each.date_from == "file" else "")
+        logs = NONE if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
+        figures = [_figure(each.held_out_deg), _figure(each.floor_deg), ", ".join(map(_figure, each.runs_deg)) or NONE]
+        said = Text(f"! {each.problem}", "red") if each.problem else Text((each.verdict or NONE).replace("_", " "))
+        use = each.method or NONE
+        table.add_row(printable(str(name)), recorded, printable(sensor) or NONE, logs, str(each.segments or NONE), *figures, use, said)
+    return table
+
+
+def _figure(value_deg: float | None) -> str:
+    return NONE if value_deg is None else f"{value_deg:.4f}"
+
+
+# A comparison as a person reads it in the terminal.
+
+#: a move of so many sigmas is marked
+MARKED = 3.0
+MOST_MOVED = 5
+
+
+def comparison_page(comparison: Comparison) -> Group:
+    """Table, verdict, what moved, what to bear in mind."""
+    notes = [one_line(f"Note: {note}.", "yellow") for note in comparison.notes]
+    parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
+    return Group(*parts)
+
+
+def _table(comparison: Comparison) -> Table:
+    table = Table(title="Calibrations side by side: value ± one sigma", title_justify="left", box=None, padding=(0, 1))
+    table.add_column("")
+    for session in comparison.sessions:
+        table.add_column(session.name, justify="right")
+    table.add_column("most off, sigmas", justify="right")
+    for q, (word, component, unit) in enumerate(comparison.labels):
+        digits = _digits(comparison, q)
+        pairs = zip(comparison.values[:, q], comparison.sigmas[:, q], strict=True)
+        cells = [f"{value:.{digits}f} ± {sigma:.{digits}f}" for value, sigma in pairs]
+        off = np.abs(comparison.sigmas_off[:, q]).max()
+        table.add_row(f"{word} {component}, {unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
+    return table
+
+
+def _triads(comparison: Comparison) -> Table:
+    title = "Accelerometers side by side: value ± one sigma"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for column in ("", *(session.name for session in comparison.sessions)):
+        table.add_column(column, justify="right" if column else "left")
+    for word, component, unit, values, sigmas in comparison.triads.errors:
+        digits = DIGITS[unit]
+        cells = [
+            "not observed" if value is None else f"{value:.{digits}f}" + ("" if sigma is None else f" ± {sigma:.{digits}f}")
+            for value, sigma in zip(values, sigmas, strict=True)
+        ]
+        table.add_row(f"{word} {component}, {unit}", *cells)
+    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in comparison.sessions)
+    table.caption_justify = "left"
+    return table
+
+
+def _triads_agree(comparison: Comparison) -> Text:
+    found = comparison.triads.agreement
+    if found is None:
+        return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
+    agrees = found.p_value >= DIFFERS_P
+    return Text(f"The accelerometers {'agree' if agrees else 'DIFFER'} ({_words(found)}).", "bold green" if agrees else "bold red")
+
+
+def comparison_verdict_line(comparison: Comparison) -> Text:
+    """Whether they agree."""
+    agrees = comparison.verdict.p_value >= DIFFERS_P
+    what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
+    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(comparison.verdict)})."
+    return Text(said, "bold green" if agrees else "bold red")
+
+
+def _verdict(comparison: Comparison) -> list[Text]:
+    lines, agrees = [comparison_verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
+    rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
+    for moved in comparison.moved[:MOST_MOVED]:
+        digits = _digits(comparison, comparison.labels.index((moved.word, moved.component, moved.unit)))
+        by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
+        lines.append(one_line(f"  {moved.word} {moved.component} of {moved.session}: {by}"))
+    if len(comparison.moved) > MOST_MOVED:
+        lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
+    if not agrees and not comparison.moved:
+        lines.append(Text("  no single one stands out: several moved a little, together"))
+    if not comparison.with_bias:
+        bias = comparison.bias
+        if bias.p_value < DIFFERS_P:
+            said = "as after a switch-on or at another temperature; take B anew before each use (--bias if it was never off)"
+            lines.append(Text(f"The bias is another one ({_words(bias)}), {said}."))
+        else:
+            lines.append(Text(f"The bias agrees, too ({_words(bias)})."))
+    return lines
+
+
+def _digits(comparison: Comparison, q: int) -> int:
+    """Two digits of the smallest sigma."""
+    return int(np.clip(1 - np.floor(np.log10(comparison.sigmas[:, q].min())), 0, 6))
+
+
+def _words(agreement: Agreement) -> str:
+    p = f"p = {agreement.p_value:.2g}" if agreement.p_value > 1e-99 else "p < 1e-99"
+    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {p}"

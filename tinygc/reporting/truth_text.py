@@ -1,0 +1,223 @@
+"""An explanation against a truth file: as ``tinygc-explain/1``, and as a page for the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from session import VERSION
+from session.bench.console import one_line
+from session.detect.check_references import frame_text, mounting_text, offset_text
+from session.detect.truth_alignment import alignment_table
+from session.io.files import result_folder
+from session.io.results import write_whole
+from session.io.units import DEG, MG
+from tinygc.effects import largest
+from tinygc.explanation.claims import p_entry, p_words
+from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
+
+SCHEMA = "tinygc-explain/1"
+#: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
+OWN_NOISE_SHARE = 0.85
+MOST_VALUES = 9  #: of a claim that the page prints: a matrix whole
+CANNOT = (
+    "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
+    "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
+)
+
+
+def truth_to_json(e: TruthExplanation) -> dict:
+    """JSON-ready."""
+    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
+    lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
+    return {
+        "schema": SCHEMA,
+        "session": e.problem.session.name,
+        "verdict": e.verdict,
+        "mismatch": {
+            **p_entry("p_value", e.p_value),
+            "closure_rms_deg": e.closure_rms[0] / DEG,
+            "expected_rms_deg": expected_deg,
+            "where": {
+                "phases": sorted({phase for c in e.claims for phase in c.effect.seen_in}),
+                "axes": [],
+                "segments": [],
+                "regime": None,
+            },
+        },
+        "effects": [_effect(claim) for claim in e.claims],
+        "refused": [_effect(claim) for claim in e.refused],
+        "considered": [{"id": name, "probability": p} for name, p in e.considered.items()],
+        "fit": {
+            "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
+            "closure_rms_deg": _before_after(e.closure_rms),
+        },
+        "noise": e.problem.instability.to_json()
+        | {
+            "components": e.noise.to_json(),
+        },
+        "truth": {
+            "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
+            "sigma_deg": _number(e.truth_rad / DEG),
+            "gyro_walk_deg_rts": _number(e.walk_rad / DEG),
+            "closure_deg_by_length_s": lengths,
+            "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
+            "neighbours_correlation": {"before": _number(e.neighbours[0]), "after": _number(e.neighbours[1])},
+            **({} if e.alignment is None else alignment_table(e.alignment)),
+        },
+        "force": None
+        if e.force is None
+        else {
+            "bias_mg": (e.force.bias / MG).tolist(),
+            "bias_turned_mg": (e.force.turned / MG).tolist(),
+            "std_mg": (e.force.sigma / MG).tolist(),
+        },
+        "rests": None
+        if e.rests is None
+        else {
+            "seconds": e.rests.seconds,
+            "zero_less_motion_dps": (e.rests.difference / DEG).tolist(),
+            "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
+        },
+        "excess": {"before": e.excess[0], "after": e.excess[1]},
+        "next": None,
+        "version": VERSION,
+    }
+
+
+def _before_after(rms_rad: tuple[float, float]) -> dict:
+    return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _effect(claim: TruthClaim) -> dict:
+    parameter = claim.effect.parameter
+    values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (claim.theta, claim.sigma))
+    return {
+        "id": claim.effect.id,
+        "equation": claim.effect.equation,
+        "parameters": {parameter.name: values, **claim.effect.shape},
+        "std": {parameter.name: std},
+        **p_entry("p_value", claim.p_value),
+        "share": claim.share,
+        "probability": claim.probability,
+        "rivals": claim.rivals,
+        "equivalent": list(claim.equivalent),
+        "says": claim.says,
+    }
+
+
+def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool = True) -> Path:
+    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
+    folder = folder or e.problem.session.own_folder("explain")
+    with result_folder(folder):
+        write_whole(folder / "explain.json", truth_to_json(e))
+    if pictures:
+        from tinygc.reporting.pictures.truth import draw_truth
+
+        draw_truth(e, folder / "explain.png")
+    return folder
+
+
+def truth_page(e: TruthExplanation) -> Group:
+    """Verdict, claims, and the evidence of sensor, truth and clocks."""
+    parts: list = [truth_line(e), Text("")]
+    for claim in e.claims:
+        share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
+        share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
+        parts.append(one_line(f"  {claim.says}"))
+        parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
+    parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
+    parts += [_evidence(e), Text(CANNOT)]
+    return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
+
+
+def truth_line(e: TruthExplanation) -> Text:
+    """The session, the verdict, and how probable no more than noise is."""
+    return Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})")
+
+
+def values_of(claim: TruthClaim) -> list[str]:
+    """Each parameter in people's units, with its sigma where it has one."""
+    si = claim.effect.parameter.si
+    if claim.sigma is None:
+        return [f"{value:g}" for value in claim.theta / si]
+    return [f"{value:.4g} ± {sigma:.2g}" for value, sigma in zip(claim.theta / si, claim.sigma / si, strict=True)]
+
+
+def refusals(e: TruthExplanation) -> list[str]:
+    """A sentence for each name that would fit, but not at its size."""
+    return [
+        f"not named: {claim.effect.id} would fit with {largest(claim.theta) / claim.effect.parameter.si:.2g} "
+        f"{claim.effect.parameter.unit}, more than such a gyro has: it is something else, or the truth's"
+        for claim in e.refused
+    ]
+
+
+def independent(e: TruthExplanation) -> bool | None:
+    """Whether the closure over the shortest length is as large as the gyro's own noise makes it: a truth that was estimated with this very
+    gyro follows its noise.  None where that noise is not known, because the gyro is never still."""
+    if not len(e.lengths_s) or not len(e.problem.stills):
+        return None
+    return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > OWN_NOISE_SHARE * e.gyro_rad * np.sqrt(e.lengths_s[0]))
+
+
+def _evidence(e: TruthExplanation) -> Table:
+    table = Table(title="Evidence", title_justify="left", box=None)
+    table.add_column("of")
+    table.add_column("it says", overflow="fold")
+    for row in evidence_rows(e):
+        table.add_row(*row)
+    return table
+
+
+def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
+    """What each line of evidence is of (empty: as the line above), and what it says."""
+
+    def triple(values: np.ndarray, digits: int = 2) -> str:
+        return ", ".join(f"{value:.{digits}f}" for value in values)
+
+    grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
+    before, after = e.neighbours
+    rows = [
+        ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
+        ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
+        ("noise", _noise(e)),
+        ("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}"),
+        ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
+        ("", _own_noise(e)),
+        ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),
+        ("clocks", "truth not known" if e.alignment is None else f"truth {offset_text(e.alignment)}"),
+        ("frames", "not known" if e.alignment is None else f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
+    ]
+    if (force := e.force) is not None:
+        off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"
+        rows.append(("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}"))
+    if (rests := e.rests) is not None:
+        zero = f"zero-rate offset there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
+        rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
+        rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
+    return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
+
+
+def _noise(e: TruthExplanation) -> str:
+    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
+    return "; ".join(sizes) or "nothing beside the gyro's white noise"
+
+
+def _own_noise(e: TruthExplanation) -> str:
+    if not len(e.lengths_s):
+        return "too few moments of truth to see the closure grow"
+    if independent(e) is None:
+        return "the gyro is never still: its own noise is not known"
+    own = e.gyro_rad / DEG * np.sqrt(e.lengths_s[0])
+    too_good = "" if independent(e) else ": more than is seen, so the truth follows this gyro's noise and was made with it"
+    return f"the gyro's own noise would leave {own:.4f}° after the shortest length{too_good}"

@@ -1,0 +1,503 @@
+"""A virtual board: a session streamed through a pseudo-terminal, with the faults of a real line."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import tempfile
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from session.bench import frames
+from session.bench.events import HEADER, Info
+from session.bench.port import VIRTUAL_STEM, lock_of
+from session.bench.rawfile import lock
+from session.io.config import Sensor
+from session.io.errors import CalibrationError, DataError
+from session.io.files import MOST_TOML, read_text
+from session.io.folder import Session, read_session
+from session.io.registers import DEFAULT, RegisterUnits
+from session.io.results import write_text_whole
+from session.io.samples import Samples
+from session.io.sensors.profile import REGISTER_MAX
+from session.io.texts import comment
+from session.io.units import DEG, G
+from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, Plan, Stroke, not_faster, stroke
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.simulator import Recording, plan_of, simulate_session
+
+# What a board is paced by.
+
+
+class Clock:
+    """The host's."""
+
+    def now_s(self) -> float:
+        """Seconds since any moment."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Let so much time pass."""
+        time.sleep(seconds)
+
+
+# What goes wrong between a sensor and its host, drawn from a seed.
+
+
+@dataclass(frozen=True)
+class Faults:
+    """lost, torn: probability that a message is left out, or cut off somewhere; flip: that a bit is flipped; garbage: random bytes
+    whenever the board starts; reset, unplug: s of device time from one to the next, 0 never."""
+
+    lost: float = 0.0
+    flip: float = 0.0
+    torn: float = 0.0
+    garbage: float = 0.0
+    reset: float = 0.0
+    unplug: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> Faults:
+        """``lost=0.05,flip=0.01``; CalibrationError says which word is wrong."""
+        known = [field.name for field in fields(cls)]
+        chosen = {}
+        for word in filter(None, text.split(",")):
+            name, _, number = (part.strip() for part in word.partition("="))
+            try:
+                chosen[name] = float(number)
+            except ValueError:
+                raise CalibrationError(f"--faults {word!r}: expected NAME=NUMBER") from None
+            most = 1.0 if name in known[:3] else 1e9
+            if name not in known or not 0 <= chosen[name] <= most:
+                raise CalibrationError(f"--faults {word!r}: expected one of {', '.join(known)}, from 0 to {most:g}")
+        return cls(**chosen)
+
+
+def spoil(messages: list[bytes], faults: Faults, rng: np.random.Generator) -> bytes:
+    """What arrives of these messages."""
+    if faults.lost:
+        messages = [message for message, luck in zip(messages, rng.random(len(messages)), strict=True) if luck >= faults.lost]
+    if faults.torn:
+        torn = rng.random(len(messages)) < faults.torn
+        messages = [message[: rng.integers(len(message))] if cut else message for message, cut in zip(messages, torn, strict=True)]
+    data = b"".join(messages)
+    return flipped(data, faults.flip, rng) if faults.flip else data
+
+
+def flipped(data: bytes, probability: float, rng: np.random.Generator) -> bytes:
+    """Each bit turned over with this probability."""
+    bits = np.unpackbits(np.frombuffer(data, np.uint8))
+    return np.packbits(bits ^ (rng.random(len(bits)) < probability)).tobytes()
+
+
+# What a guided session asks for before its closure run: the table is set onto its index mark, and rests there.
+
+#: of the closure run, and of still_s: a rest on the mark, before the run and in it; longer than any that is asked for there
+REST_PART, REST_STILLS, REST_MORE_S = 0.11, 4.0, 1.5
+
+
+def onto_the_mark(options: SimulationOptions, plan: Plan) -> Plan:
+    """A plan with a closure run, before which all gimbals are turned to their zeros, and rest."""
+    if plan.closure is None:
+        return plan
+    rng = np.random.default_rng([options.seed, 99])
+    angles = plan.start_rad.copy()
+    before: list[GimbalTurn] = [each for each in plan.strokes if each.start_s < plan.log_s]
+    for each in before:
+        angles[each.gimbal] += each.change_rad
+    begin_s, rest_s = plan.log_s, max(REST_PART * options.closure_s, REST_STILLS * options.still_s) + REST_MORE_S
+    back = [-((angle + np.pi) % (2 * np.pi) - np.pi) for angle in angles]
+    way = [stroke(gimbal, begin_s, options.turn_s, float(change), rng) for gimbal, change in enumerate(back)]
+    if len(slower := not_faster(way, PEAK_RPS)) and slower is not way:  # a slower hand takes longer; it still arrives
+        seconds = options.turn_s * float(way[0].change_rad / slower[0].change_rad)
+        way = [replace(each, duration_s=seconds) for each in way]
+    later_s = max(each.duration_s for each in way) + rest_s
+    run = [_later(each, later_s) for each in plan.strokes if each.start_s >= plan.log_s]
+    log_s, closure = plan.log_s + later_s, (plan.closure[0] + later_s, plan.closure[1] + later_s)
+    turns = (*plan.turns, (begin_s, begin_s + later_s - rest_s))
+    return Plan(plan.start_rad, (*before, *way, *run), turns, log_s, closure, plan.duration_s + later_s)
+
+
+def _later(each: GimbalTurn, seconds: float) -> Stroke:
+    assert isinstance(each, Stroke)  # a hand's plan holds no others
+    return replace(each, start_s=each.start_s + seconds)
+
+
+# What the board's sensor reads: still, then a session, then still for as long as one likes.
+
+#: the first and the last this much of a session is still
+STILL_S = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
+    the model and the full scales of ``info`` do not say it; number: which of a simulated sensor's movements (``takes``)."""
+
+    rows: np.ndarray
+    info: Info
+    config: str | None = None
+    units: RegisterUnits | None = None
+    number: int | None = None
+
+    def in_units(self, rows: np.ndarray) -> np.ndarray:
+        """Registers (n, 7) in dps, g and degC; 0 degC where the temperature's meaning is not known."""
+        values, info = rows.astype(float), self.info
+        units = self.units or RegisterUnits(info.sensor or DEFAULT, info.gyro_fs_dps, info.accel_fs_g)
+        temp_c = units.temperature_c(values[:, 6])
+        temp_c = np.zeros(len(rows)) if temp_c is None else temp_c
+        return np.column_stack([values[:, :3] * (units.gyro_rps / DEG), values[:, 3:6] * (units.accel_mps2 / G), temp_c])
+
+    def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
+        """Rows start <= i < stop; before 0 and behind the last, still ones: drawn from the first and the last still."""
+        count = max(1, min(len(self.rows), round(STILL_S * self.info.odr_hz)))
+        before = rng.integers(0, count, max(0, min(stop, 0) - start))
+        behind = len(self.rows) - 1 - rng.integers(0, count, max(0, stop - max(start, len(self.rows))))
+        return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
+
+
+def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> Source:
+    """A simulated session; before its closure run, if any, the table is set onto its index mark, and all follows without a break.
+
+    calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: another sensor than the one that is drawn.
+    """
+    from tinygc.simulation.write import config_text
+
+    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)), unit=unit)
+    parts = [part for part in (simulation.log, simulation.closure) if part is not None]
+    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
+    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))
+
+
+def recorded(folder: Path) -> Source:
+    """The logs of a session folder, one after the other, then its closure runs, as registers at the rate that their stamps show."""
+    session = read_session(folder)
+    logs = [log.samples for log in (*session.logs, *session.closures)]
+    sensor = session.config.sensor
+    odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
+    rows = np.concatenate([_registers(samples, session) for samples in logs])
+    return Source(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
+
+
+def _word(sensor: Sensor) -> str:
+    """The model as one word of a comment; empty where it is none that is known."""
+    return "" if sensor.profile is None else sensor.profile.name
+
+
+def _rows(recording: Recording) -> np.ndarray:
+    return np.column_stack([recording.gyro, recording.accel, recording.temp])
+
+
+def _registers(samples: Samples, session: Session) -> np.ndarray:
+    sensor = session.config.sensor
+    units = sensor.register_units
+    temp = units.temperature_lsb(samples.temp_c, len(samples))
+    rows = np.rint(np.column_stack([samples.gyro / units.gyro_rps, samples.accel / units.accel_mps2, temp]))
+    if np.abs(rows).max() > REGISTER_MAX + 1:
+        raise DataError(f"{session.folder}: holds values beyond the registers of {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g")
+    return rows.astype(np.int16)
+
+
+# Which movement a virtual board streams: a real one that is switched on again is the same sensor, but no hand turns it twice alike.
+#
+# A take is a movement, with its noise, of one simulated sensor.  The board remembers, beside its link, which takes of a seed it has begun,
+# and streams the next one; so a recording that was interrupted goes on with turns that it does not hold yet.
+
+MOST_TAKES = 10**9
+MOST_BYTES = 100_000
+
+
+def taken(options: SimulationOptions, take: int) -> SimulationOptions:
+    """The session of that take, counted from 1: take 1 is the session of ``options`` itself, a later one has its unit."""
+    if take == 1:
+        return options
+    (seed,) = np.random.SeedSequence([options.seed, take]).generate_state(1, np.uint64)
+    return replace(options, seed=int(seed) >> 1, unit_seed=options.unit_drawn_from)  # what a command line's --seed can be
+
+
+def next_take(link: Path, seed: int) -> int:
+    """The take of that seed that no board at ``link`` has begun yet; 1 where nothing is known."""
+    return _known(link).get(seed, 0) + 1
+
+
+def remember(link: Path, seed: int, take: int) -> None:
+    """That a board at ``link`` begins this take.  Where it cannot be written the board streams all the same."""
+    known = _known(link)
+    known[seed] = max(take, known.get(seed, 0))
+    try:
+        write_text_whole(_memory_of(link), "".join(f"{each} {count}\n" for each, count in sorted(known.items())))
+    except (OSError, CalibrationError):
+        return
+
+
+def _memory_of(link: Path) -> Path:
+    return link.with_name(link.name + ".takes")
+
+
+def _known(link: Path) -> dict[int, int]:
+    """Seed -> last take; nothing of a file that is none of ours."""
+    try:
+        pairs = [tuple(map(int, line.split())) for line in read_text(_memory_of(link), MOST_BYTES).splitlines()]
+        known = {seed: take for seed, take in pairs}
+    except (OSError, ValueError, CalibrationError):
+        return {}
+    return known if all(0 < take < MOST_TAKES for take in known.values()) else {}
+
+
+# The board's end of the cable: a pseudo-terminal under a name that stays, written without ever waiting for the reader.
+
+#: what a board with some memory can hold back while its host is busy
+MEMORY_BYTES = 65_536
+DRAIN_S = 0.3
+
+
+class Terminal:
+    """``name`` is a link to the present pseudo-terminal; it goes with ``unplug`` and comes back with ``plug``.
+
+    memory: bytes that can wait for the reader; dropped: writes that did not fit, since nobody read.
+    Use as a context: the link goes with it.
+    """
+
+    def __init__(self, link: Path | None = None, memory: int = MEMORY_BYTES):
+        self.name, self._lock = _claim([link] if link else _usual_links())
+        self.dropped, self._memory = 0, memory
+        self._master = -1
+        self._waiting = b""
+
+    def __enter__(self) -> Terminal:
+        try:
+            self.plug()
+        except CalibrationError:
+            self.let_go()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        deadline = time.monotonic() + DRAIN_S
+        while self._waiting and self.write(b"") and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if self.has_reader:
+            time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
+        self.unplug()
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Give the name back, where nothing was plugged, or no more."""
+        lock_of(self.name).unlink(missing_ok=True)
+        self._lock.close()
+
+    def plug(self) -> None:
+        """Make the port; CalibrationError where the link's place is taken."""
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)  # no echo, no line discipline
+        os.set_blocking(self._master, False)
+        try:
+            if self.name.is_symlink() and os.readlink(self.name).startswith("/dev/"):
+                self.name.unlink()  # left by a board that was killed: we hold its lock
+            self.name.symlink_to(os.ttyname(slave))
+        except OSError as error:
+            os.close(self._master)
+            raise CalibrationError(f"{self.name}: {error.strerror or error}; give --link another path") from None
+        finally:
+            os.close(slave)  # from now on the master sees whether a reader is there
+
+    def unplug(self) -> None:
+        """Pull the cable: the reader gets an error, the name is gone."""
+        if self._master >= 0:
+            with contextlib.suppress(OSError):
+                self.name.unlink()
+            os.close(self._master)
+            self._master, self._waiting = -1, b""
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether somebody has the port open."""
+        if self._master < 0:
+            return False
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0))
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that did not fit into the terminal yet."""
+        return len(self._waiting)
+
+    def write(self, data: bytes) -> bool:
+        """Send, and keep what does not fit at once.  False: ``data`` was dropped, since the memory is full or nobody listens."""
+        if not self.has_reader:
+            self._waiting = b""
+            return False
+        fits = len(self._waiting) + len(data) <= self._memory
+        self._waiting += data if fits else b""
+        self.dropped += not fits
+        with contextlib.suppress(OSError):
+            while self._waiting:
+                self._waiting = self._waiting[os.write(self._master, self._waiting) :]
+        return fits
+
+    def read(self) -> bytes:
+        """What the reader has sent meanwhile."""
+        data = b""
+        with contextlib.suppress(OSError):  # nothing more is there, or nobody
+            while self._master >= 0 and (part := os.read(self._master, 4096)):
+                data += part
+        return data
+
+
+def _usual_links() -> list[Path]:
+    return [Path(tempfile.gettempdir()) / f"{VIRTUAL_STEM}{number or ''}" for number in range(100)]
+
+
+def _claim(names: list[Path]) -> tuple[Path, IO]:
+    """The first name that no running board has, and its lock, which the system takes away with the process."""
+    for name in names:
+        try:
+            file = lock_of(name).open("a")
+        except OSError as error:
+            raise CalibrationError(f"{name}: {error.strerror or error}; give --link another path") from None
+        if os.fstat(file.fileno()).st_size:  # a board's is empty, and goes with it
+            file.close()
+            raise CalibrationError(f"{lock_of(name)}: is no lock of a virtual board; give --link another path")
+        if lock(file.fileno()):
+            return name, file
+        file.close()
+    raise CalibrationError(f"{names[0]}: another virtual board runs there; give --link another path")
+
+
+# Streams a source in real time, or so many times faster.
+
+TICK_S = 0.004
+#: physical units with the digits of a float32, which a board's printf has
+ROW, PHYSICAL_ROW = ",".join(["%d"] * 8) + "\n", ",".join(["%d"] + ["%.7g"] * 7) + "\n"
+PHYSICAL_HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
+CATCH_UP_S = 0.02  #: of lateness made up for in a tick
+RESET_S = 0.5  #: a board starts up in about this time
+UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
+
+
+@dataclass
+class Board:
+    """frames: instead of text lines; physical: the lines are in dps, g and degC.
+
+    lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
+    returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes); clock: what time passes by.
+
+    Counts: sent (samples that were put on the wire, or spoilt by the faults), starts (of the device).
+    """
+
+    source: Source
+    terminal: Terminal
+    frames: bool = False
+    physical: bool = False
+    speed: float = 1.0
+    lead_s: float = 10.0
+    tail_s: float | None = None
+    uptime_s: float = 0.0
+    faults: Faults = field(default_factory=Faults)
+    seed: int = 0
+    say: Callable[[str], None] = lambda what: None
+    clock: Clock = field(default_factory=Clock)
+    sent: int = 0
+    starts: int = 0
+
+    def run(self) -> None:
+        """Stream until the tail is over."""
+        self._rng = np.random.default_rng(self.seed)
+        odr_hz = self.source.info.odr_hz
+        lead, length = round(self.lead_s * odr_hz), len(self.source.rows)
+        last = None if self.tail_s is None else length + round(self.tail_s * odr_hz)
+        self._position = -lead  # of the next sample in the source
+        began, self._begun, told = self.clock.now_s(), False, False
+        self._reset_at, self._unplug_at = (self._next(period) for period in (self.faults.reset, self.faults.unplug))
+        self._plug_at = np.inf  # host time
+        self._start(self.uptime_s)
+        while last is None or self._position < last:
+            self.clock.sleep(TICK_S)
+            if not self._begun:
+                if not self.terminal.has_reader:
+                    continue
+                self._begun, began = True, self.clock.now_s()
+                self.say(f"a reader is there: {self.lead_s:g} s still, then the session")
+                self._start(self.uptime_s)
+            due = -lead + int((self.clock.now_s() - began) * odr_hz * self.speed)
+            # A board that the machine let wait catches up in small steps: a burst would overrun its own memory.
+            due = min(due, self._position + max(64, int(CATCH_UP_S * odr_hz * self.speed)))
+            self._send(due if last is None else min(due, last))
+            if not told and self._position >= length:
+                told = True
+                self.say("the session is over: still from here on")
+            self._mishaps()
+
+    def _next(self, period_s: float) -> float:
+        return self._position + period_s * self.source.info.odr_hz if period_s else np.inf
+
+    def _start(self, uptime_s: float) -> None:
+        """Switch on: sequence and time begin anew."""
+        self._sequence, self._zero_us, self._zero = 0, uptime_s * 1e6, self._position
+        self._next_info = self._position
+        self._silent_until = self._position
+        self.starts += 1
+        if self.faults.garbage:
+            self.terminal.write(self._rng.bytes(int(self.faults.garbage)))
+        if not self.frames:
+            self.terminal.write(f"{PHYSICAL_HEADER if self.physical else HEADER}\n".encode())
+
+    def _send(self, due: int) -> None:
+        """All samples before ``due``."""
+        while self._position < due:
+            stop = min(due, self._next_info) if self._next_info > self._position else self._position
+            if stop > self._position:
+                self._samples(stop)
+            if self._position == self._next_info:
+                self._info()
+                self._next_info += max(1, round(self.source.info.odr_hz))
+
+    def _samples(self, stop: int) -> None:
+        rows = self.source.take(self._position, stop, self._rng)
+        t_us = np.rint(self._zero_us + (np.arange(self._position, stop) - self._zero) / self.source.info.odr_hz * 1e6).astype(np.int64)
+        if self.frames:
+            table = frames.encode_samples(self._sequence + np.arange(len(rows)), t_us, rows)
+            self._sequence += len(rows)
+            messages = [table.tobytes()] if self.faults == Faults() else [row.tobytes() for row in table]
+        else:
+            table = np.column_stack([t_us % 2**32, self.source.in_units(rows) if self.physical else rows])
+            text = (PHYSICAL_ROW if self.physical else ROW) * len(table) % tuple(table.ravel().tolist())
+            messages = [text.encode()] if self.faults == Faults() else [line.encode() for line in text.splitlines(keepends=True)]
+        if self._position >= self._silent_until and self.terminal.write(spoil(messages, self.faults, self._rng)):
+            self.sent += len(rows)
+        self._position = stop
+
+    def _info(self) -> None:
+        if self.frames:
+            message = frames.encode_info(self._sequence, self.source.info)
+            self._sequence += 1
+        else:
+            message = f"# {comment(self.source.info.text)}\n".encode()  # a serial number is one line, whatever it says
+        if self._position >= self._silent_until:
+            self.terminal.write(spoil([message], self.faults, self._rng))
+
+    def _mishaps(self) -> None:
+        if self._position >= self._unplug_at:
+            self.say("the cable is pulled")
+            self.terminal.unplug()
+            self._unplug_at, self._plug_at = np.inf, self.clock.now_s() + UNPLUGGED_S
+        elif self.clock.now_s() >= self._plug_at:
+            self.say("the cable is back, and the board starts up")
+            self.terminal.plug()
+            self._unplug_at, self._plug_at = self._next(self.faults.unplug), np.inf
+            self._start(0.0)
+        elif self._position >= self._reset_at:
+            self.say("the board resets")
+            self._reset_at = self._next(self.faults.reset)
+            self._start(0.0)
+            self._silent_until = self._position + round(RESET_S * self.source.info.odr_hz)

@@ -1,0 +1,44 @@
+"""Annexes: parts of the tool that the core does not know, a folder each in ``session/annexes`` or ``tinygc/annexes``.
+
+A folder may be removed.  The core holds this one table of names: which module of which annex serves what.  It imports none of them;
+``find`` and ``need`` import a module when somebody asks for what it serves.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from types import ModuleType
+
+from session.io.errors import CalibrationError
+
+#: what an annex serves, as a person would ask for it -> its module
+SERVICES = {
+    "recordings of arrays": "session.annexes.arrays.recording",
+}
+
+
+class MissingAnnexError(CalibrationError):
+    """An annex is asked for whose folder is not there."""
+
+
+def find(service: str) -> ModuleType | None:
+    """The module that serves it (a key of ``SERVICES``); None where its annex was removed."""
+    name = SERVICES[service]
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        # What an annex itself lacks, a package that is not installed for one, is another matter.
+        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise
+        return None
+
+
+def need(service: str) -> ModuleType:
+    """The module that serves it.  Raises MissingAnnexError, in one line, where its annex was removed."""
+    module = find(service)
+    if module is None:
+        package, _, annex = SERVICES[service].split(".")[:3]
+        raise MissingAnnexError(
+            f"{service}: served by the annex {annex}, which is not there ({package}/annexes/{annex}/); install the whole of TinyGC"
+        )
+    return module

@@ -1,12 +1,13 @@
-"""Who imports whom: the plan of the house, as each folder's ``__init__.py`` states it, and nothing beside it.
+"""Who imports whom: the floors of ARCHITECTURE.md, held against every import, and nothing beside them.
 
-A folder of ``session`` or ``tinygc`` says what lives in it, and ends its docstring with a line ``May import: a, b, c.``: folders of the
-same package, ``session`` as a whole for those of ``tinygc``, or ``nothing``.  Imports count wherever they stand, in a function too.
+A room is a folder of ``session`` or ``tinygc``.  The page lists the floors from the ground up, and on each floor its rooms from left to
+right: a room imports rooms below it, or left of it on its own floor.  An annex imports the core and the annexes that the page names for
+it; the core imports no annex.  Imports count wherever they stand, in a function, too.
 """
 
 import ast
+import re
 import sys
-from collections.abc import Iterable
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -16,56 +17,64 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("session", "tinygc")
-#: stands for the modules that lie right in a folder, beside its sub-folders
-OWN = "*"
-#: parts that a folder lists by name and that use its tools: one thing in two folders, for the length of the list
-OWN_PARTS = {"tinygc.cli.commands", "tinygc.reporting.pictures.panels", "tinygc.reporting.html.sections"}
-FOLDERS = sorted((package, path.parent.name) for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py"))
+PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+#: modules right in a package: its own file, and the door to an annex
+LOOSE = {"session": ["__init__.py", "public.py"], "tinygc": ["__init__.py"]}
+#: where names of annexes' modules stand as strings
+REGISTRIES = {"session.io.annexes"}
+#: folders of parts that use the tools of the folder that lists them
+PLUGINS = ("tinygc.cli.commands", "tinygc.deploy.exports", "tinygc.effects.entries", "tinygc.reporting.html.sections")
 
 
-def module_of(path: Path, root: Path = ROOT) -> str:
-    """``tinygc/estimation/fit.py`` → ``tinygc.estimation.fit``; a package's own file has the package's name."""
-    parts = path.relative_to(root).with_suffix("").parts
+def module_of(path: Path) -> str:
+    """``tinygc/closure/build.py`` → ``tinygc.closure.build``; a package's own file has the package's name."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports_of(text: str, known: frozenset[str]) -> set[str]:
+FILES = {module_of(path): path for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
+
+
+@cache
+def tree_of(module: str) -> ast.Module:
+    return ast.parse(FILES[module].read_text(encoding="utf-8"))
+
+
+def imports_of(tree: ast.Module, known: set[str]) -> set[str]:
     """Modules among the known that a file names: of ``from a import b``, ``a.b`` if that is a module, else ``a``."""
     found = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "imports say the whole name"
-            for alias in node.names:
-                whole = f"{node.module}.{alias.name}"
-                found.add(whole if whole in known else node.module)
+            assert node.level == 0, "imports state the whole name"
+            found |= {whole if (whole := f"{node.module}.{alias.name}") in known else node.module for alias in node.names}
     return found & known
 
 
 @cache
 def graph() -> dict[str, set[str]]:
     """Every module of both packages and what it imports of them."""
-    files = {module_of(path): path for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
-    known = frozenset(files)
-    return {module: imports_of(path.read_text(encoding="utf-8"), known) - {module} for module, path in files.items()}
+    return {module: imports_of(tree_of(module), set(FILES)) - {module} for module in FILES}
 
 
-def folder_of(module: str, seen_from: str) -> str:
-    """A module's folder; ``session`` as a whole, seen from ``tinygc``; empty for a package's own file."""
-    package, *rest = module.split(".")
-    return package if package != seen_from else rest[0] if rest else ""
+def room_of(module: str) -> str:
+    """``tinygc.closure``; of an annex ``tinygc.annexes.lots``."""
+    parts = module.split(".")
+    return ".".join(parts[: 3 if parts[1:2] == ["annexes"] else 2])
 
 
-def stated(package: str, folder: str) -> list[str]:
-    """What the folder says that it may import."""
-    text = ast.get_docstring(ast.parse((ROOT / package / folder / "__init__.py").read_text(encoding="utf-8"))) or ""
-    lines = [line.strip() for line in text.splitlines()]
-    begins = [number for number, line in enumerate(lines) if line.startswith("May import: ")]
-    assert len(begins) == 1, f"{package}/{folder}/__init__.py: its docstring ends with one line 'May import: …'"
-    said = " ".join(lines[begins[0] :]).removeprefix("May import: ")
-    assert said.endswith("."), said
-    return [] if said == "nothing." else said.removesuffix(".").split(", ")
+def floors() -> list[list[str]]:
+    """The rooms of the page's table, a list for each floor, from the ground up."""
+    rows = re.findall(r"^\| (\d) \| (.+?) \|", PAGE, re.M)
+    assert [int(number) for number, _ in rows] == sorted(range(1, len(rows) + 1), reverse=True)
+    return [re.findall(r"`([\w.]+)`", rooms) for _, rooms in reversed(rows)]
+
+
+def annexes() -> dict[str, set[str]]:
+    """Each annex of the page, and the annexes that it may import."""
+    rows = re.findall(r"^\| `((?:session|tinygc)\.annexes\.\w+)` \| .+? \| (.+?) \|$", PAGE, re.M)
+    return {name: set(re.findall(r"`([\w.]+)`", others)) for name, others in rows}
 
 
 def circle(edges: dict[str, set[str]]) -> list[str]:
@@ -77,168 +86,96 @@ def circle(edges: dict[str, set[str]]) -> list[str]:
     return []
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_no_module_lies_beside_the_folders(package):
-    loose = sorted(path.name for path in (ROOT / package).glob("*.py"))
-    assert loose == ["__init__.py"]
-    for path in (ROOT / package).iterdir():
-        assert not path.is_dir() or path.name == "__pycache__" or (path / "__init__.py").exists(), f"{path.name} does not say what it is"
-
-
-@pytest.mark.parametrize(("package", "folder"), FOLDERS)
-def test_a_folder_imports_what_it_says_and_says_what_it_imports(package, folder):
-    mine = [module for module in graph() if module.startswith(f"{package}.{folder}.") or module == f"{package}.{folder}"]
-    named = {folder_of(other, package): (module, other) for module in mine for other in graph()[module]}
-    for other in ("", folder):
-        named.pop(other, None)
-    may = stated(package, folder)
-    assert not {other: named[other] for other in set(named) - set(may)}, f"{package}/{folder} imports what it does not name"
-    known = {name for each, name in FOLDERS if each == package} | set(PACKAGES)
-    assert set(may) <= known, f"{package}/{folder} names what there is not"
-    assert len(set(may)) == len(may)
+def test_the_page_lists_every_room_and_every_annex_once():
+    listed = [room for floor in floors() for room in floor]
+    rooms = {room_of(module) for module in FILES if module.count(".") and module not in ("session.public",)}
+    assert sorted(listed) == sorted(room for room in rooms if "annexes" not in room)
+    assert set(annexes()) == {room for room in rooms if room.count(".") == 2}
+    assert len(floors()) <= 8
+    assert len(listed) <= 17
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_no_folder_stands_above_one_that_stands_above_it(package):
-    """By what they say: so no import runs up, and a drawing of the layers has an order."""
-    assert circle({folder: set(stated(package, folder)) - {"session"} for each, folder in FOLDERS if each == package}) == []
+def test_no_module_lies_beside_the_rooms(package):
+    assert set(path.name for path in (ROOT / package).glob("*.py")) <= set(LOOSE[package])
+    for path in (ROOT / package).rglob("*"):
+        assert not path.is_dir() or not any(path.glob("*.py")) or (path / "__init__.py").exists(), f"{path} does not say what it is"
 
 
-def sub_folders(folder: str, modules: Iterable[str]) -> set[str]:
-    """Names of the packages with modules right below a package."""
-    below = [module.removeprefix(f"{folder}.").split(".") for module in modules if module.startswith(f"{folder}.")]
-    return {parts[0] for parts in below if len(parts) > 1}
+def test_no_import_runs_up_and_none_runs_from_the_core_into_an_annex():
+    order = {room: number for number, room in enumerate(room for floor in floors() for room in floor)}
+    wrong = {
+        (module, other)
+        for module, others in graph().items()
+        for other in others
+        if room_of(module) in order and other not in PACKAGES and order.get(room_of(other), 99) > order[room_of(module)]
+    }
+    assert wrong == set()
 
 
-def units(folder: str, imports: dict[str, set[str]]) -> dict[str, set[str]]:
-    """Of one folder: each sub-folder as a whole, and ``OWN``, the modules that lie right in it; what each imports of the others."""
-    subs = sub_folders(folder, imports)
-
-    def unit(module: str) -> str:
-        name = module.removeprefix(f"{folder}.").split(".")[0]
-        return name if name in subs else OWN
-
-    inside = {module for module in imports if module == folder or module.startswith(f"{folder}.")}
-    edges: dict[str, set[str]] = {name: set() for name in (*subs, OWN)}
-    for module in inside:
-        edges[unit(module)] |= {unit(other) for other in imports[module] & inside}
-    return {name: others - {name} for name, others in edges.items()}
-
-
-def without_own_parts(folder: str, edges: dict[str, set[str]]) -> dict[str, set[str]]:
-    """The graph of ``units`` less what an ``OWN_PARTS`` sub-folder takes from the modules that list it."""
-    return {name: others - {OWN} if f"{folder}.{name}" in OWN_PARTS else others for name, others in edges.items()}
-
-
-PARENTS = sorted(
-    module_of(path) for package in PACKAGES for path in (ROOT / package).glob("*/**/__init__.py") if any(path.parent.glob("*/__init__.py"))
-)
-
-
-@pytest.mark.parametrize("folder", PARENTS)
-def test_no_sub_folder_stands_above_a_sibling_that_stands_above_it(folder):
-    """Neither another sub-folder nor the modules right beside it: two levels down there is an order, too."""
-    assert circle(without_own_parts(folder, units(folder, graph()))) == []
-
-
-@pytest.mark.parametrize("whole", sorted(OWN_PARTS))
-def test_a_folder_is_let_off_only_where_it_needs_to_be(whole):
-    folder, _, name = whole.rpartition(".")
-    edges = units(folder, graph())
-    assert name in edges[OWN]
-    assert OWN in edges[name]
+def test_an_annex_imports_the_core_and_the_annexes_that_the_page_names():
+    may = annexes()
+    wrong = {
+        (module, other)
+        for module, others in graph().items()
+        for other in others
+        if room_of(module) in may and "annexes." in other and room_of(other) not in may[room_of(module)] | {room_of(module)}
+    }
+    assert wrong == set()
+    assert circle(may) == []
 
 
 def test_no_two_modules_import_each_other():
     assert circle(graph()) == []
 
 
-#: modules that are found by a name in a string, not by an import, and run up: the proof of effects is part of their layer's face
-BY_NAME_ABOVE = {"tinygc.effects.testing": {"tinygc.annexes.challenge.proofs"}}
-
-
-def test_no_string_names_a_module_above():
-    """What is imported by its name counts as an import."""
-    order = list(TopologicalSorter({f: set(stated("tinygc", f)) - {"session"} for p, f in FOLDERS if p == "tinygc"}).static_order())
-    known, above = set(graph()), {}
-    for module in sorted(known):
-        package, *rest = module.split(".")
-        if package == "session" or not rest:
+def test_only_the_registry_names_modules_of_annexes():
+    """Names in strings would be imports by another road."""
+    for module in FILES:
+        if "annexes." in module or module in REGISTRIES:
             continue
-        path = ROOT / (module.replace(".", "/") + ".py")
-        tree = ast.parse((path if path.exists() else path.with_suffix("") / "__init__.py").read_text(encoding="utf-8"))
-        texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
-        named = {text for text in texts & known if text.startswith("tinygc.") and order.index(text.split(".")[1]) > order.index(rest[0])}
-        if named:
-            above[module] = named
-    assert above == BY_NAME_ABOVE
+        texts = {node.value for node in ast.walk(tree_of(module)) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        assert not {text for text in texts if re.fullmatch(r"(session|tinygc)\.annexes\.[\w.]+", text)}, module
 
 
 def test_the_bench_side_names_neither_the_estimators_nor_torch():
-    """Not even inside a function."""
-    for path in (ROOT / "session").rglob("*.py"):
-        named = {
-            name.split(".")[0]
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(node, (ast.Import, ast.ImportFrom))
-            for name in ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""])
-        }
-        assert not named & {"torch", "tinygc"}, path
+    for module in FILES:
+        if module.split(".")[0] != "session":
+            continue
+        for node in ast.walk(tree_of(module)):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not {name.split(".")[0] for name in names} & {"torch", "tinygc"}, module
 
 
-@pytest.mark.parametrize("folder", sorted(OWN_PARTS))
-def test_a_part_of_a_list_does_not_ask_the_list_for_another(folder):
-    """The list imports every part, so the part would wait for itself; what two parts share is named by its own file."""
-    parts = [path for path in (ROOT / folder.replace(".", "/")).glob("*.py") if path.name != "__init__.py"]
-    nodes = [(path.name, node) for path in parts for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+@pytest.mark.parametrize("folder", PLUGINS)
+def test_a_part_of_a_list_does_not_import_the_list(folder):
+    """The list imports every part, so the part would wait for itself."""
+    parts = [module for module in FILES if module.startswith(f"{folder}.")]
     assert len(parts) > 5
-    assert [name for name, node in nodes if isinstance(node, ast.ImportFrom) and node.module == folder] == []
+    assert [module for module in parts if folder in graph()[module]] == []
+
+
+def test_no_module_bears_the_name_of_a_public_function():
+    import tinygc
+
+    functions = {name for name in tinygc.__all__ if callable(getattr(tinygc, name)) and name.islower()}
+    assert len(functions) >= 6
+    assert not {f"tinygc.{name}" for name in functions} & set(FILES)
 
 
 def test_recording_never_loads_the_estimators():
-    modules = sorted(module for module in graph() if module.split(".")[0] == "session")
+    modules = sorted(module for module in FILES if module.split(".")[0] == "session" and not module.endswith("__main__"))
     code = f"import sys, {', '.join(modules)}; print(sorted({{'torch', 'tinygc'}} & set(sys.modules)))"
     assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
-# The rules themselves
-
-
 def test_an_import_is_seen_wherever_it_stands():
-    known = frozenset({"tinygc", "tinygc.fitting", "tinygc.estimation.fit", "session.log"})
-    text = "import tinygc.estimation.fit\ndef f():\n    from tinygc import fitting\n    from session.log import Session\nimport numpy\n"
-    assert imports_of(text, known) == {"tinygc.estimation.fit", "tinygc.fitting", "session.log"}
+    known = {"tinygc", "tinygc.closure", "tinygc.closure.build", "session.io"}
+    text = "import tinygc.closure.build\ndef f():\n    from tinygc import closure\n    from session.io import Session\nimport numpy\n"
+    assert imports_of(ast.parse(text), known) == {"tinygc.closure.build", "tinygc.closure", "session.io"}
 
 
 def test_a_circle_is_seen():
     assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
     assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}
-
-
-def test_a_circle_of_sub_folders_is_seen():
-    """Also one that goes through the modules beside them, and one that no two modules close."""
-    imports = {"p": set(), "p.a": set(), "p.b": set(), "p.a.x": {"p.b.x"}, "p.b.x": set(), "p.b.y": {"p.top"}, "p.top": set()}
-    assert sub_folders("p", imports) == {"a", "b"}
-    assert units("p", imports) == {"a": {"b"}, "b": {OWN}, OWN: set()}
-    assert circle(units("p", imports)) == []
-    assert set(circle(units("p", imports | {"p.b.y": {"p.a"}}))) == {"a", "b"}
-    assert set(circle(units("p", imports | {"p.other": {"p.a.x"}}))) == {"a", "b", OWN}
-
-
-def test_every_sub_folder_is_looked_at():
-    packages = {module_of(path) for package in PACKAGES for path in (ROOT / package).glob("*/*/**/__init__.py")}
-    with_code = {module_of(path.parent / "__init__.py") for package in PACKAGES for path in (ROOT / package).glob("*/*/**/*.py")}
-    looked_at = {f"{parent}.{name}" for parent in PARENTS for name in sub_folders(parent, graph())}
-    assert with_code <= packages, "a folder does not say what it is"
-    assert with_code == looked_at
-    assert len(looked_at) > 15
-
-
-def test_every_folder_is_looked_at():
-    assert {"common", "files", "sensor", "dialects", "log", "detect", "checks", "stream", "recording", "replay", "guide", "public"} <= {
-        folder for package, folder in FOLDERS if package == "session"
-    }
-    assert len(graph()) > 200
-    assert folder_of("session.io.folder", "tinygc") == "session"
-    assert folder_of("tinygc", "tinygc") == ""
-    assert folder_of("tinygc.estimation.fit", "tinygc") == "fitting"

@@ -1,6 +1,4 @@
 """The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution.
-
-May import: session, attitude, effects, models, lot.
 """
 
 from tinygc.closure.residual import (

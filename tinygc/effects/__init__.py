@@ -4,8 +4,6 @@ A file that defines ``EFFECT``, an ``Effect``, is an effect, wherever it lies: i
 point of the group ``tinygc.effects``), or in a folder that the user names (``load_folder``, ``--effects DIR``).  Nothing else has to be
 changed: naming, refitting, simulating, drawing, live use, exports and C follow from what the record declares.
 ``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` proves an effect.
-
-May import: session, attitude.
 """
 
 from tinygc.effects import signals

@@ -1,0 +1,61 @@
+"""Modules that users of 0.1.0 import by their old names: they work on until 0.3, with one line that states the new name.
+
+Only names that pages of 0.1.0 showed to users are kept.  ``install`` adds a finder behind Python's own, so that nothing is slower.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+_EMULATED = "tinygc.annexes.emulated"
+#: old name -> new name
+RENAMED = {
+    "session.common.errors": "session.io.errors",
+    "session.common.units": "session.io.units",
+    "session.log.array_reading": "session.annexes.arrays.recording",
+    "tinygc.array.ages.ages": "tinygc.annexes.arrays.latency",
+    "tinygc.array.fused.model_files": "tinygc.annexes.arrays.model",
+    "tinygc.array.places.places": "tinygc.annexes.arrays.extrinsics",
+    "tinygc.deploy.array.live": "tinygc.annexes.arrays.voting",
+    "tinygc.deploy.exports._linear": "tinygc.deploy.exports._text",
+    "tinygc.deploy.exports._remarks": "tinygc.deploy.exports._text",
+    "tinygc.effects.columns": "tinygc.effects.movement",
+    "tinygc.effects.conditions": "tinygc.effects.movement",
+    "tinygc.effects.parameter": "tinygc.effects.effect",
+    "tinygc.effects.picture": "tinygc.effects.effect",
+    "tinygc.effects.reach": "tinygc.effects.movement",
+    "tinygc.fleet.results": "tinygc.annexes.lots.fleet.summary",
+    "tinygc.lot.report": "tinygc.annexes.lots.report",
+    "tinygc.simulation.asm330lhh.faults": f"{_EMULATED}.readings",
+    "tinygc.simulation.asm330lhh.motion": f"{_EMULATED}.readings",
+    "tinygc.simulation.asm330lhh.port": f"{_EMULATED}.sensor",
+    "tinygc.simulation.asm330lhh.readings": f"{_EMULATED}.readings",
+    "tinygc.simulation.asm330lhh.sensor": f"{_EMULATED}.sensor",
+    "tinygc.simulation.stm32f405.machine": f"{_EMULATED}.machine",
+}
+#: packages that are gone, and that Python asks for on the way to an old name
+_PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}
+
+
+class _Finder(MetaPathFinder, Loader):
+    def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
+        return ModuleSpec(name, self, is_package=name in _PARENTS) if name in RENAMED or name in _PARENTS else None
+
+    def create_module(self, spec: ModuleSpec) -> None:
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        name = module.__name__
+        if name in RENAMED:
+            print(f"{name} is now {RENAMED[name]}; the old name goes with version 0.3", file=sys.stderr)
+            sys.modules[name] = import_module(RENAMED[name])  # the import system takes the module that stands here
+
+
+def install() -> None:
+    """Let old names lead to the new modules, behind every other finder."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.append(_Finder())

@@ -28,7 +28,8 @@ import numpy as np
 from common import markdown, progress
 
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.virtual_board import Board, Terminal, simulated
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import Board, simulated
 
 ROOT = Path(__file__).resolve().parent.parent
 SETTLED_S = 6.0  #: behind the first sample: modules are loaded by then

@@ -15,7 +15,8 @@ from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until, wait
 from session.bench.decoder import StreamDecoder
 from session.bench.logwriter import LogWriter
 from session.bench.recorder import Recorder, stream
-from tinygc.simulation.virtual_board import Clock, Terminal
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import Clock
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time

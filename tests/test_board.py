@@ -20,7 +20,8 @@ from session.io.config import Sensor
 from session.io.errors import CalibrationError
 from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
-from tinygc.simulation.virtual_board import Board, Faults, Source, Terminal, flipped, recorded, spoil
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import Board, Faults, Source, flipped, recorded, spoil
 
 SOURCE = Source(smooth_registers(2000), INFO)
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}

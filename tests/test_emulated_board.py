@@ -23,7 +23,8 @@ from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator, Still
 from tinygc.annexes.emulated.sensor import Asm330lhh
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.simulation.virtual_board import Source, Terminal
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import Source
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)

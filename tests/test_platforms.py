@@ -81,7 +81,7 @@ for path in sorted(pathlib.Path(".").glob("session/**/*.py")) + sorted(pathlib.P
 print(*failed)
 """
     done = hidden(code)
-    assert done.stdout.split() == ["tinygc.simulation.virtual_board", "tinygc.simulation.virtual_board"], done.stderr
+    assert done.stdout.split() == ["tinygc.simulation.terminal"], done.stderr
 
 
 @pytest.mark.parametrize("name", COMMANDS)

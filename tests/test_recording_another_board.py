@@ -20,7 +20,7 @@ from session.bench.logwriter import LogWriter
 from session.bench.rawfile import read_marks
 from session.bench.recorder import Recorder, stream
 from session.io.folder import read_session
-from tinygc.simulation.virtual_board import Terminal
+from tinygc.simulation.terminal import Terminal
 
 OTHER = replace(INFO, serial="78")
 wire = pytest.fixture(make_wire, name="wire")

@@ -17,7 +17,7 @@ from session.bench.port import Closed, Opened, Port, Received, is_left_behind, i
 from session.bench.rawfile import RawFile, read_marks
 from session.bench.recorder import Recorder
 from session.io.errors import CalibrationError, DeviceError, StorageError
-from tinygc.simulation.virtual_board import Terminal
+from tinygc.simulation.terminal import Terminal
 
 wire = pytest.fixture(make_wire, name="wire")
 

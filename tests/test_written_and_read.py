@@ -18,7 +18,8 @@ from session.io.config import read_config
 from session.io.folder import read_session
 from tinygc.deploy.exports import FORMATS
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.virtual_board import Board, Clock, Terminal, recorded, simulated
+from tinygc.simulation.terminal import Terminal
+from tinygc.simulation.virtual_board import Board, Clock, recorded, simulated
 
 pytestmark = pytest.mark.slow
 SIMULATE = ("--segments", 16, "--closure", 20, "--odr-hz", 62.5, "--seed", 5)

@@ -24,7 +24,7 @@ from tinygc.simulation.virtual_board import STILL_S, Clock, Source
 if TYPE_CHECKING:
     from tinygc.annexes.emulated.readings import Fault
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.virtual_board import Terminal
+    from tinygc.simulation.terminal import Terminal
 
 
 # A session, simulated or recorded, as what the register model feels: its registers, back in physical units.

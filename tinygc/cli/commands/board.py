@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _board(args: argparse.Namespace) -> int:
     try:
-        from tinygc.simulation.virtual_board import MEMORY_BYTES, Terminal
+        from tinygc.simulation.terminal import MEMORY_BYTES, Terminal
     except ImportError:
         raise CalibrationError(
             "board: a virtual board needs a pseudo-terminal, which only POSIX systems have (Linux, macOS); "

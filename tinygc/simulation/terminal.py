@@ -1,0 +1,135 @@
+"""The board's end of the cable: a pseudo-terminal under a name that stays, written without waiting for the reader.  POSIX only."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import tempfile
+import time
+import tty
+from pathlib import Path
+from typing import IO
+
+from session.bench.port import VIRTUAL_STEM, lock_of
+from session.bench.rawfile import lock
+from session.io.errors import CalibrationError
+
+#: what a board with some memory can hold back while its host is busy
+MEMORY_BYTES = 65_536
+DRAIN_S = 0.3
+
+
+class Terminal:
+    """``name`` is a link to the present pseudo-terminal; it goes with ``unplug`` and comes back with ``plug``.
+
+    memory: bytes that can wait for the reader; dropped: writes that did not fit, since nobody read.
+    Use as a context: the link goes with it.
+    """
+
+    def __init__(self, link: Path | None = None, memory: int = MEMORY_BYTES):
+        self.name, self._lock = _claim([link] if link else _usual_links())
+        self.dropped, self._memory = 0, memory
+        self._master = -1
+        self._waiting = b""
+
+    def __enter__(self) -> Terminal:
+        try:
+            self.plug()
+        except CalibrationError:
+            self.let_go()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        deadline = time.monotonic() + DRAIN_S
+        while self._waiting and self.write(b"") and time.monotonic() < deadline:
+            time.sleep(0.01)
+        if self.has_reader:
+            time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
+        self.unplug()
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Give the name back, where nothing was plugged, or no more."""
+        lock_of(self.name).unlink(missing_ok=True)
+        self._lock.close()
+
+    def plug(self) -> None:
+        """Make the port; CalibrationError where the link's place is taken."""
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)  # no echo, no line discipline
+        os.set_blocking(self._master, False)
+        try:
+            if self.name.is_symlink() and os.readlink(self.name).startswith("/dev/"):
+                self.name.unlink()  # left by a board that was killed: we hold its lock
+            self.name.symlink_to(os.ttyname(slave))
+        except OSError as error:
+            os.close(self._master)
+            raise CalibrationError(f"{self.name}: {error.strerror or error}; give --link another path") from None
+        finally:
+            os.close(slave)  # from now on the master sees whether a reader is there
+
+    def unplug(self) -> None:
+        """Pull the cable: the reader gets an error, the name is gone."""
+        if self._master >= 0:
+            with contextlib.suppress(OSError):
+                self.name.unlink()
+            os.close(self._master)
+            self._master, self._waiting = -1, b""
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether somebody has the port open."""
+        if self._master < 0:
+            return False
+        poll = select.poll()
+        poll.register(self._master, 0)
+        return not any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0))
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that did not fit into the terminal yet."""
+        return len(self._waiting)
+
+    def write(self, data: bytes) -> bool:
+        """Send, and keep what does not fit at once.  False: ``data`` was dropped, since the memory is full or nobody listens."""
+        if not self.has_reader:
+            self._waiting = b""
+            return False
+        fits = len(self._waiting) + len(data) <= self._memory
+        self._waiting += data if fits else b""
+        self.dropped += not fits
+        with contextlib.suppress(OSError):
+            while self._waiting:
+                self._waiting = self._waiting[os.write(self._master, self._waiting) :]
+        return fits
+
+    def read(self) -> bytes:
+        """What the reader has sent meanwhile."""
+        data = b""
+        with contextlib.suppress(OSError):  # nothing more is there, or nobody
+            while self._master >= 0 and (part := os.read(self._master, 4096)):
+                data += part
+        return data
+
+
+def _usual_links() -> list[Path]:
+    return [Path(tempfile.gettempdir()) / f"{VIRTUAL_STEM}{number or ''}" for number in range(100)]
+
+
+def _claim(names: list[Path]) -> tuple[Path, IO]:
+    """The first name that no running board has, and its lock, which the system takes away with the process."""
+    for name in names:
+        try:
+            file = lock_of(name).open("a")
+        except OSError as error:
+            raise CalibrationError(f"{name}: {error.strerror or error}; give --link another path") from None
+        if os.fstat(file.fileno()).st_size:  # a board's is empty, and goes with it
+            file.close()
+            raise CalibrationError(f"{lock_of(name)}: is no lock of a virtual board; give --link another path")
+        if lock(file.fileno()):
+            return name, file
+        file.close()
+    raise CalibrationError(f"{names[0]}: another virtual board runs there; give --link another path")

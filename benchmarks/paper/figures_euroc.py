@@ -13,7 +13,7 @@ from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
 from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.truth import orientation_error
-from tinygc.estimation.bias_of_day import from_gravity, with_change
+from tinygc.estimation.bias_of_day import from_gravity
 from tinygc.estimation.network_training import fit_distance, train_second_order
 
 EPOCHS = 2000
@@ -57,8 +57,8 @@ def figure6(folder: Path) -> Figure:
     axes = figure.subplots(len(data.tests), 1, sharex=True)
     for axis, (name, problem) in zip(axes, data.tests.items(), strict=True):
         session = problem.session
-        gravity = with_change(days, from_gravity(problem, days, data.days.sigma_rps).change)
-        truth = with_change(days, -days(true_bias_rps(EUROC, name)))
+        gravity = days.with_bias_moved(from_gravity(problem, days, data.days.sigma_rps).change)
+        truth = days.with_bias_moved(-days(true_bias_rps(EUROC, name)))
         named = {
             "27 parameters, squared loss": squared,
             "27, the paper's loss": distance,

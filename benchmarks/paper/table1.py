@@ -18,7 +18,7 @@ from paper.euroc import EUROC, TEST, Euroc
 from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.estimation.bias_of_day import from_gravity, from_start, with_change
+from tinygc.estimation.bias_of_day import from_gravity, from_start
 from tinygc.estimation.denoiser_training import of_problem, train_denoiser
 from tinygc.estimation.network_training import fit_distance, train_second_order
 from tinygc.estimation.options import DenoiseOptions
@@ -70,9 +70,9 @@ def table1(euroc: Euroc, progress: Callable[[str], None] = lambda what: None, *,
 
     days = train_second_order(euroc.days.batch, euroc.days.sigma).net
     row("one bias a sequence in training: its median kept", 27, "gyro", days)
-    starts = {name: with_change(days, from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
+    starts = {name: days.with_bias_moved(from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
     row("… bias of the day: first rest", 27, "gyro, accelerometer", starts)
-    gravity = {name: with_change(days, from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()}
+    gravity = {name: days.with_bias_moved(from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()}
     row("**… bias of the day: gravity**", 27, "gyro, accelerometer", gravity)
     both = {name: replace(denoised, calibration=model) for name, model in gravity.items()}
     row("… and denoised", 195, "gyro, accelerometer", both)
@@ -87,7 +87,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None] = lambda what: None, *,
 
 def true_bias(name: str, model):
     """An oracle: a model with the bias that a sequence's own ground truth states."""
-    return with_change(model, -model(true_bias_rps(EUROC, name)))
+    return model.with_bias_moved(-model(true_bias_rps(EUROC, name)))
 
 
 def _footnotes(euroc: Euroc, distance, denoised) -> list[str]:
@@ -113,7 +113,7 @@ def best_constant(euroc: Euroc, model) -> float:
     linear = LinearModel(np.eye(3), np.zeros(3)) if model is None else model
 
     def cost(change_dps: np.ndarray) -> float:
-        return float(euroc.errors_deg(with_change(linear, change_dps * DEG)).mean())
+        return float(euroc.errors_deg(linear.with_bias_moved(change_dps * DEG)).mean())
 
     simplex = np.vstack([np.zeros(3), 0.05 * np.eye(3)])
     options = {"maxfev": ORACLE_EVALUATIONS, "initial_simplex": simplex}

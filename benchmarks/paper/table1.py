@@ -72,7 +72,9 @@ def table1(euroc: Euroc, progress: Callable[[str], None] = lambda what: None, *,
     row("one bias a sequence in training: its median kept", 27, "gyro", days)
     starts = {name: days.with_bias_moved(from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
     row("… bias of the day: first rest", 27, "gyro, accelerometer", starts)
-    gravity = {name: days.with_bias_moved(from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()}
+    gravity = {
+        name: days.with_bias_moved(from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()
+    }
     row("**… bias of the day: gravity**", 27, "gyro, accelerometer", gravity)
     both = {name: replace(denoised, calibration=model) for name, model in gravity.items()}
     row("… and denoised", 195, "gyro, accelerometer", both)

@@ -1,5 +1,4 @@
-"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution.
-"""
+"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution."""
 
 from tinygc.closure.residual import (
     Batch,

@@ -24,48 +24,38 @@ from common import in_parallel, markdown
 from session.io.errors import CalibrationError
 from session.io.folder import read_session
 
-HERE = "tinygc.explanation"
+PACKAGES = ("tinygc.explanation", "tinygc.noise", "session.detect")
+CLIPPED, REPAIR, FAULTY = (f"tinygc.explanation.{name}" for name in ("clipped_turns", "data_repair", "faulty_readings"))
+EVIDENCE, SEARCH, DECISION = (f"tinygc.explanation.{name}" for name in ("evidence", "search", "decision"))
 WATCHED = {
     "mends": {
-        "mends.clipping": "FEWEST_WHOLE LEVEL_KNOWN PLATEAU_EXCESS CEILING_EXCESS",
-        "mends.creeping": "OUTLIER_SIGMAS VERTICAL",
-        "mends.trial": "LONGEST_LOSS_S CERTAIN PASSES",
-        "mends.lost_samples": "JUMP SPIKE FLANK NEIGHBOURHOOD_S NEIGHBOURHOOD START_S ALONE LOSS_IN_ACCEL PER_SECOND",
-        "mends.ceilings": "CORNER LEAST_CEILING",
-        "mends.plateaus": "FLAT NOISES CORNER FEWEST SAME SHORTEST_S LEAST WHOLE ALIKE",
-        "mends.false_readings": "LONGEST SIDE BEYOND CAME_BACK SHARE NOISE_MISSES LEAST_NOISE_LSB",
+        CLIPPED: "FEWEST_WHOLE LEVEL_KNOWN PLATEAU_EXCESS CEILING_EXCESS OUTLIER_SIGMAS VERTICAL CORNER LEAST_CEILING "
+        "FLAT NOISES FEWEST SAME SHORTEST_S LEAST WHOLE ALIKE",
+        REPAIR: "LONGEST_LOSS_S CERTAIN PASSES OPEN KEPT",
+        FAULTY: "JUMP SPIKE FLANK NEIGHBOURHOOD_S NEIGHBOURHOOD START_S ALONE LOSS_IN_ACCEL PER_SECOND "
+        "LONGEST SIDE BEYOND CAME_BACK SHARE NOISE_MISSES LEAST_NOISE_LSB",
         "session.detect.bridging": "SIDE AS_FAST FEWEST_TRIALS MOST_TRIALS",
-        "mends.left_open": "OPEN KEPT",
     },
     "naming": {
-        "naming.candidates": "MOST_TIMES",
-        "naming.evidence": "PRIOR_ODDS SCALES FIRST_STEPS MORE_STEPS GUESS_STEPS",
-        "naming.naming": "STAND_IN",
-        "naming.search": "MOST_EFFECTS MOST_TRIALS WITHIN BEAM NEAR MOST_EXACT LINEAR_SHARE MOST_LOOKALIKES",
-        "naming.selection": "DRAWS FAMILY_WISE SHAPE_SHARE UNSEEN UNSEEN_BESIDE",
-        "naming.unknown": "PLAUSIBLE_RPS LEAST_CHANGE_C LIKE_THE_EARTH ANOTHER_DEG",
-        "noise.components": "TYPICAL_SPREAD GIVEN_SPREAD LEAST_UNDERSAMPLING FACTOR_SPREAD FILTERED_SPREAD",
-        "noise.restricted_likelihood": "NOTHING",
-        "noise.session_noise": "BLOCK UNUSUAL",
-        "verdict.decision": "SAID INSTEAD MOST_FINDINGS",
-        "verdict.veto": "BORNE_OUT_P",
-        "twin.refit": "MAX_STEPS ENOUGH GRAVITY_SIGMA KNOWN",
-        "twin.turn_gravity": "BLOCK_S FILTERS_PERIODS SIGMAS",
-        "twin.whitening": "ACCEL_INSTABILITY_MPS2 PRECALIBRATION_MPS2",
-        "twin.common_delay": "LAGS",
+        EVIDENCE: "MOST_TIMES PRIOR_ODDS SCALES FIRST_STEPS MORE_STEPS GUESS_STEPS DRAWS FAMILY_WISE SHAPE_SHARE UNSEEN UNSEEN_BESIDE",
+        SEARCH: "STAND_IN MOST_EFFECTS MOST_TRIALS WITHIN BEAM NEAR MOST_EXACT LINEAR_SHARE MOST_LOOKALIKES",
+        "tinygc.explanation.unknown": "PLAUSIBLE_RPS LEAST_CHANGE_C LIKE_THE_EARTH ANOTHER_DEG",
+        "tinygc.noise.components": "TYPICAL_SPREAD GIVEN_SPREAD LEAST_UNDERSAMPLING FACTOR_SPREAD FILTERED_SPREAD NOTHING",
+        "tinygc.noise.session_noise": "BLOCK UNUSUAL",
+        DECISION: "SAID INSTEAD MOST_FINDINGS BORNE_OUT_P",
+        "tinygc.noise.refit": "MAX_STEPS ENOUGH GRAVITY_SIGMA KNOWN",
+        "tinygc.noise.channels": "BLOCK_S FILTERS_PERIODS SIGMAS LAGS",
+        "tinygc.noise.whitening": "ACCEL_INSTABILITY_MPS2 PRECALIBRATION_MPS2",
     },
     "strong": {
-        "naming.evidence": "PRIOR_ODDS SCALES",
-        "naming.search": "WITHIN NEAR LINEAR_SHARE MOST_LOOKALIKES",
-        "verdict.decision": "SAID INSTEAD",
-        "verdict.veto": "BORNE_OUT_P",
+        EVIDENCE: "PRIOR_ODDS SCALES",
+        SEARCH: "WITHIN NEAR LINEAR_SHARE MOST_LOOKALIKES",
+        DECISION: "SAID INSTEAD BORNE_OUT_P",
     },
     "truth": {
-        "truth.explain": "FRAME_RAD FRAME_SIGMAS FRAME_LEAVES",
-        "truth.names": "WANDER_S",
-        "truth.truth_explanation": "IMPLAUSIBLE",
-        "truth.wrong_moments": "JUMP OPPOSITE",
-        "truth.evidence": "FORCE_WINDOW_S",
+        "tinygc.explanation.truth_engine": "FRAME_RAD FRAME_SIGMAS FRAME_LEAVES JUMP OPPOSITE",
+        "tinygc.explanation.truth_names": "WANDER_S",
+        "tinygc.explanation.truth_evidence": "IMPLAUSIBLE FORCE_WINDOW_S",
     },
 }
 NEAR_ONE = 0.55
@@ -73,11 +63,6 @@ TRUTH_TOML = (
     'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 104.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
     '[protocol]\nsegment_s = 2.0\nreference = "truth"\ntruth_sigma_deg = 0.02\n'
 )
-
-
-def whole(module: str) -> str:
-    """A module's whole name; those of the bench side are written whole."""
-    return module if module.startswith("session.") else f"{HERE}.{module}"
 
 
 def scaled(value, factor: float):
@@ -91,7 +76,7 @@ class Changed:
     """One constant at another value, wherever it has been imported to."""
 
     def __init__(self, module: str, name: str, factor: float):
-        own = importlib.import_module(whole(module))
+        own = importlib.import_module(module)
         self.name, self.old, self.new = name, getattr(own, name), scaled(getattr(own, name), factor)
         self.places = [own] + [m for m in _modules() if m is not own and _imports(m, own.__name__, name)]
 
@@ -106,7 +91,8 @@ class Changed:
 
 @cache
 def _modules() -> list:
-    return [importlib.import_module(each.name) for each in pkgutil.walk_packages(importlib.import_module(HERE).__path__, HERE + ".")]
+    packages = [importlib.import_module(name) for name in PACKAGES]
+    return [importlib.import_module(each.name) for p in packages for each in pkgutil.iter_modules(p.__path__, p.__name__ + ".")]
 
 
 @cache
@@ -280,8 +266,9 @@ def table(stage: str, results: list[dict], changes: list[tuple[str, str, float]]
     rows = []
     for module, name, factor in changes:
         if factor == 0.5:
-            value = getattr(importlib.import_module(whole(module)), name)
-            rows.append((f"{module}.{name}", f"{value:.4g}", cell((module, name, 0.5)), cell(None), cell((module, name, 2.0))))
+            value = getattr(importlib.import_module(module), name)
+            label = f"{module.rsplit('.', 1)[1]}.{name}"
+            rows.append((label, f"{value:.4g}", cell((module, name, 0.5)), cell(None), cell((module, name, 2.0))))
     head = f"{stage}: right of {hidden}, wrong, alarms of {len(quiet)} without a name"
     return markdown((head, "value", "half", "as it is", "double"), rows)
 

@@ -15,6 +15,7 @@ import calibrate
 from session.io.errors import FormatError
 from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc.annexes.challenge import recording as injection
 from tinygc.annexes.challenge import recording_examination
 from tinygc.annexes.challenge.cases import STRENGTHS
 from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS
@@ -148,8 +149,7 @@ def test_neither_what_it_has_already_nor_what_it_cannot_have_is_concealed():
 def test_an_effect_of_another_s_folder_is_concealed(monkeypatch, recording):
     effect = replace(catalogue()["gyro.g2_sensitivity"], id="mine.g2")
     both = {**catalogue(), "mine.g2": effect}
-    for module in ("trials", "inject"):
-        monkeypatch.setattr(f"tinygc.challenge.on_recording.{module}.catalogue", lambda: both)
+    monkeypatch.setattr(injection, "catalogue", lambda: both)
     assert "mine.g2" in {each.id for each in draw_trials({}, (), True, None, 1)}
     (change,), truth = rate_changes(recording, trial("mine.g2", 0.1), np.random.default_rng(0))
     assert isinstance(recording.movements[0], Movement)

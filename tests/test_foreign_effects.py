@@ -1,6 +1,7 @@
 """Three effects in a folder that the tool does not know of, one with temperature, one with memory, one with a scanned moment, through every
 command: named, fitted, applied from a file and live, drawn, exported to C or refused in one line."""
 
+import importlib
 import json
 import shutil
 from dataclasses import replace
@@ -31,8 +32,7 @@ def known():
 @pytest.fixture
 def strangers():
     """A process that has not loaded the folder: what a command must be told by --effects."""
-    from tinygc.effects import catalogue
-
+    catalogue = importlib.import_module("tinygc.effects.catalogue")
     before = dict(catalogue._folders)
     catalogue._folders.clear()
     yield

@@ -33,8 +33,8 @@ def test_every_listed_constant_is_there_and_is_halved_doubled_and_put_back(thres
 
 
 def test_a_constant_is_changed_where_it_was_imported_to(thresholds):
-    places = {place.__name__.removeprefix(thresholds.HERE + ".") for place in thresholds.Changed("naming.evidence", "SCALES", 2.0).places}
-    assert places >= {"naming.evidence", "mends.trial"}
+    places = {place.__name__ for place in thresholds.Changed(thresholds.EVIDENCE, "PRIOR_ODDS", 2.0).places}
+    assert places >= {thresholds.EVIDENCE, thresholds.REPAIR}
 
 
 def test_the_benchmark_says_what_it_does():

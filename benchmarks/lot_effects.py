@@ -14,8 +14,9 @@ from common import in_parallel, markdown, simulated
 
 from session.io.units import DEG, G
 from tinygc.annexes.lots.effects import pooled
+from tinygc.annexes.lots.explanation import effects_of
 from tinygc.annexes.lots.lot import NAMES, UnitResult
-from tinygc.explanation.engine import effects_of, explain_session
+from tinygc.explanation.engine import explain_session
 from tinygc.simulation.options import SimulationOptions
 
 

@@ -1,6 +1,7 @@
 """The coach with a lot: how many turns are enough for this board, and a board that is none of the lot's."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from lots import MEAN, SIGMA, lot, session_of_unit
 from processes import calibrate
 
 from session.bench.messages import Advice, Kind, Progress
+from tinygc.annexes.lots.explanation import board_prior
 from tinygc.annexes.lots.files import write_lot
 from tinygc.planning.coach import Coach
 from tinygc.planning.proposals import propose
@@ -35,7 +37,7 @@ def turns():
 
 def test_it_says_how_many_turns_are_enough_and_fewer_than_without_the_lot(turns):
     """The number that it says is what its own movements need, and comes true within two as they are made otherwise."""
-    with_lot, without = Coach(lot=lot()), Coach()
+    with_lot, without = Coach(beforehand=partial(board_prior, lot())), Coach()
     progress = Progress(tuple(turns[:2]))
     advice = with_lot(progress)
     assert without(progress).says == ""
@@ -50,7 +52,7 @@ def test_it_says_how_many_turns_are_enough_and_fewer_than_without_the_lot(turns)
 def test_a_lot_that_knows_all_leaves_nothing_to_turn_for():
     """Spreads below the targets: one turn, which shows that the board belongs, is enough."""
     alike = turns_of(**UNIT | {"gyro_scale_error": SIGMA[0] / 2, "gyro_misalignment": SIGMA[1] / 2, "gyro_bias_dps": 0.001})
-    advice = Coach(lot=lot(SIGMA * np.where(np.arange(12) < 9, 0.5, 0.05)))(Progress(tuple(alike[:1])))
+    advice = Coach(beforehand=partial(board_prior, lot(SIGMA * np.where(np.arange(12) < 9, 0.5, 0.05))))(Progress(tuple(alike[:1])))
     assert advice.reached
     assert advice.says == "1 turn was enough for this one"
 
@@ -58,7 +60,7 @@ def test_a_lot_that_knows_all_leaves_nothing_to_turn_for():
 def test_a_board_that_is_none_of_the_lots_is_said_and_the_lot_is_not_reckoned_with():
     """The simulator's own boards, 1 % and 1 dps: hundreds of sigmas of this lot."""
     foreign = turns_of(**UNIT | {"gyro_scale_error": 0.01, "gyro_bias_dps": 1.0})
-    coach, without = Coach(lot=lot()), Coach()
+    coach, without = Coach(beforehand=partial(board_prior, lot())), Coach()
     advice = coach(Progress(tuple(foreign[:3])))
     without(Progress(tuple(foreign[:3])))
     assert advice.says.startswith("this board seems not to be of the lot (probability that it is: ")

@@ -13,11 +13,11 @@ import tinygc
 from session.io.errors import CalibrationError
 from session.io.units import DEG, G
 from tinygc.annexes.lots.effects import FAMILY_WISE, pooled
-from tinygc.annexes.lots.explanation import odds_of
+from tinygc.annexes.lots.explanation import LotEffects, effects_of
 from tinygc.annexes.lots.files import read_lot, write_lot
 from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
 from tinygc.effects import catalogue
-from tinygc.explanation.engine import effects_of, explain_session
+from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import component_names, linear_estimate
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -192,5 +192,4 @@ def test_explain_with_a_lot_says_how_probable_its_effect_is_here_and_what_it_is_
 def test_a_lot_of_another_sensor_is_refused(session):
     with pytest.raises(CalibrationError, match="a lot of LSM6DSO, and the session's sensor is ASM330LHH"):
         tinygc.explain(session, lot=replace(lot(), sensor="LSM6DSO"))
-    assert odds_of(None) == {}
-    assert odds_of(of_lot(bias_drift=PooledEffect(1.0, {}, {}, 0.01, 50))) == {"gyro.bias_drift": pytest.approx(19.0)}
+    assert LotEffects(of_lot(bias_drift=PooledEffect(1.0, {}, {}, 0.01, 50))).odds == {"gyro.bias_drift": pytest.approx(19.0)}

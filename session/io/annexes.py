@@ -14,6 +14,8 @@ from session.io.errors import CalibrationError
 #: what an annex serves, as a person would ask for it -> its module
 SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
+    "a lot as prior": "tinygc.annexes.lots.fit",
+    "what a lot knows of one unit": "tinygc.annexes.lots.explanation",
 }
 
 

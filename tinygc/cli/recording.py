@@ -11,9 +11,11 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from session.io.annexes import need
 from session.io.texts import printable, shell_word
 from tinygc.cli.defaults import defaults_json
 from tinygc.cli.results import Interruption, complain, output, write_json
@@ -397,7 +399,7 @@ def coach_of(lot: Lot | None) -> Callable[[Progress], Advice]:
         if coach is None:
             from tinygc.planning.coach import Coach
 
-            coach = Coach(lot=lot)
+            coach = Coach(beforehand=None if lot is None else partial(need("what a lot knows of one unit").board_prior, lot))
         return coach(progress)
 
     return advise

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
+from session.io.annexes import need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session
-from tinygc.annexes.lots.files import read_lot
-from tinygc.annexes.lots.lot import Lot
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.result import to_json
 from tinygc.explanation.truth_engine import explain_truth
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
     from tinygc.annexes.discovery.report import Told
     from tinygc.annexes.discovery.search_state import Discovery
+    from tinygc.annexes.lots.lot import Lot
 
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
@@ -199,10 +199,8 @@ def explain(
         if lot is not None:
             raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
-    known = lot if lot is None or isinstance(lot, Lot) else read_lot(lot)
-    if known is not None and known.sensor != config.sensor.model:
-        raise CalibrationError(f"a lot of {known.sensor}, and the session's sensor is {config.sensor.model}; give the lot of its own model")
-    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, lot=known)
+    known = None if lot is None else need("what a lot knows of one unit").known_effects(lot, config.sensor.model)
+    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known)
     if not discover:
         return Why(explanation)
     from tinygc.annexes.discovery.engine import discover as search

@@ -8,6 +8,7 @@ from where the sensor lies now.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,7 @@ import numpy as np
 from session.bench.messages import AcceptedTurn, Advice, Movement, Progress
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
-from tinygc.annexes.lots.explanation import LotWord, word_of
-from tinygc.annexes.lots.lot import Lot
+from tinygc.annexes.lots.prior import Prior
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
@@ -50,13 +50,25 @@ class _Seen:
     own: np.ndarray
 
 
-class Coach:
-    """Call it with what the session has so far; it answers with ``Advice``.  targets (12,) of the gyroscope's parameters; lot: that the
-    board is of, as long as its turns do not say otherwise."""
+@dataclass(frozen=True, eq=False)
+class BoardPrior:
+    """prior: what is known of the board's gyroscope beforehand; None where that does not hold for this board, which ``says`` puts in a
+    line."""
 
-    def __init__(self, targets: np.ndarray = TARGETS, lot: Lot | None = None):
-        self._gyro_targets, self._lot = targets, lot
-        self._word = LotWord(None, "")
+    prior: Prior | None
+    says: str
+
+
+class Coach:
+    """Call it with what the session has so far; it answers with ``Advice``.
+
+    targets (12,) of the gyroscope's parameters.  beforehand: what is known of boards of this kind, given the turns so far, their columns
+    (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
+    """
+
+    def __init__(self, targets: np.ndarray = TARGETS, beforehand: Callable[..., BoardPrior] | None = None):
+        self._gyro_targets, self._beforehand = targets, beforehand
+        self._board = BoardPrior(None, "")
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
@@ -69,7 +81,7 @@ class Coach:
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
-            says = self._word.says or ("" if self._lot is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
+            says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
             return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
         # The board lies where the last still was, which need not be the end of a turn that counts.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
@@ -79,8 +91,8 @@ class Coach:
 
     def _says(self, measured: np.ndarray) -> str:
         """Of a board of a lot: how many turns are enough, as it is now; or that it is none of the lot's."""
-        if self._lot is None or self._word.says:
-            return self._word.says
+        if self._beforehand is None or self._board.says:
+            return self._board.says
         more = self.turns_to_go(measured)
         return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
 
@@ -106,12 +118,12 @@ class Coach:
             if found is None or (found.ends * self._directions(turn)).sum(axis=1).min() < MOVED:
                 found = self._of(turn)
             self._seen[id(turn)] = found
-        if self._lot is not None:
+        if self._beforehand is not None:
             seen = list(self._seen.values())
             ends = np.array([[rotation.from_gravity(direction) for direction in each.ends] for each in seen])
             columns12 = np.array([each.columns[:, : linear.PARAMETERS] for each in seen])
             own = np.array([each.own for each in seen])
-            self._word = word_of(self._lot, tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
+            self._board = self._beforehand(tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
 
     @property
     def targets(self) -> np.ndarray:
@@ -127,11 +139,11 @@ class Coach:
         middle_s = np.array([each.turn.middle_s for each in seen])
         design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
         if self._own is None:
-            return covariance_from_columns(design, floor, wander, lot=self._word.prior)
+            return covariance_from_columns(design, floor, wander, lot=self._board.prior)
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
             lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
-        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths, self._word.prior)
+        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths, self._board.prior)
 
     @property
     def sigma(self) -> np.ndarray:

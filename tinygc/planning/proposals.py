@@ -11,14 +11,13 @@ import numpy as np
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_columns
 from session.detect.check_references import with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import with_bridges
+from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.folder import read_session, sha256_of
 from session.io.results import Keys, MapOf, Maybe, Text, read_required
 from session.io.texts import printable
 from session.io.units import DEG, STANDARD_GRAVITY_MPS2
 from tinygc import closure
-from tinygc.annexes.lots.fit import LotFile, LotUse, fit_with_lot, lot_file
-from tinygc.annexes.lots.prior import prior_of, require_usable
 from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
@@ -26,7 +25,7 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.estimation.accelerometer import JOINT_NAMES
-from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import LotUse
 from tinygc.estimation.stated_noise import stated_joint_covariance, stated_noise
 from tinygc.models import linear
 from tinygc.planning import turns
@@ -97,30 +96,22 @@ class Plan:
 
 
 def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
-    """The plan for a session.  Raises what ``build_problem``, ``read_lot`` and ``require_usable`` raise."""
-    given = None if lot is None else lot_file(lot)
+    """The plan for a session; lot: file of a lot of units.  Raises what ``build_problem`` and the annex's ``lot_for`` raise."""
     session, _ = with_own_accelerometer(read_session(folder))
-    if given is not None:
-        require_usable(given.lot, session.config.sensor.model, given.file)
+    given = None if lot is None else need("a lot as prior").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
     problem = build_problem(with_bridges(session), lot=None if given is None else given.lot)
     known, use = known_of(problem), None
     if given is not None:
-        known, use = with_lot(known, problem, given)
+        prior, use = given.prior_beside(problem)
+        if prior is not None:
+            own = slice(len(known.covariance) - linear.PARAMETERS, None)
+            information = np.linalg.inv(known.covariance)
+            information[own, own] += np.linalg.inv(prior.covariance)
+            known = replace(known, covariance=np.linalg.inv(information))
     all_turns = _greedy(known, MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
     return Plan(all_turns[:count], requested_by_explain(session.folder), enough, use)
-
-
-def with_lot(known: Known, problem: Problem, given: LotFile) -> tuple[Known, LotUse]:
-    """What a session and its lot tell together; the session alone where its unit does not belong to the lot."""
-    *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), given, stated_noise(problem))
-    if use.used != "yes":
-        return known, use
-    own = slice(len(known.covariance) - linear.PARAMETERS, None)
-    information = np.linalg.inv(known.covariance)
-    information[own, own] += np.linalg.inv(prior_of(given.lot, problem.first.vector).covariance)
-    return replace(known, covariance=np.linalg.inv(information)), use
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,25 +1,30 @@
-"""What a lot knows of one unit: its effects, and what the coach may take from it."""
+"""A lot and one unit's effects: what the lot knows of them, what a session tells the lot, and what the coach may take from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 from session.bench.messages import AcceptedTurn
+from session.io.errors import CalibrationError
 from session.io.units import DEG, EARTH_RATE_RPS
-from tinygc.annexes.lots.lot import Lot, PooledEffect
-from tinygc.annexes.lots.prior import Belonging, Prior, belonging, farthest, prior_of
+from tinygc.annexes.lots.files import read_lot
+from tinygc.annexes.lots.lot import Lot, PooledEffect, Weighed
+from tinygc.annexes.lots.prior import Belonging, belonging, farthest, prior_of
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.effects import AppliedEffect, Effect, catalogue
 from tinygc.explanation.claims import readable
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, component_names, linear_estimate, without_claim
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, WIDE, candidates, component_names, linear_estimate, without_claim
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
+from tinygc.planning.coach import BoardPrior
 
 # What the lot knows of a unit's effects: whether this one has them, how large they are in it, and what they are worth.
 #
@@ -71,19 +76,31 @@ class LotEffect:
         )
 
 
-def odds_of(lot: Lot | None) -> dict[str, float]:
-    """Of each of the lot's effects, that a unit has it, before its recording is looked at; by id."""
-    if lot is None:
-        return {}
-    shares = {name: float(np.clip(pooled.share, LEAST, MOST)) for name, pooled in lot.effects.items()}
-    return {name: share / (1 - share) for name, share in shares.items()}
+@dataclass(frozen=True, eq=False)
+class LotEffects:
+    """The effects of a lot's units, as ``explain`` takes them (``KnownEffects`` of ``tinygc.explanation.engine``)."""
+
+    lot: Lot
+
+    @property
+    def odds(self) -> dict[str, float]:
+        """Prior odds that a unit has each of the lot's effects, by id."""
+        shares = {name: float(np.clip(pooled.share, LEAST, MOST)) for name, pooled in self.lot.effects.items()}
+        return {name: share / (1 - share) for name, share in shares.items()}
+
+    def in_unit(self, twin: Twin, whiten: Whitener, fit: Refit) -> list[LotEffect]:
+        """Beside a fit: the lot's effects that the catalogue knows and whose numbers the lot has, the most probable first."""
+        known = catalogue()
+        found = [_in_unit(twin, whiten, fit, known[name], pooled) for name, pooled in self.lot.effects.items() if name in known]
+        return sorted((each for each in found if each is not None), key=lambda each: -each.probability)
 
 
-def lot_effects(twin: Twin, whiten: Whitener, fit: Refit, lot: Lot) -> list[LotEffect]:
-    """Beside a fit: the lot's effects that the catalogue knows and whose numbers the lot tells, likeliest first."""
-    known = catalogue()
-    found = [_in_unit(twin, whiten, fit, known[name], pooled) for name, pooled in lot.effects.items() if name in known]
-    return sorted((each for each in found if each is not None), key=lambda each: -each.probability)
+def known_effects(lot: Lot | Path | str, sensor: str) -> LotEffects:
+    """Those of a lot, or of its file.  Raises what ``read_lot`` raises, and CalibrationError for a lot of another sensor."""
+    lot = lot if isinstance(lot, Lot) else read_lot(lot)
+    if lot.sensor != sensor:
+        raise CalibrationError(f"a lot of {lot.sensor}, and the session's sensor is {sensor}; give the lot of its own model")
+    return LotEffects(lot)
 
 
 def _in_unit(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, pooled: PooledEffect) -> LotEffect | None:
@@ -132,6 +149,67 @@ def _beside_the_fit(closure: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.asarray(closure - scaled @ np.linalg.lstsq(scaled, closure, rcond=None)[0])
 
 
+# What a session says of every effect of the catalogue, named or not, as a lot pools it (docs/lots.md).
+#
+# An effect that is weak in each of many units is named in none of them; the estimate is there all the same.  It is that of the effect's
+# columns beside the calibration and the other names, linear around the fit: no selection, so that many of them average to the truth.
+
+#: of that prior's sigma, above which a number is not told
+SEEN = 0.3
+CLOCKS = "timing.gyro_accel_offset"
+
+
+def effects_of(explanation: Explanation) -> dict[str, Weighed]:
+    """Effect id -> what this session says of it, SI; NaN for numbers that it does not tell.
+
+    What is mended before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what the axes differ
+    by.  An effect whose shape is searched for (the moment of a step) is taken in the middle of what is tried: where it takes up most its
+    estimate would be a chosen one.  The delay between gyro and accelerometer is what is beyond the filters' own.  chi_square is that of
+    all its numbers together.
+    """
+    twin, fit, whiten = explanation.twin, explanation.naming.fit, explanation.whiten
+    claims = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
+    chances = {each.id: each.probability for each in explanation.considered}
+    chances |= {claim.effect.id: claim.probability for claim in explanation.claimed}
+    replay, found = Replay(twin, fit), dict[str, Weighed]()
+    forms: dict[str, list[Effect]] = {}
+    for effect in candidates(twin):
+        forms.setdefault(effect.id, []).append(effect)
+    for name, shapes in forms.items():
+        effect = shapes[0] if shapes[0].scan is None else shapes[len(shapes) // 2]
+        beside = fit if name not in claims else without_claim(fit, claims[name])
+        columns = whiten(replay.columns(effect).stacked())
+        theta, covariance = linear_estimate(beside.r, beside.J, columns, effect.parameter.plausible)
+        told = _told(effect)
+        theta, covariance = told @ theta, told @ covariance @ told.T
+        chi_square = float(theta @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ theta)
+        sigma = np.sqrt(np.diag(covariance))
+        unseen = sigma > SEEN * WIDE * effect.parameter.plausible
+        theta, sigma = np.where(unseen, np.nan, theta), np.where(unseen, np.nan, sigma)
+        found[name] = _weighed(effect, theta, sigma, chi_square, name in claims, chances.get(name))
+    gravity, clocks = explanation.gravity, catalogue().get(CLOCKS)
+    if clocks is not None and np.isfinite(gravity.offset_s) and np.isfinite(gravity.sigma_s) and gravity.sigma_s > 0:
+        beyond = np.sign(gravity.offset_s) * max(abs(gravity.offset_s) - gravity.bar_s, 0.0)
+        offset, sigma = np.array([beyond]), np.array([gravity.sigma_s])
+        named = any(claim.effect.id == CLOCKS for claim in explanation.claimed)
+        found[CLOCKS] = _weighed(clocks, offset, sigma, float((offset / sigma)[0] ** 2), named, chances.get(CLOCKS))
+    return found
+
+
+def _told(effect: Effect) -> np.ndarray:
+    """(P, P): the projection on what a closure tells of theta: of delays, what the axes differ by, not what they share."""
+    told = np.eye(effect.parameter.size)
+    if effect.gauge is not None and effect.gauge.delays:
+        told[np.ix_(effect.gauge.delays, effect.gauge.delays)] -= 1 / len(effect.gauge.delays)
+    return told
+
+
+def _weighed(effect: Effect, theta: np.ndarray, sigma: np.ndarray, chi_square: float, named: bool, probability: float | None) -> Weighed:
+    names = component_names(effect)
+    values, sigmas = (dict(zip(names, map(float, each), strict=True)) for each in (theta, sigma))
+    return Weighed(values, sigmas, chi_square, named, probability)
+
+
 # What a lot tells the coach of the board on the table, and whether the board belongs to it, by the turns so far.
 #
 # Linear, as everything that the coach knows: the closure that the lot's mean leaves on each turn, its bias taken from the stills.
@@ -142,17 +220,9 @@ STILL_BIAS_RPS = EARTH_RATE_RPS
 BELONGS = 0.95
 
 
-@dataclass(frozen=True, eq=False)
-class LotWord:
-    """prior: what is known beforehand, None where the board does not belong, or may not; says: one line of that, or nothing."""
-
-    prior: Prior | None
-    says: str
-
-
-def word_of(
+def board_prior(
     lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, noise: np.ndarray, directions: np.ndarray, by_turns: bool = True
-) -> LotWord:
+) -> BoardPrior:
     """What the lot tells of a board by its turns: columns (S, 2, 12) and noise (S, 2, 2) of each; directions (S, 2, 4): attitudes of its
     ends.
 
@@ -177,8 +247,8 @@ def word_of(
     covariance[BIAS, BIAS] = np.eye(3) * STILL_BIAS_RPS**2
     found = belonging(prior, moved, covariance, kept, lot.tails)
     if found.probability >= BELONGS:
-        return LotWord(prior, "")
-    return LotWord(None, _words(lot, found, prior.centre + moved, covariance, kept))
+        return BoardPrior(prior, "")
+    return BoardPrior(None, _words(lot, found, prior.centre + moved, covariance, kept))
 
 
 def _words(lot: Lot, found: Belonging, vector: np.ndarray, covariance: np.ndarray, kept: np.ndarray) -> str:

@@ -11,7 +11,7 @@ from session.io.errors import CalibrationError
 from session.io.folder import file_key, sha256_of
 from tinygc.annexes.lots.files import read_lot
 from tinygc.annexes.lots.lot import Lot
-from tinygc.annexes.lots.prior import Belonging, belonging, farthest, prior_of, vague
+from tinygc.annexes.lots.prior import Belonging, Prior, belonging, farthest, prior_of, require_usable, vague
 from tinygc.closure.build import FEWEST_SEGMENTS
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
@@ -19,7 +19,7 @@ from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
-from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness
+from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness, stated_noise
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, bias_only
 
 #: probability of belonging from which on a unit is said to belong, and up to which the lot's prior is not used at all
@@ -88,6 +88,18 @@ class LotFile:
     lot: Lot
     file: str
     hash: str
+
+    def prior_beside(self, problem: Problem) -> tuple[Prior | None, LotUse]:
+        """What the lot knows of a problem's unit, None where the unit does not belong to it or that is open; and what was decided."""
+        *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), self, stated_noise(problem))
+        return (prior_of(self.lot, problem.first.vector) if use.used == "yes" else None), use
+
+
+def lot_for(path: Path, sensor: str) -> LotFile:
+    """Read the lot that units with this sensor are of.  Raises what ``read_lot`` and ``require_usable`` raise."""
+    given = lot_file(path)
+    require_usable(given.lot, sensor, given.file)
+    return given
 
 
 def lot_file(path: Path) -> LotFile:

@@ -18,12 +18,13 @@ from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.texts import printable
+from tinygc.annexes.lots.explanation import effects_of
 from tinygc.annexes.lots.fleet.row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
 from tinygc.closure.prepared import Prepared, first_look_at_gravity_sign, prepare
 from tinygc.effects import using
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.listing import date_of
-from tinygc.explanation.engine import effects_of, explain_session
+from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json as explanation_json
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.reporting.truth_text import truth_to_json

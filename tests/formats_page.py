@@ -1,4 +1,4 @@
-"""docs/formats.md as data: the keys of each JSON format, the effects with their parameters, and which keys of a table it lacks."""
+"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, and which keys of a table they lack."""
 
 import re
 from itertools import product
@@ -7,7 +7,8 @@ from pathlib import Path
 from tinygc.annexes.discovery.quantities import QUANTITIES
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md"))]
+PAGE = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
 CODE = re.compile(r"`([^`]+)`")
 

@@ -27,9 +27,9 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from tinygc.annexes.lots.fleet.row import FleetOptions
-from tinygc.annexes.lots.fleet.run import Cluster, Processes, Tally, run_fleet, session_folders
-from tinygc.annexes.lots.fleet.table import NAME, open_table
+from tinygc.annexes.lots.fleet_row import FleetOptions
+from tinygc.annexes.lots.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
+from tinygc.annexes.lots.fleet_table import NAME, open_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -6,10 +6,10 @@ import sqlite3
 from collections import deque
 from pathlib import Path
 
-from tinygc.annexes.lots.fleet.compute import Job, compute
-from tinygc.annexes.lots.fleet.row import FleetOptions
-from tinygc.annexes.lots.fleet.run import Finished, Tally, run_fleet, session_folders
-from tinygc.annexes.lots.fleet.table import NAME, open_table
+from tinygc.annexes.lots.fleet_row import FleetOptions
+from tinygc.annexes.lots.fleet_run import Finished, Tally, run_fleet, session_folders
+from tinygc.annexes.lots.fleet_session import Job, compute
+from tinygc.annexes.lots.fleet_table import NAME, open_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

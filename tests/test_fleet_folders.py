@@ -9,11 +9,11 @@ import pytest
 from fleets import QUICK, Here, asked, made, ran
 
 from session.io.errors import CalibrationError
-from tinygc.annexes.lots.fleet.compute import Job, Outcome, compute
-from tinygc.annexes.lots.fleet.row import FleetOptions, empty, key_of
-from tinygc.annexes.lots.fleet.run import listed_folders, run_fleet, session_folders
-from tinygc.annexes.lots.fleet.summary import unit_results
-from tinygc.annexes.lots.fleet.table import open_table
+from tinygc.annexes.lots.fleet_row import FleetOptions, empty, key_of
+from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet, session_folders
+from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
+from tinygc.annexes.lots.fleet_summary import unit_results
+from tinygc.annexes.lots.fleet_table import open_table
 
 FOREIGN = Path(__file__).parent / "foreign_effects"
 

@@ -8,14 +8,14 @@ from fleets import FIT, made, ran
 from formats_page import CODE, rows, strangers
 from html_pages import parsed
 
-from tinygc.annexes.lots.fleet import command
-from tinygc.annexes.lots.fleet.command import Meter
-from tinygc.annexes.lots.fleet.compute import Outcome
-from tinygc.annexes.lots.fleet.page import page
-from tinygc.annexes.lots.fleet.row import COLUMNS, FIGURES, LONG, STEPS, VALUES, empty
-from tinygc.annexes.lots.fleet.run import Tally
-from tinygc.annexes.lots.fleet.summary import MOST_LISTED, distribution, reason_of, summarise
-from tinygc.annexes.lots.fleet.table import open_table, read_table
+from tinygc.annexes.lots import fleet_command as command
+from tinygc.annexes.lots.fleet_command import Meter
+from tinygc.annexes.lots.fleet_page import page
+from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, STEPS, VALUES, empty
+from tinygc.annexes.lots.fleet_run import Tally
+from tinygc.annexes.lots.fleet_session import Outcome
+from tinygc.annexes.lots.fleet_summary import MOST_LISTED, distribution, reason_of, summarise
+from tinygc.annexes.lots.fleet_table import open_table, read_table
 from tinygc.reporting.html.markup import Section
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'

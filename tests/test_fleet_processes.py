@@ -9,10 +9,10 @@ from fleets import FIT, Here, content, made, ran
 from processes import CALIBRATE, PIPE, started, until
 
 from session.io.errors import CalibrationError
-from tinygc.annexes.lots.fleet.compute import Job
-from tinygc.annexes.lots.fleet.row import FleetOptions
-from tinygc.annexes.lots.fleet.run import Processes
-from tinygc.annexes.lots.fleet.table import NAME, read_table
+from tinygc.annexes.lots.fleet_row import FleetOptions
+from tinygc.annexes.lots.fleet_run import Processes
+from tinygc.annexes.lots.fleet_session import Job
+from tinygc.annexes.lots.fleet_table import NAME, read_table
 
 posix = pytest.mark.skipif(not processes.HAS_GROUPS, reason="signals and groups as POSIX has them")
 WHOLE = FleetOptions()
@@ -168,13 +168,13 @@ def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
 
 def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch):
     pytest.importorskip("distributed", reason="the extra fleet is not installed")
-    monkeypatch.setattr("tinygc.annexes.lots.fleet.run.PATIENCE_S", 0.1)
+    monkeypatch.setattr("tinygc.annexes.lots.fleet_run.PATIENCE_S", 0.1)
     code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "no Dask scheduler answers" in err.splitlines()[-1]
 
 
 def test_a_worker_of_another_version_is_said(fleet, tmp_path, monkeypatch):
-    monkeypatch.setattr("tinygc.annexes.lots.fleet.compute.VERSION", "0.0.0")
+    monkeypatch.setattr("tinygc.annexes.lots.fleet_session.VERSION", "0.0.0")
     with pytest.raises(CalibrationError, match=r"a worker runs TinyGC 0\.0\.0, this is .*; install the same version everywhere"):
         ran(fleet, tmp_path, executor=Here())

@@ -8,11 +8,11 @@ import pytest
 from fleets import QUICK, Here, asked, content, made, ran
 
 from session.io.errors import CalibrationError, FormatError, StorageError
-from tinygc.annexes.lots.fleet.compute import Outcome
-from tinygc.annexes.lots.fleet.row import COLUMNS, empty
-from tinygc.annexes.lots.fleet.run import run_fleet, session_folders
-from tinygc.annexes.lots.fleet.summary import unit_results, write_csv
-from tinygc.annexes.lots.fleet.table import NAME, open_table, read_table
+from tinygc.annexes.lots.fleet_row import COLUMNS, empty
+from tinygc.annexes.lots.fleet_run import run_fleet, session_folders
+from tinygc.annexes.lots.fleet_session import Outcome
+from tinygc.annexes.lots.fleet_summary import unit_results, write_csv
+from tinygc.annexes.lots.fleet_table import NAME, open_table, read_table
 
 
 @pytest.fixture(scope="module")

@@ -209,7 +209,7 @@ def test_nobody_reads_json_but_by_the_reader_that_holds_it_against_a_shape():
         "session/io/results.py",
         "tinygc/annexes/challenge/examination.py",
         "tinygc/annexes/challenge/proofs.py",
-        "tinygc/annexes/lots/fleet/row.py",
+        "tinygc/annexes/lots/fleet_row.py",
     }
     readers = {
         str(path.relative_to(root))

@@ -173,9 +173,9 @@ def test_the_same_input_gives_the_same_answer():
 
 def written_fleet(folder, first_model):
     """A fleet's table of simulated results, the first of which may be of another model."""
-    from tinygc.annexes.lots.fleet.compute import Outcome
-    from tinygc.annexes.lots.fleet.row import DONE, SIGMAS, empty, packed
-    from tinygc.annexes.lots.fleet.table import open_table
+    from tinygc.annexes.lots.fleet_row import DONE, SIGMAS, empty, packed
+    from tinygc.annexes.lots.fleet_session import Outcome
+    from tinygc.annexes.lots.fleet_table import open_table
 
     folder.mkdir()
     with open_table(folder) as table:

@@ -28,7 +28,7 @@ RENAMED = {
     "tinygc.effects.parameter": "tinygc.effects.effect",
     "tinygc.effects.picture": "tinygc.effects.effect",
     "tinygc.effects.reach": "tinygc.effects.movement",
-    "tinygc.fleet.results": "tinygc.annexes.lots.fleet.summary",
+    "tinygc.fleet.results": "tinygc.annexes.lots.fleet_summary",
     "tinygc.lot.report": "tinygc.annexes.lots.report",
     "tinygc.simulation.asm330lhh.faults": f"{_EMULATED}.readings",
     "tinygc.simulation.asm330lhh.motion": f"{_EMULATED}.readings",

@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     """All that a lot's sessions say of it."""
     from tinygc.annexes.lots.capability import read_limits
     from tinygc.annexes.lots.files import save, to_json
-    from tinygc.annexes.lots.fleet.summary import lot_of_fleet
+    from tinygc.annexes.lots.fleet_summary import lot_of_fleet
     from tinygc.annexes.lots.page import save as save_page
     from tinygc.annexes.lots.text import headline, lot_page
 

@@ -16,8 +16,8 @@ from tinygc.annexes.lots.lot import SEEN, PooledEffect
 from tinygc.annexes.lots.report import LotReport, Quantity
 
 if TYPE_CHECKING:
-    from tinygc.annexes.lots.fleet.run import Tally
-    from tinygc.annexes.lots.fleet.summary import Summary
+    from tinygc.annexes.lots.fleet_run import Tally
+    from tinygc.annexes.lots.fleet_summary import Summary
 
 
 # A lot as a person reads it in the terminal: numbers, repeatability, charts, what does not belong, capability.

@@ -22,7 +22,7 @@ COMMANDS = {
     "apply": "tinygc.cli.commands.apply",
     "export": "tinygc.cli.commands.export",
     "compare": "tinygc.cli.commands.compare",
-    "fleet": "tinygc.annexes.lots.fleet.command",
+    "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",
     "challenge": "tinygc.annexes.challenge.command",
     "simulate": "tinygc.cli.commands.simulate",

@@ -18,8 +18,8 @@ from session.bench.rawfile import lock
 from session.io.errors import CalibrationError, FormatError, StorageError
 from session.io.files import result_folder
 from session.io.texts import unicode_text
-from tinygc.annexes.lots.fleet.compute import Outcome
-from tinygc.annexes.lots.fleet.row import COLUMNS, Row
+from tinygc.annexes.lots.fleet_row import COLUMNS, Row
+from tinygc.annexes.lots.fleet_session import Outcome
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
 #: that a file is ours (PRAGMA application_id, "TGCF"), and of which form (user_version)

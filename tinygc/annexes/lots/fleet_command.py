@@ -17,7 +17,7 @@ from tinygc.cli.arguments import STANDARD, count, file_written, folder_written, 
 from tinygc.cli.results import complain, output, write_json
 
 if TYPE_CHECKING:
-    from tinygc.annexes.lots.fleet.run import Tally
+    from tinygc.annexes.lots.fleet_run import Tally
 
 
 # How far a fleet is: done, failed, reused, how many a second, how long still; a bar on a terminal, else a line now and then.
@@ -119,9 +119,9 @@ def steps(text: str) -> tuple[str, ...]:
 def run(args: argparse.Namespace) -> int:
     """Compute what is not known yet; then tell what the table holds."""
     from tinygc.annexes.lots.files import save as save_lot
-    from tinygc.annexes.lots.fleet.page import save
-    from tinygc.annexes.lots.fleet.summary import lot_if_any, summarise
-    from tinygc.annexes.lots.fleet.table import read_table
+    from tinygc.annexes.lots.fleet_page import save
+    from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise
+    from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.annexes.lots.page import lot_sections
     from tinygc.annexes.lots.text import fleet_page
 
@@ -150,9 +150,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
     """The run; CalibrationError where there is no session at all."""
-    from tinygc.annexes.lots.fleet.row import FleetOptions
-    from tinygc.annexes.lots.fleet.run import Cluster, Processes, run_fleet
-    from tinygc.annexes.lots.fleet.table import open_table
+    from tinygc.annexes.lots.fleet_row import FleetOptions
+    from tinygc.annexes.lots.fleet_run import Cluster, Processes, run_fleet
+    from tinygc.annexes.lots.fleet_table import open_table
 
     chosen = tuple(step for step in args.only if step not in args.without)
     if not chosen:
@@ -175,7 +175,7 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
 def _folders(args: argparse.Namespace) -> Iterator[Path]:
     """Of the folders, then of the list, one after the other."""
     from session.io.files import open_file
-    from tinygc.annexes.lots.fleet.run import listed_folders, session_folders
+    from tinygc.annexes.lots.fleet_run import listed_folders, session_folders
 
     yield from session_folders(args.folders)
     if args.listed is None:
@@ -194,7 +194,7 @@ def _cores() -> int:
 
 def _write_csv(args: argparse.Namespace, table) -> None:  # type: ignore[no-untyped-def]
     from session.io.results import whole
-    from tinygc.annexes.lots.fleet.summary import write_csv
+    from tinygc.annexes.lots.fleet_summary import write_csv
     from tinygc.cli.results import standard_output
 
     if args.csv is None:

@@ -15,8 +15,8 @@ import numpy as np
 from session.io.errors import CalibrationError, FormatError
 from session.io.texts import printable
 from tinygc.annexes.lots.effects import pooled
-from tinygc.annexes.lots.fleet.row import COLUMNS, DONE, VALUES, told_by, unpacked
-from tinygc.annexes.lots.fleet.table import COUNTED, EACH, Table, read_table
+from tinygc.annexes.lots.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
+from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, read_table
 from tinygc.annexes.lots.lot import UnitResult, Weighed
 from tinygc.annexes.lots.report import LotReport, lot_of
 

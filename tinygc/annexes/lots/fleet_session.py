@@ -19,7 +19,7 @@ from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.texts import printable
 from tinygc.annexes.lots.explanation import effects_of
-from tinygc.annexes.lots.fleet.row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
+from tinygc.annexes.lots.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
 from tinygc.closure.prepared import Prepared, first_look_at_gravity_sign, prepare
 from tinygc.effects import using
 from tinygc.estimation.fit import fit_session

@@ -20,9 +20,9 @@ from typing import Any, Protocol
 
 from session.io.errors import CalibrationError
 from session.io.texts import printable
-from tinygc.annexes.lots.fleet.compute import Job, Outcome, compute
-from tinygc.annexes.lots.fleet.row import DIED, DONE, FleetOptions, Row, empty, key_of
-from tinygc.annexes.lots.fleet.table import Table
+from tinygc.annexes.lots.fleet_row import DIED, DONE, FleetOptions, Row, empty, key_of
+from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
+from tinygc.annexes.lots.fleet_table import Table
 
 # Which folders are sessions, found one after the other as they are asked for: a hundred thousand of them are never held at once.
 

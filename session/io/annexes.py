@@ -16,6 +16,12 @@ SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
     "a lot as prior": "tinygc.annexes.lots.fit",
     "what a lot knows of one unit": "tinygc.annexes.lots.explanation",
+    "checks of arrays": "tinygc.annexes.arrays.explanation",
+    "a search beyond the catalogue (--discover)": "tinygc.annexes.discovery.engine",
+    "reports of a discovery": "tinygc.annexes.discovery.report",
+    "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
+    "earlier discoveries": "tinygc.annexes.discovery.searched",
+    "calibrations over temperature": "tinygc.annexes.temperature.library",
 }
 
 

@@ -29,10 +29,6 @@ from tinygc.reporting.truth_text import save_truth, truth_line, truth_page, trut
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tinygc.annexes.discovery.report import Told
-    from tinygc.annexes.discovery.search_state import Discovery
-    from tinygc.annexes.lots.lot import Lot
-
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
 
@@ -63,7 +59,7 @@ class Why:
     catalogue answers, None where nobody asked."""
 
     explanation: Explanation | TruthExplanation
-    discovery: Discovery | None = None
+    discovery: Any = None
 
     def __repr__(self) -> str:
         named = ", ".join(effect.id for effect in self.effects)
@@ -77,13 +73,11 @@ class Why:
         return to_json(self.explanation) if self._told is None else self._told.table
 
     @cached_property
-    def _told(self) -> Told | None:
+    def _told(self) -> Any:
         """What is made of the discovery, where there is one; nothing of it is loaded where there is none."""
         if self.discovery is None or isinstance(self.explanation, TruthExplanation):
             return None
-        from tinygc.annexes.discovery.report import Told
-
-        return Told(self.explanation, self.discovery)
+        return need("reports of a discovery").Told(self.explanation, self.discovery)
 
     @property
     def verdict(self) -> str:
@@ -167,9 +161,9 @@ class Why:
         if isinstance(found, TruthExplanation):
             return save_truth(found, where, pictures=pictures)
         if self._told is not None:
-            folder = self._told.save(where, pictures=pictures)
+            saved: Path = self._told.save(where, pictures=pictures)
             self.__dict__.pop("table", None)  # which says where the effect files are
-            return folder
+            return saved
         return save_explanation(found, where, pictures=pictures)
 
 
@@ -178,7 +172,7 @@ def explain(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    lot: Lot | Path | str | None = None,
+    lot: Any = None,
     discover: bool = False,
     progress: Progress = lambda what, done, of: None,
 ) -> Why:
@@ -199,13 +193,12 @@ def explain(
         if lot is not None:
             raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
+    search = need("a search beyond the catalogue (--discover)") if discover else None
     known = None if lot is None else need("what a lot knows of one unit").known_effects(lot, config.sensor.model)
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known)
-    if not discover:
+    if search is None:
         return Why(explanation)
-    from tinygc.annexes.discovery.engine import discover as search
-
-    return Why(explanation, search(explanation, seed=seed, progress=progress))
+    return Why(explanation, search.discover(explanation, seed=seed, progress=progress))
 
 
 def _found(entry: dict) -> FoundEffect:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Group, RenderableType
 
-from session.annexes.arrays.recording import ArraySession, read_array
 from session.bench.console import PlainConsole
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.detect.stills import SessionStills
+from session.io.annexes import need
 from session.io.config import Accelerometer, Protocol, Site
 from session.io.errors import CalibrationError, DataError, FitError
 from session.io.folder import Session, is_array
@@ -65,30 +65,25 @@ def as_html(page: RenderableType) -> str:
 # ``tinygc.check``: the first look at a session, or at a folder that may not even be readable as one.
 
 
-def check(session: Session | ArraySession | Path | str) -> list[Finding]:
+def check(session: Any) -> list[Finding]:
     """All findings, in the order in which they are looked for: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.
 
     Of a folder, a log that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
     """
-    if isinstance(session, ArraySession):
-        return _check_array(session)
-    if not isinstance(session, Session) and is_array(Path(session)):
+    if isinstance(session, Session):
+        found = SessionStills(session)
+        findings = check_session(session, found)
+        return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)
+    if isinstance(session, str | Path):
+        folder = Path(session)
+        if not is_array(folder):
+            return check_folder(folder, first_look_at_gravity_sign)
+        read_array = need("recordings of arrays").read_array
         try:
-            array = read_array(session)
+            session = read_array(folder)
         except CalibrationError as error:
-            return [Finding("error", Path(session).name, "reading", str(error))]
-        return _check_array(array)
-    if not isinstance(session, Session):
-        return check_folder(Path(session), first_look_at_gravity_sign)
-    found = SessionStills(session)
-    findings = check_session(session, found)
-    return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)
-
-
-def _check_array(array: ArraySession) -> list[Finding]:
-    from tinygc.annexes.arrays.explanation import check_array  # its correlations are slow to import, and few folders are arrays
-
-    return check_array(array, first_look_at_gravity_sign)
+            return [Finding("error", folder.name, "reading", str(error))]
+    return need("checks of arrays").check_array(session, first_look_at_gravity_sign)
 
 
 # ``tinygc.fit``: the main job, from a session to calibrations and how well they close.

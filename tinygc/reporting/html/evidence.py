@@ -13,11 +13,11 @@ import numpy as np
 
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
+from session.io.annexes import find
 from session.io.config import Accelerometer
 from session.io.folder import file_key, hash_of_log, input_hashes
 from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS
 from tinygc import models
-from tinygc.annexes.discovery.searched import Searched, searched
 from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import wander_covariance
@@ -413,7 +413,8 @@ class Evidence:
     """fit; explanation, or against_truth where the reference is a truth file, or neither;
     adopted: the calibration that is reported; decision; quantities: every number of the parameter
     tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
-    methods that were taken from what ``fit`` had saved; searched: what an earlier ``explain --discover`` found, or None."""
+    methods that were taken from what ``fit`` had saved; searched: what an earlier ``explain --discover`` found, as the annex
+    discovery reads it, or None."""
 
     fit: FitResult
     explanation: Explanation | None
@@ -427,7 +428,7 @@ class Evidence:
     made: str
     limit_deg: float | None
     reused: tuple[str, ...] = ()
-    searched: Searched | None = None
+    searched: Any = None
 
     @property
     def problem(self) -> Problem:
@@ -462,7 +463,7 @@ def gather(
         progress=lambda what: progress(what, 0, 1),
     )
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain else {}
-    beyond_catalogue = searched(folder, logs) if explain else None
+    discovery = find("earlier discoveries") if explain else None
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and explain:  # what a fit leaves out is looked at all the same
@@ -491,7 +492,7 @@ def gather(
         made=_now(),
         limit_deg=limit_deg,
         reused=fit.reused,
-        searched=beyond_catalogue,
+        searched=None if discovery is None else discovery.searched(folder, logs),
     )
 
 

@@ -12,7 +12,7 @@ from session.io.units import DEG
 from tinygc.estimation.choice import run_figures
 from tinygc.reporting.html.evidence import Evidence
 from tinygc.reporting.html.markup import Section, escape, tilt_rms
-from tinygc.reporting.html.sections import SECTIONS
+from tinygc.reporting.html.sections import modules
 from tinygc.reporting.html.style import style_sheet
 
 # The report for other programs: ``tinygc-report/1``.
@@ -71,7 +71,7 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
-    sections = [made for section in SECTIONS if (made := section(evidence)) is not None]
+    sections = [made for part in modules() if (made := part.section(evidence)) is not None]
     return document(f"Calibration report: {evidence.fit.session.name}", _head(evidence), sections, _foot(evidence))
 
 

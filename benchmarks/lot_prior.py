@@ -169,7 +169,7 @@ def one_unit(job: Job) -> dict:
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
         session = read_session(write_simulation(simulate_session(options, unit=unit), Path(parent) / "one"))
         lot = lot_of_units(job.spread, job.units)
-        problem = prepare(session, lot=lot).problem
+        problem = prepare(session, prior=LotFile(lot, "", "").prior).problem
         fit_options = FitOptions(methods=("least_squares",))
         noise = stated_noise(problem)
         assert noise is not None

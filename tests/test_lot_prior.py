@@ -11,9 +11,10 @@ from processes import calibrate
 import tinygc
 from session.io.errors import CalibrationError
 from tinygc.annexes.lots.files import write_lot
-from tinygc.annexes.lots.prior import Prior, belonging, farthest, prior_of, require_usable
+from tinygc.annexes.lots.prior import belonging, farthest, prior_of, require_usable
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
+from tinygc.closure.prior import GaussianPrior
 from tinygc.models.linear import PARAMETERS, LinearModel
 
 
@@ -43,11 +44,11 @@ def test_prior_and_turns_are_weighed_by_their_information(eight):
     """Exactly so where the closure is linear: x = (A + P^-1)^-1 (A x_turns + P^-1 centre), whatever the noise that both are weighed by."""
     problem = prepare(eight).problem
     start, sigma = LinearModel.from_vector(MEAN), problem.floor.sigma
-    wide = Prior(MEAN, np.diag(np.full(PARAMETERS, 1e4)), np.ones(PARAMETERS, dtype=bool))
+    wide = GaussianPrior(MEAN, np.diag(np.full(PARAMETERS, 1e4)), np.ones(PARAMETERS, dtype=bool))
     free = fit_least_squares(problem.batch, sigma, start, prior=wide)
     spread = np.diag(SIGMA**2)
     spread[0, 4] = spread[4, 0] = 0.7 * SIGMA[0] * SIGMA[4]
-    prior = Prior(MEAN, spread, np.ones(PARAMETERS, dtype=bool))
+    prior = GaussianPrior(MEAN, spread, np.ones(PARAMETERS, dtype=bool))
     for weight in (1.0, 9.0):
         fit = fit_least_squares(problem.batch, sigma, start, prior=prior.weighed(weight))
         turns, lot_s = np.linalg.inv(free.covariance), weight * np.linalg.inv(spread)

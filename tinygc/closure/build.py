@@ -15,12 +15,11 @@ from session.io.folder import Session
 from session.io.samples import start_times
 from session.io.units import DEG, EARTH_RATE_RPS, NS
 from tinygc import closure
-from tinygc.annexes.lots.lot import Lot
-from tinygc.annexes.lots.prior import prior_of
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
 from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
 from tinygc.closure.stills import StillSet, angle_between, carry_yaw
@@ -246,7 +245,7 @@ DIAL_LIMIT_RAD = 1.0 * DEG
 FIRST_SIGMA_RAD = 1e-3
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
-#: what a lot tells of a unit's first fit, which only carries the yaw of so few turns: as a variance, three sigmas for one
+#: of the prior in the first fit, which only carries the yaw of so few turns: as a variance, three sigmas for one
 FIRST_WIDER = 9.0
 
 
@@ -259,15 +258,15 @@ def build_problem(
     clipped: tuple[int, ...] = (),
     found: SessionStills | None = None,
     near: LinearModel | None = None,
-    lot: Lot | None = None,
+    prior: PriorOf | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
     segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
-    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins; lot: that
-    the unit is taken to be of where its turns are too few for a fit of their own.
+    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins; prior:
+    of the unit, used here where its turns are too few for a fit of their own.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -275,13 +274,13 @@ def build_problem(
         return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
     logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     turns = known_turns_of(session, found, segments)
-    _require_enough(session, logs, segments, turns, lot)
+    _require_enough(session, logs, segments, turns, prior is not None)
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     few = np.count_nonzero(used) < FEWEST_SEGMENTS
-    beforehand = None if lot is None or not few else prior_of(lot, start.vector).scaled(FIRST_WIDER)
+    beforehand = None if prior is None or not few else prior(start.vector).scaled(FIRST_WIDER)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
     for _ in range(2):
@@ -389,7 +388,9 @@ def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.
     return table[number]
 
 
-def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...], lot: Lot | None) -> None:
+def _require_enough(
+    session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...], with_prior: bool
+) -> None:
     where = session.folder
     still_s = session.config.protocol.still_s
     if not logs:
@@ -405,7 +406,7 @@ def _require_enough(session: Session, logs: list[StillSet], segments: list[Segme
     used = [segment for segment in segments if segment.accepted]
     if not used:
         raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
-    if len(used) < FEWEST_SEGMENTS and lot is None and not span_space(turns):
+    if len(used) < FEWEST_SEGMENTS and not with_prior and not span_space(turns):
         raise SegmentError(
             f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
             "12 parameters, 2 angles a segment"

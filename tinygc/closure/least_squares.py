@@ -10,8 +10,8 @@ import numpy as np
 
 from session.io.errors import FitError
 from tinygc import closure
-from tinygc.annexes.lots.prior import Prior
 from tinygc.attitude import rotation
+from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, PARAMETERS, PRIOR_SIGMA, LinearModel
@@ -82,8 +82,7 @@ class StillRates:
 # Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance for every parameter.
 #
 # Minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a prior so weak that it only matters where the data say nothing: a fit must not
-# wander along a direction that no segment observes.  (r is half an angle, hence the half.)  Instead of it there may be what a lot of units
-# tells of this one (``tinygc/annexes/lots/prior.py``).
+# wander along a direction that no segment observes.  (r is half an angle, hence the half.)  A ``GaussianPrior`` may stand in its place.
 
 #: a parameter whose sigma is not at least this much below its prior's was not observed
 OBSERVED_BELOW = 0.1
@@ -159,7 +158,7 @@ def fit_least_squares(
     integrator: str = "exact",
     rest_rps: np.ndarray | None = None,
     begin: LinearModel | Rows | None = None,
-    prior: Prior | None = None,
+    prior: GaussianPrior | None = None,
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
@@ -212,7 +211,7 @@ def fit_least_squares(
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
 
 
-def _prior(start: LinearModel, prior: Prior | None, held: bool) -> tuple[np.ndarray, np.ndarray]:
+def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple[np.ndarray, np.ndarray]:
     """Centre (12,) and a root (12, 12) of the covariance; held: the bias is known."""
     centre, root = (start.vector, np.diag(PRIOR_SIGMA)) if prior is None else (prior.centre.copy(), prior.root)
     if held:

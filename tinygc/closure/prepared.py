@@ -16,10 +16,10 @@ from session.detect.stills import SessionStills
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.units import DEG_PER_HOUR
-from tinygc.annexes.lots.lot import Lot
 from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
+from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import JointFit, Problem
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
@@ -137,13 +137,13 @@ def prepare(
     progress: Callable[[str], None] = lambda what: None,
     known: SessionStills | None = None,
     near: LinearModel | None = None,
-    lot: Lot | None = None,
+    prior: PriorOf | None = None,
 ) -> Prepared:
     """From a session, or a session folder, to its problem.
 
     accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
     known: the stills of this very session, where somebody has asked for them before; near: a gyroscope's model near its own;
-    lot: that fewer turns are enough with.
+    prior: what is known of the unit beforehand, with which fewer turns are enough.
     Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
     the errors of ``read_session`` and ``build_problem``.
     """
@@ -164,7 +164,7 @@ def prepare(
     stop_at_errors(findings)
     whole = with_bridges(session)
     found = SessionStills(whole, found)
-    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, lot=lot, progress=progress)
+    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, prior=prior, progress=progress)
     if use_earth:
         findings = findings + check_gravity_sign(problem)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
@@ -188,7 +188,7 @@ def prepare(
         progress=progress,
         known=looked_at,
         near=problem.first,
-        lot=lot,
+        prior=prior,
     )
     return Prepared(said + free.findings, free.problem, problem)
 

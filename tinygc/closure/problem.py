@@ -21,13 +21,13 @@ from session.io.logfile import Bridge
 from session.io.samples import start_times
 from session.io.units import DEG, MG
 from tinygc import closure
-from tinygc.annexes.lots.prior import Prior
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.rotation import Array
 from tinygc.closure.allan import bias_instability_of
 from tinygc.closure.floor import BiasInstability, BiasWander, Floor
 from tinygc.closure.least_squares import OBSERVED_BELOW, StillRates
+from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch
 from tinygc.closure.stills import StillSet
 from tinygc.effects import Conditions
@@ -250,7 +250,7 @@ class Problem:
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
     stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
     was one; known_turns: those of ``turns.csv``, used or with the reason why not; widened: used segments that are less certain than
-    their noise, and why; prior: what a lot tells of the gyroscope beforehand, None for no more than that a fit must not wander.
+    their noise, and why; prior: what is known of the gyroscope beforehand, None for no more than that a fit must not wander.
     """
 
     session: Session
@@ -266,7 +266,7 @@ class Problem:
     joint: JointFit | None = None
     known_turns: tuple[FoundTurn, ...] = ()
     widened: tuple[Widening, ...] = ()
-    prior: Prior | None = None
+    prior: GaussianPrior | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc import closure
-from tinygc.annexes.lots.prior import Prior
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.rotation import sample_weights
 from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.least_squares import StillRates, solve_lower
+from tinygc.closure.prior import GaussianPrior
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -113,7 +113,7 @@ def parameter_covariance(
     earth: EarthRate,
     still_rates: StillRates | None = None,
     wander: BiasWander | None = None,
-    prior: Prior | None = None,
+    prior: GaussianPrior | None = None,
 ) -> np.ndarray:
     """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it, by the session's noise, not by what a prior errs by.
 
@@ -154,7 +154,7 @@ def parameter_covariance(
     return inverse @ meat @ inverse
 
 
-def _information(prior: Prior | None) -> np.ndarray:
+def _information(prior: GaussianPrior | None) -> np.ndarray:
     return np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
 
 
@@ -164,15 +164,15 @@ def covariance_from_columns(
     wander: BiasWander,
     more_prior: np.ndarray | None = None,
     information: np.ndarray | None = None,
-    lot: Prior | None = None,
+    known: GaussianPrior | None = None,
 ) -> np.ndarray:
     """(P, P) from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
 
     Behind the 12 parameters there may be others, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data;
-    lot: what is known of the 12 beforehand.
+    known: what is known of the 12 beforehand.
     """
     prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
-    prior[: linear.PARAMETERS, : linear.PARAMETERS] = _information(lot)
+    prior[: linear.PARAMETERS, : linear.PARAMETERS] = _information(known)
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + prior
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.io.annexes import need
 from session.io.errors import SegmentError
 from session.io.folder import Session, input_hashes, read_session
-from tinygc.annexes.lots.fit import fit_with_lot, lot_file, require_possible
-from tinygc.annexes.lots.prior import require_usable
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import closure_angles
@@ -58,17 +57,17 @@ def fit_session(
     """
     given = None
     if options.lot is not None:
-        require_possible(options)
-        given, saved = lot_file(options.lot), None
+        lots = need("a lot as prior")
+        lots.require_possible(options)
         session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
-        require_usable(given.lot, session.config.sensor.model, given.file)
+        given, saved = lots.lot_for(options.lot, session.config.sensor.model), None
     if prepared is None:
         prepared = prepare(
             session,
             use_earth=options.earth,
             exclude=options.exclude,
             accelerometer=options.accelerometer,
-            lot=None if given is None else given.lot,
+            prior=None if given is None else given.prior,
             progress=lambda what: progress(what, 0, 1),
         )
     problem = prepared.problem
@@ -87,7 +86,7 @@ def fit_session(
         progress("noise", 0, 1)
         noise = stated_noise(problem)
         progress("lot", 0, 1)
-        bias_from, level, linear, use = fit_with_lot(problem, options, given, noise)
+        bias_from, level, linear, use = lots.fit_with_lot(problem, options, given, noise)
     fits, reused = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.annexes.lots.prior import Prior
 from tinygc.closure.least_squares import StillRates
+from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.problem import Problem, consecutive
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress
@@ -69,7 +69,7 @@ class Seen:
     same: bool = True
     label: str = "whole"
     rest_rps: np.ndarray | None = None
-    prior: Prior | None = None
+    prior: GaussianPrior | None = None
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""

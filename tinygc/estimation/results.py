@@ -21,7 +21,7 @@ from session.io.folder import Session, file_key, input_hashes
 from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
 from session.io.units import DEG, G
 from tinygc import models
-from tinygc.annexes.lots.fit import LotUse
+from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import GoodnessOfFit
@@ -118,7 +118,7 @@ class FitResult:
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
     joint_shared: np.ndarray | None = None
-    lot: LotUse | None = None
+    lot: PriorUse | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"

@@ -16,9 +16,9 @@ import numpy as np
 from session.bench.messages import AcceptedTurn, Advice, Movement, Progress
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
-from tinygc.annexes.lots.prior import Prior
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
+from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -55,7 +55,7 @@ class BoardPrior:
     """prior: what is known of the board's gyroscope beforehand; None where that does not hold for this board, which ``says`` puts in a
     line."""
 
-    prior: Prior | None
+    prior: GaussianPrior | None
     says: str
 
 
@@ -139,7 +139,7 @@ class Coach:
         middle_s = np.array([each.turn.middle_s for each in seen])
         design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
         if self._own is None:
-            return covariance_from_columns(design, floor, wander, lot=self._board.prior)
+            return covariance_from_columns(design, floor, wander, known=self._board.prior)
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
             lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)

@@ -21,11 +21,11 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
+from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.estimation.accelerometer import JOINT_NAMES
-from tinygc.estimation.results import LotUse
 from tinygc.estimation.stated_noise import stated_joint_covariance, stated_noise
 from tinygc.models import linear
 from tinygc.planning import turns
@@ -92,7 +92,7 @@ class Plan:
     proposals: list[Proposal]
     asked: str | None
     enough: int | None
-    lot: LotUse | None = None
+    lot: PriorUse | None = None
 
 
 def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
@@ -100,7 +100,7 @@ def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
     session, _ = with_own_accelerometer(read_session(folder))
     given = None if lot is None else need("a lot as prior").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
-    problem = build_problem(with_bridges(session), lot=None if given is None else given.lot)
+    problem = build_problem(with_bridges(session), prior=None if given is None else given.prior)
     known, use = known_of(problem), None
     if given is not None:
         prior, use = given.prior_beside(problem)

@@ -11,8 +11,9 @@ from session.io.errors import CalibrationError
 from session.io.folder import file_key, sha256_of
 from tinygc.annexes.lots.files import read_lot
 from tinygc.annexes.lots.lot import Lot
-from tinygc.annexes.lots.prior import Belonging, Prior, belonging, farthest, prior_of, require_usable, vague
+from tinygc.annexes.lots.prior import Belonging, belonging, farthest, prior_of, require_usable
 from tinygc.closure.build import FEWEST_SEGMENTS
+from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import goodness, parameter_covariance
@@ -83,13 +84,17 @@ class LotUse:
 
 @dataclass(frozen=True, eq=False)
 class LotFile:
-    """A lot, with its file's name and hash."""
+    """A lot as prior of one unit, with its file's name and hash."""
 
     lot: Lot
     file: str
     hash: str
 
-    def prior_beside(self, problem: Problem) -> tuple[Prior | None, LotUse]:
+    def prior(self, start: np.ndarray) -> GaussianPrior:
+        """Of a unit that belongs to the lot; start (12,): the centre of what the lot does not tell."""
+        return prior_of(self.lot, start)
+
+    def prior_beside(self, problem: Problem) -> tuple[GaussianPrior | None, LotUse]:
         """What the lot knows of a problem's unit, None where the unit does not belong to it or that is open; and what was decided."""
         *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), self, stated_noise(problem))
         return (prior_of(self.lot, problem.first.vector) if use.used == "yes" else None), use
@@ -97,14 +102,9 @@ class LotFile:
 
 def lot_for(path: Path, sensor: str) -> LotFile:
     """Read the lot that units with this sensor are of.  Raises what ``read_lot`` and ``require_usable`` raise."""
-    given = lot_file(path)
-    require_usable(given.lot, sensor, given.file)
-    return given
-
-
-def lot_file(path: Path) -> LotFile:
-    """Read it.  Raises what ``read_lot`` raises."""
-    return LotFile(read_lot(path), file_key(path), sha256_of(path))
+    lot = read_lot(path)
+    require_usable(lot, sensor, file_key(path))
+    return LotFile(lot, file_key(path), sha256_of(path))
 
 
 def require_possible(options: FitOptions) -> None:

@@ -7,13 +7,14 @@ and what a unit that does not belong has from the lot is nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
 from session.io.errors import CalibrationError
 from tinygc.annexes.lots.lot import Lot
+from tinygc.closure.prior import GaussianPrior
 from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA
 
 #: a covariance of twelve numbers from fewer units says more of these units than of the next one
@@ -28,37 +29,7 @@ UNSEEN = 1e-9
 LEAST = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Of the 12 parameters of the gyroscope's linear model: centre (12,), covariance (12, 12), and known (12,) bool: which of them the lot
-    tells of; the others have the generous prior of a fit without one.  weight: by how much the fit's noise is larger than its floor, as
-    a variance, so that the floor's weights do not drown the prior."""
-
-    centre: np.ndarray
-    covariance: np.ndarray
-    known: np.ndarray
-    weight: float = 1.0
-
-    @property
-    def root(self) -> np.ndarray:
-        """(12, 12) lower triangular: of the covariance as the fit weighs it, beside the floor."""
-        return np.linalg.cholesky(self.covariance / self.weight)
-
-    @property
-    def information(self) -> np.ndarray:
-        """(12, 12) of the same."""
-        return np.linalg.inv(self.covariance / self.weight)
-
-    def weighed(self, weight: float) -> Prior:
-        """For a fit whose noise is so much larger, as a variance, than its weights say."""
-        return replace(self, weight=weight)
-
-    def scaled(self, factor: float) -> Prior:
-        """With so many times the covariance."""
-        return replace(self, covariance=self.covariance * factor)
-
-
-def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> Prior:
+def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> GaussianPrior:
     """Of the next session of a unit that belongs to the lot.
 
     start (12,): the centre of what the lot does not tell; tails: degrees of freedom, whose scale matrix it then has instead of the
@@ -72,12 +43,7 @@ def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> Prior:
     spread = lot.spread[:PARAMETERS, :PARAMETERS] * ((tails - 2) / tails if 2 < tails < np.inf else 1.0)
     more = sum(np.nan_to_num(part[:PARAMETERS, :PARAMETERS], nan=0.0) for part in (lot.mean_covariance, lot.repeatability))
     covariance[block] = (spread + more)[block] + np.diag((LEAST * PRIOR_SIGMA[known]) ** 2)
-    return Prior(centre, (covariance + covariance.T) / 2, known)
-
-
-def vague(start: np.ndarray) -> Prior:
-    """Of a unit of which no lot tells: generous about a start (12,), but stated, which a fit to a few turns must be."""
-    return Prior(start, np.diag(PRIOR_SIGMA**2), np.zeros(PARAMETERS, dtype=bool))
+    return GaussianPrior(centre, (covariance + covariance.T) / 2, known)
 
 
 def require_usable(lot: Lot, sensor: str, where: str) -> None:
@@ -111,7 +77,7 @@ class Belonging:
     weight: float = 1.0
 
 
-def belonging(prior: Prior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray, tails: float = np.inf) -> Belonging:
+def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray, tails: float = np.inf) -> Belonging:
     """Whether a unit belongs, by where its fit with the lot's prior has moved from the lot's mean.
 
     moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): how the

@@ -19,7 +19,7 @@ import numpy as np
 from common import in_parallel, markdown
 
 from session.bench.messages import AcceptedTurn, Progress
-from session.bench.progress import OwnAccelerometer
+from session.bench.progress import LiveAccelerometerFit
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
@@ -49,7 +49,7 @@ NOISE = Noise(np.full(3, 5 * MDPS), np.full(3, 0.06 * MG))
 class CoachedHand:
     """Three gimbals, outer middle inner, and a hand that does what it is told.  own: an accelerometer that nobody has calibrated."""
 
-    def __init__(self, options: SimulationOptions, own: OwnAccelerometer | None = None, by_angle: bool = False):
+    def __init__(self, options: SimulationOptions, own: LiveAccelerometerFit | None = None, by_angle: bool = False):
         self.own, self._unit, self._by_angle = own, simulate_unit(options), by_angle
         self._taken_turns, self._stills = [], []
         self._options, self._rng = options, np.random.default_rng([options.seed, 77])
@@ -203,7 +203,7 @@ def falling(seed: int) -> list[list[tuple[float, float]]]:
     options = SimulationOptions(segments=max(COUNTS), closure_s=0.0, seed=seed, accel_bias_mg=RAW_MG)
     found = []
     for coached in (False, True):
-        hand, sigmas = CoachedHand(options, OwnAccelerometer(G)), []
+        hand, sigmas = CoachedHand(options, LiveAccelerometerFit(G)), []
         random = [[one for one in plan_of(options).strokes if a <= one.start_s < b] for a, b in plan_of(options).turns]
         for count in range(1, max(COUNTS) + 1):
             if coached:

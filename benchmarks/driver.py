@@ -18,7 +18,7 @@ from common import markdown, progress
 from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample
 
 from session.bench import frames
-from session.bench.screen import BoardWords
+from session.bench.screen import BoardReporter
 from tinygc.annexes.emulated import readings
 from tinygc.annexes.emulated.readings import Fault
 
@@ -128,7 +128,7 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
     else:
         faults = [Fault(injected.kind, float(when), injected.lasts_s, injected.words, injected.value) for when in at_s]
     driven = at_rate(elf, odr_hz, faults=faults, stalls=stalls)
-    words, before = BoardWords(), len(driven.said)
+    words, before = BoardReporter(), len(driven.said)
     for said in driven.said:
         words.hear(said)
     counted = dict(driven.counts)

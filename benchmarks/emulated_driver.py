@@ -15,7 +15,7 @@ import measure
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, Board, Chunk, Done, Faults, Info, Trouble
+from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, Trouble
 from session.io.units import DEG, G
 from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.machine import Machine
@@ -93,11 +93,11 @@ class Driven:
         self.machine = Machine(elf, Port(self.sensor), stalls=stalls)
         self.decoder, self.t_s, self.bytes = StreamDecoder(), 0.0, 0
         self.info: Info | None = None
-        self.board: Board | None = None
+        self.board: BoardStatus | None = None
         self.counts = dict.fromkeys(FAULTS, 0)
         self.troubles: list[Trouble] = []
-        self.said: list[Faults] = []
-        self._chunks: list[Chunk] = []
+        self.said: list[FaultCounts] = []
+        self._chunks: list[SampleChunk] = []
         self._asked, self._answers = 0, {}
 
     def run(self, seconds: float) -> None:
@@ -112,15 +112,15 @@ class Driven:
                 self._take(event)
 
     def _take(self, event) -> None:
-        if isinstance(event, Chunk):
+        if isinstance(event, SampleChunk):
             self._chunks.append(event)
         elif isinstance(event, Info):
             self.info = event
-        elif isinstance(event, Board):
+        elif isinstance(event, BoardStatus):
             self.board = event
-        elif isinstance(event, Done):
+        elif isinstance(event, CommandResult):
             self._answers[event.sequence] = event.result
-        elif isinstance(event, Faults):
+        elif isinstance(event, FaultCounts):
             self.said.append(event)
             self.counts = dict(zip(FAULTS, event.counts, strict=True))
         elif isinstance(event, Trouble):

@@ -13,7 +13,7 @@ from common import progress
 
 from session.bench import frames
 from session.bench import recorder as recorder_module
-from session.bench.events import Chunk, Info
+from session.bench.events import Info, SampleChunk
 from session.bench.port import Opened, Received
 from session.bench.rawfile import RAW
 from session.bench.recorder import Recorder
@@ -63,10 +63,10 @@ def _day(form: str, hours: float, seed: int, folder: Path, stop: Callable[[], bo
         index = sent + np.arange(count)
         t_us, registers = _stamps(index) + offset, _registers(index)
         reads = _reads(form, index, t_us, registers, block)
-        got: list[Chunk] = []
+        got: list[SampleChunk] = []
         for number, data in enumerate(reads):
             _arrive(recorder, Received(int((block * BLOCK_S + (number + 1) * READ_S) * 1e9), data))
-            got += [event for event in recorder.poll(0) if isinstance(event, Chunk)]
+            got += [event for event in recorder.poll(0) if isinstance(event, SampleChunk)]
         sent += count
         whole = b"".join(reads)
         bytes_sent += len(whole)

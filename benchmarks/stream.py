@@ -11,7 +11,7 @@ from common import markdown, progress
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk
+from session.bench.events import SampleChunk
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.virtual_board import flipped
@@ -148,7 +148,7 @@ def passing(data: bytes, clean: np.ndarray) -> int:
 def wrong_samples(events: list, rows: np.ndarray) -> int:
     """Samples that were not sent."""
     count = 0
-    for chunk in (event for event in events if isinstance(event, Chunk)):
+    for chunk in (event for event in events if isinstance(event, SampleChunk)):
         index = chunk.t_us // 600
         place = index % (2 * len(rows))
         sent = rows[np.where(place < len(rows), place, 2 * len(rows) - 1 - place)]

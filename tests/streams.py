@@ -9,7 +9,7 @@ import pytest
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Event, Info
+from session.bench.events import Event, Info, SampleChunk
 
 PERIOD_US = 600
 INFO = Info(500.0, 4.0, 1666.5, "77")
@@ -56,7 +56,7 @@ def decode(data: bytes, cuts=None) -> tuple[StreamDecoder, list[Event]]:
 
 def samples(events: list[Event]) -> tuple[np.ndarray, np.ndarray]:
     """Device times (n,) and registers (n, 7) of all chunks."""
-    chunks = [event for event in events if isinstance(event, Chunk)]
+    chunks = [event for event in events if isinstance(event, SampleChunk)]
     if not chunks:
         return np.zeros(0, np.int64), np.zeros((0, 7), np.int16)
     return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])

@@ -16,7 +16,7 @@ from conftest import ROOT
 from processes import CALIBRATE, PIPE, calibrate, run, started, until
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Comment, Info
+from session.bench.events import Comment, Info, SampleChunk
 from session.io.folder import read_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.virtual_board import simulated
@@ -73,7 +73,7 @@ def sent(program: Path, rows: np.ndarray, family: str = "mpu", start_us: float =
 def decoded(data: bytes) -> tuple[StreamDecoder, list, np.ndarray, np.ndarray]:
     decoder = StreamDecoder()
     events = [*decoder.feed(data), *decoder.finish()]
-    chunks = [event for event in events if isinstance(event, Chunk)]
+    chunks = [event for event in events if isinstance(event, SampleChunk)]
     return decoder, events, *(np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
 
 
@@ -146,7 +146,7 @@ def test_nothing_is_sent_of_a_sensor_that_is_another(boards):
 def test_a_librarys_floats_come_in_their_units(boards):
     rows = random_rows(500)
     decoder, events, _, found = decoded(sent(boards("floats"), rows)[0])
-    assert next(event for event in events if isinstance(event, Chunk)).form.units == ("dps", "g")
+    assert next(event for event in events if isinstance(event, SampleChunk)).form.units == ("dps", "g")
     assert (decoder.implausible, decoder.resets) == (0, 0)
     scales = np.array([65.5] * 3 + [8192.0] * 3 + [340.0])
     expected = rows / scales + np.array([0] * 6 + [36.53])

@@ -13,7 +13,7 @@ from test_page_state import Kept, Silent
 
 from session.bench.guide import ANY_TURN
 from session.bench.guided_session import CoachThread
-from session.bench.messages import SETTLING_S, Advice, Kind, Movement, Stage
+from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.page.state import PageView
 from session.bench.screen import PlainLines, view
 from session.io.samples import Samples
@@ -32,7 +32,7 @@ class SlowCoach:
     def __call__(self, progress):
         self.asked.append((len(progress.turns), len(progress.stills)))
         self.may.acquire()
-        turn = Movement((1.0, 0.0, 0.0), np.pi / 2)
+        turn = RequestedTurn((1.0, 0.0, 0.0), np.pi / 2)
         return Advice(f"advice at still {len(progress.stills)}", "why", movements=(turn,), up=(0.0, 0.0, 1.0))
 
 
@@ -150,21 +150,21 @@ def test_after_a_rejected_turn_the_coach_is_asked_for_where_the_board_lies_now(s
 
 
 def test_a_dropped_turn_takes_its_advice_along(samples):
-    from session.bench.rawfile import Decision
+    from session.bench.rawfile import RecordingDecision
 
     guide, _, _, _ = followed(samples.between(0, int(16.5 * HZ)), [8.2])
     assert guide.accepted == 2
     guide.asked_for.answered(Advice("advice at still 3", "why"))
     at_us, why = guide.to_drop
     assert why == ""
-    guide.decided(Decision("drop", str(at_us)))
+    guide.decided(RecordingDecision("drop", str(at_us)))
     assert guide.accepted == 1
     assert guide.instruction.do == THINKS
 
 
 def test_between_two_movements_a_short_rest_does_not_end_the_turn():
     """The second movement stays on the screen for as long as a rest is no still; and after it the turn is over as always."""
-    pair = (Movement((1.0, 0.0, 0.0), np.pi / 2), Movement((0.0, 0.0, 1.0), np.pi))
+    pair = (RequestedTurn((1.0, 0.0, 0.0), np.pi / 2), RequestedTurn((0.0, 0.0, 1.0), np.pi))
     table = Table().rest(3).turn(90, (1, 0, 0), 1.5).rest(0.5).turn(180, (0, 0, 1), 2).rest(3)
     samples = table.samples()
     ends = {}

@@ -14,7 +14,7 @@ from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
 
 import calibrate
-from session.bench.events import Chunk, Info
+from session.bench.events import Info, SampleChunk
 from session.bench.recorder import Recorder
 from session.io.config import Sensor
 from session.io.errors import CalibrationError
@@ -76,7 +76,7 @@ def test_resets_and_a_pulled_cable_begin_new_logs(tmp_path):
     board, recorder, events = recorded_from(
         tmp_path, Source(smooth_registers(60_000), INFO), speed=10.0, frames=True, faults=Faults(reset=5.0, unplug=14.0, garbage=100)
     )
-    kinds = [event.kind for event in events if not isinstance(event, Chunk | Info) and event.kind in ("reset", "reconnect")]
+    kinds = [event.kind for event in events if not isinstance(event, SampleChunk | Info) and event.kind in ("reset", "reconnect")]
     assert kinds.count("reconnect") == 1
     assert kinds.count("reset") >= 2
     assert board.starts >= 4

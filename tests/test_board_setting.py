@@ -13,7 +13,7 @@ from test_stream_board import board_frame, done_frame
 
 from session.bench import frames, port
 from session.bench.decoder import StreamDecoder
-from session.bench.port import BoardSetting, Wanted
+from session.bench.port import BoardSetup, RequestedSettings
 from session.bench.session_file import SessionFile
 from session.io.config import BoardGiven, read_config
 from session.io.errors import CalibrationError, DeviceError
@@ -59,7 +59,7 @@ class Wire:
 
 def test_rate_and_ranges_are_asked_for_and_nothing_of_before_is_kept():
     wire = Wire()
-    board = BoardSetting(Wanted(833.0, 2000.0, None))
+    board = BoardSetup(RequestedSettings(833.0, 2000.0, None))
     assert board(wire) == b""
     assert wire.asked == [(0x11, struct.pack("<f", 833.0)), (0x12, struct.pack("<HH", 2000, int(INFO.accel_fs_g)))]
     assert board.said == ["data rate 833 Hz", f"ranges 2000 dps, {INFO.accel_fs_g:g} g"]
@@ -67,17 +67,17 @@ def test_rate_and_ranges_are_asked_for_and_nothing_of_before_is_kept():
 
 def test_what_is_so_already_is_not_asked_for():
     wire = Wire()
-    BoardSetting(Wanted(416.0, INFO.gyro_fs_dps, INFO.accel_fs_g))(wire)
+    BoardSetup(RequestedSettings(416.0, INFO.gyro_fs_dps, INFO.accel_fs_g))(wire)
     assert wire.asked == []
 
 
 def test_6667_hz_needs_a_faster_port():
     wire = Wire()
-    board = BoardSetting(Wanted(odr_hz=6667.0))
+    board = BoardSetup(RequestedSettings(odr_hz=6667.0))
     board(wire)
     assert [kind for kind, _ in wire.asked] == [0x18, 0x17, 0x11]
     assert wire.baudrate == wire.baud == 2_000_000
-    again = BoardSetting(Wanted(odr_hz=6667.0))
+    again = BoardSetup(RequestedSettings(odr_hz=6667.0))
     wire.baudrate, wire.odr_hz = 921600, 6667.0  # opened again, as the board was left
     again(wire)
     assert wire.baudrate == 2_000_000
@@ -89,21 +89,21 @@ def test_6667_hz_needs_a_faster_port():
 )
 def test_a_refusal_is_one_line(result, says):
     with pytest.raises(CalibrationError, match=says) as raised:
-        BoardSetting(Wanted(odr_hz=900.0))(Wire({0x11: result}))
+        BoardSetup(RequestedSettings(odr_hz=900.0))(Wire({0x11: result}))
     assert "\n" not in str(raised.value)
 
 
 def test_a_board_that_does_not_answer_is_waited_for_no_longer_than_it_takes(monkeypatch):
     monkeypatch.setattr(port, "ANSWER_S", 0.01)
     with pytest.raises(DeviceError, match="does not answer"):
-        BoardSetting(Wanted(odr_hz=833.0))(Wire(deaf=True))
+        BoardSetup(RequestedSettings(odr_hz=833.0))(Wire(deaf=True))
     with pytest.raises(DeviceError, match="2000000 baud"):
-        BoardSetting(Wanted(odr_hz=6667.0))(Wire(heard_at=115200))
+        BoardSetup(RequestedSettings(odr_hz=6667.0))(Wire(heard_at=115200))
 
 
 def test_of_a_board_that_takes_no_commands_every_byte_is_kept_and_nothing_is_sent():
     wire, reference = Wire(speaks=False), Wire(speaks=False)
-    heard = BoardSetting(Wanted(833.0))(wire)
+    heard = BoardSetup(RequestedSettings(833.0))(wire)
     assert wire.asked == []
     assert heard
     assert b"".join(reference.read(1) for _ in range(wire._turn)) == heard
@@ -111,7 +111,7 @@ def test_of_a_board_that_takes_no_commands_every_byte_is_kept_and_nothing_is_sen
 
 def test_nothing_wanted_is_nothing_done():
     wire = Wire()
-    assert BoardSetting(Wanted())(wire) == b""
+    assert BoardSetup(RequestedSettings())(wire) == b""
     assert wire._turn == 0
 
 
@@ -124,7 +124,7 @@ def test_a_resumed_recording_sets_the_board_as_its_session_toml_says(tmp_path):
     asked.configure(said, board=board)
     assert read_config(asked.path).board == BoardGiven("sensor", "1.2.3", 0x6B, -4, board.registers.hex(), 1667)
     assert "# 107 is 0x6B: an ASM330LHH, or a sibling of it (" in asked.path.read_text(encoding="utf-8")
-    assert SessionFile(tmp_path, None, None, None, None).wanted() == Wanted(1667, 500, 4)
+    assert SessionFile(tmp_path, None, None, None, None).wanted() == RequestedSettings(1667, 500, 4)
 
 
 def test_a_file_of_a_users_own_is_left_as_it_is(tmp_path):
@@ -135,7 +135,7 @@ def test_a_file_of_a_users_own_is_left_as_it_is(tmp_path):
     second = SessionFile(tmp_path, None, None, None, None)
     second.configure(replace(INFO, gyro_fs_dps=500.0, accel_fs_g=4.0), board=board)
     assert first.path.read_bytes() == text
-    assert second.wanted() == Wanted()
+    assert second.wanted() == RequestedSettings()
 
 
 def test_a_file_waits_for_the_serial_number_of_a_board_that_says_it(tmp_path):

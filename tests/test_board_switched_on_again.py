@@ -9,16 +9,16 @@ from test_board_setting import Wire
 from test_stream_board import board_frame
 
 from session.bench import frames, port
-from session.bench.port import BoardSetting, Closed, Opened, Port, Received, Wanted
+from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings
 
 OTHER = frames.encode_info(0, INFO)  # 500 dps, 4 g: what the board is switched on with
-WANTED = Wanted(odr_hz=833.0, gyro_fs_dps=2000.0)
+WANTED = RequestedSettings(odr_hz=833.0, gyro_fs_dps=2000.0)
 
 
 @pytest.fixture
 def set_board(monkeypatch):
     """A setting that has just set a board, long enough ago to be sure of it."""
-    made = BoardSetting(WANTED)
+    made = BoardSetup(WANTED)
     assert made(Wire()) == b""
     monkeypatch.setattr(port, "MEANS_IT_S", 0.0)
     return made
@@ -50,14 +50,14 @@ def test_what_is_as_it_was_set_is_left_alone(set_board):
 
 
 def test_a_board_that_says_so_right_after_it_was_set_means_it():
-    made = BoardSetting(WANTED)
+    made = BoardSetup(WANTED)
     made(Wire())
     assert made.forgotten(OTHER) is None
     assert made.forgotten(OTHER) is None
 
 
 def test_a_board_that_takes_no_commands_is_never_set_again():
-    made = BoardSetting(WANTED)
+    made = BoardSetup(WANTED)
     made(Wire(speaks=False))
     assert made.forgotten(OTHER) is None
 
@@ -90,7 +90,7 @@ def test_the_port_sets_it_again_and_begins_another_connection(monkeypatch):
     wire = Restarting(60)
     monkeypatch.setattr(port, "MEANS_IT_S", 0.0)
     monkeypatch.setattr(port.serial, "Serial", lambda *args, **how: wire)
-    made = BoardSetting(WANTED)
+    made = BoardSetup(WANTED)
     opened = Port("wire", prepare=made, forgotten=made.forgotten)
     items = []
     while sum(isinstance(item, Opened) for item in items) < 2:

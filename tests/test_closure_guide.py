@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from guided_streams import guide_of, play, said
 
 from session.bench.messages import Kind, Stage
-from session.bench.rawfile import Decision
+from session.bench.rawfile import RecordingDecision
 from session.io.logfile import Log
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
@@ -79,7 +79,7 @@ def test_or_the_person_says_so():
     guide.closure.on_the_mark()
     more = Table().rest(0.5).samples()
     play(guide, Samples(more.t_ns + samples.t_ns[-1] + 4_807_692, more.gyro, samples.accel[-1] + 0 * more.accel, more.temp_c))
-    assert guide.wants == Decision("begin", "unclosed")
+    assert guide.wants == RecordingDecision("begin", "unclosed")
 
 
 def test_away_from_the_mark_is_said_and_may_be_set_right():
@@ -150,10 +150,10 @@ def test_a_new_log_or_a_pause_at_any_moment_of_it(at_s):
                 guide.decided(guide.wants)
         assert guide.stage is Stage.CLOSURE
         if word == "pause":
-            guide.decided(Decision("pause"))
+            guide.decided(RecordingDecision("pause"))
             assert guide.instruction.do.startswith("paused")
             assert play(guide, whole) == []
-            guide.decided(Decision("begin", "unclosed"))
+            guide.decided(RecordingDecision("begin", "unclosed"))
         else:
             guide.new_log()
         assert guide.stage is Stage.CHECK_STREAM

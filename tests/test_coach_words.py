@@ -13,7 +13,7 @@ from processes import run
 from scipy.spatial.transform import Rotation
 
 import session.bench.page
-from session.bench.messages import Advice, Movement, Stage
+from session.bench.messages import Advice, RequestedTurn, Stage
 from session.bench.page.state import _target
 from tinygc.planning.coach import PLANNED_FULL_SCALE, Coach, _movements, _vector
 from tinygc.planning.turns import EDGES, EIGHTHS, SIDES, ends, nearest_up, turns_from, up_words
@@ -207,5 +207,5 @@ def test_what_the_coach_says_is_what_it_reckoned_with(monkeypatch):
     advice = coach(Session)
     assert asked[0] is Lies.accel_mean
     assert advice.words == turn.words
-    assert advice.movements == tuple(Movement(tuple(part.axis), part.angle_rad) for part in turn.parts)
+    assert advice.movements == tuple(RequestedTurn(tuple(part.axis), part.angle_rad) for part in turn.parts)
     assert advice.up == (0.0, 0.0, 1.0)

@@ -6,11 +6,11 @@ import pytest
 from recording_wires import caught_up, make_wire, record, replayed
 from streams import frame_list, samples, sent
 
-from session.bench.rawfile import Decision, Mark, decision_of, name_kept, read_marks
+from session.bench.rawfile import Mark, RecordingDecision, decision_of, name_kept, read_marks
 from session.bench.recorder import Recorder
 
 wire = pytest.fixture(make_wire, name="wire")
-BEGIN, KEEP, PAUSE = Decision("begin", "unclosed"), Decision("keep", "closure"), Decision("pause")
+BEGIN, KEEP, PAUSE = RecordingDecision("begin", "unclosed"), RecordingDecision("keep", "closure"), RecordingDecision("pause")
 
 
 def parts(count=6, size=300):
@@ -31,7 +31,7 @@ def test_pause_keeps_bytes_and_no_log_and_a_whole_run_gets_its_name(wire, tmp_pa
     master, name = wire
     t_us, data = parts()
     recorder = Recorder(tmp_path / "s", name)
-    decisions = [PAUSE, Decision("begin", "log"), BEGIN, BEGIN, KEEP]
+    decisions = [PAUSE, RecordingDecision("begin", "log"), BEGIN, BEGIN, KEEP]
     for bytes_, decision in zip(data, [*decisions, None], strict=True):
         record(recorder, master, bytes_)
         if decision:
@@ -50,17 +50,17 @@ def test_resumed_it_goes_on_with_the_same_files_and_tells_the_decisions(wire, tm
     master, name = wire
     t_us, data = parts(4)
     recorder = Recorder(tmp_path / "s", name)
-    for bytes_, decision in zip(data[:3], [Decision("drop", "123456"), BEGIN, KEEP], strict=True):
+    for bytes_, decision in zip(data[:3], [RecordingDecision("drop", "123456"), BEGIN, KEEP], strict=True):
         record(recorder, master, bytes_)
         recorder.decide(decision)
-    recorder.decide(Decision("note", "a, b; c=d"))
+    recorder.decide(RecordingDecision("note", "a, b; c=d"))
     recorder.close()
     before = logs_of(tmp_path / "s")
     again = Recorder(tmp_path / "s", name)
-    told = [event for event in caught_up(again) if isinstance(event, Decision)]
+    told = [event for event in caught_up(again) if isinstance(event, RecordingDecision)]
     assert [decision.text for decision in told] == ["drop 123456", "begin unclosed", "keep closure", "note a, b; c=d"]
     assert [decision.log for decision in told[:2]] == ["log0001.csv", "log0001.csv"]
-    again.decide(Decision("begin", "log"))
+    again.decide(RecordingDecision("begin", "log"))
     record(again, master, data[3])
     again.close()
     after = logs_of(tmp_path / "s")

@@ -9,7 +9,7 @@ from conftest import ROOT
 from f405_programs import BURST, SENSOR_ON, compiled, tools_missing
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Info
+from session.bench.events import Info, SampleChunk
 from tinygc.annexes.emulated.board import Replayed, oscillator_of, with_its_own_rate
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 from tinygc.simulation.options import SimulationOptions
@@ -91,7 +91,7 @@ def test_what_is_streamed_is_the_session(tmp_path):
     end_s = 1.2 + len(rows) / unit.odr_hz
     for t_s in np.arange(0.5, end_s + 0.5, 0.5):
         machine.run_until(t_s)
-        chunks += [chunk for chunk in decoder.feed(machine.usart1.take()) if isinstance(chunk, Chunk)]
+        chunks += [chunk for chunk in decoder.feed(machine.usart1.take()) if isinstance(chunk, SampleChunk)]
     assert machine.bus.objections == {}
     assert (decoder.lost, decoder.crc_errors, decoder.garbage) == (0, 0, 0)
     t_us = np.concatenate([chunk.t_us for chunk in chunks])

@@ -11,7 +11,7 @@ from exported_models import MODELS
 from f405_programs import tools_missing
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk
+from session.bench.events import SampleChunk
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
@@ -39,7 +39,7 @@ def test_the_stand_in_streams_without_a_gap(elf):
     machine.run_until(4.0)
     decoder = StreamDecoder()
     chunks = decoder.feed(machine.usart1.take())
-    t_us = np.concatenate([chunk.t_us for chunk in chunks if isinstance(chunk, Chunk)])
+    t_us = np.concatenate([chunk.t_us for chunk in chunks if isinstance(chunk, SampleChunk)])
     sought_s = t_us[0] * 1e-6  # a sensor, which is not there
     assert 0.1 < sought_s < 0.5
     assert decoder.samples == pytest.approx((4 - sought_s) * 208, abs=3)
@@ -82,7 +82,7 @@ def test_its_samples_are_those_that_qemu_sends(elf):
 
 
 def by_stamp(chunks) -> dict[int, tuple]:
-    rows = ((chunk.t_us.tolist(), chunk.registers.tolist()) for chunk in chunks if isinstance(chunk, Chunk))
+    rows = ((chunk.t_us.tolist(), chunk.registers.tolist()) for chunk in chunks if isinstance(chunk, SampleChunk))
     return {t_us: tuple(row) for stamps, table in rows for t_us, row in zip(stamps, table, strict=True)}
 
 

@@ -9,7 +9,7 @@ import pytest
 from streams import frame_list, sent
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Trouble
+from session.bench.events import SampleChunk, Trouble
 from session.bench.logwriter import SHORT_STARTS, LogWriter
 from session.bench.rawfile import GrowingFile
 from session.bench.recorder import stream
@@ -94,7 +94,7 @@ def flickering(starts: int, samples: int) -> list:
     """Events of a board that begins anew again and again."""
     events = []
     for k in range(starts):
-        events += [Trouble("reset")] * (k > 0) + [Chunk(*sent(samples, 1000 * k, seed=k))]
+        events += [Trouble("reset")] * (k > 0) + [SampleChunk(*sent(samples, 1000 * k, seed=k))]
     return events
 
 
@@ -103,8 +103,8 @@ def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path)
     logs = LogWriter(tmp_path)
     logs.write(flickering(3000, 100))
     assert len(list(tmp_path.glob("log*.csv"))) == SHORT_STARTS
-    logs.write([Trouble("reset"), Chunk(*sent(1000, 7)), Chunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
-    logs.write([Trouble("reset"), Chunk(*sent(50, 7))])  # a good one has been: this counts again
+    logs.write([Trouble("reset"), SampleChunk(*sent(1000, 7)), SampleChunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
+    logs.write([Trouble("reset"), SampleChunk(*sent(50, 7))])  # a good one has been: this counts again
     logs.close()
     lengths = [path.read_text().count("\n") - 1 for path in logs.paths]
     assert lengths == [100] * SHORT_STARTS + [3000, 50]
@@ -112,7 +112,7 @@ def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path)
 
 
 def test_how_the_events_are_cut_does_not_matter_to_the_logs(tmp_path):
-    events = [*flickering(40, 30), Chunk(*sent(2000, 100_000_000)), Trouble("implausible", 1, 5), Trouble("implausible", 2, 5)]
+    events = [*flickering(40, 30), SampleChunk(*sent(2000, 100_000_000)), Trouble("implausible", 1, 5), Trouble("implausible", 2, 5)]
     made = []
     for name, size in (("whole", len(events)), ("singly", 1)):
         (tmp_path / name).mkdir()

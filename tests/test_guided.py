@@ -10,7 +10,7 @@ import pytest
 from conftest import Table, config
 from processes import PATIENCE_S
 
-from session.bench.events import Chunk, Info, Trouble
+from session.bench.events import Info, SampleChunk, Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.messages import Kind, Stage
@@ -68,11 +68,11 @@ class Said:
         return [change.text for change in self.changes if change.kind is kind]
 
 
-def chunks(table: Table, size: int = 50, seed: int = 0) -> list[Chunk]:
+def chunks(table: Table, size: int = 50, seed: int = 0) -> list[SampleChunk]:
     samples = table.samples(seed=seed)
     rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])
     rows, t_us = np.rint(rows).astype(np.int16), samples.t_ns // 1000
-    return [Chunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
+    return [SampleChunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
 
 
 def led(port, segments=3, coach=None, configure=lambda info, waited_s: config() if info else None, **options):

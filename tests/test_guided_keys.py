@@ -14,7 +14,7 @@ from session.bench.events import Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.messages import Advice, Kind, Stage
-from session.bench.rawfile import Decision
+from session.bench.rawfile import RecordingDecision
 from session.io.errors import FormatError
 
 #: four turns, with moments in which each of them moves, s: 3 to 6, 8.5 to 11.5, 14 to 17, 19.5 to 22.5
@@ -145,7 +145,7 @@ def test_a_note_has_its_text_and_says_that_it_is_kept():
     wire = Wire(chunks(session(1)), keys=[(2.0, "nthe cable "), (2.5, "rubs\r")])
     guide, said, notes = led(wire, segments=1)
     assert notes.notes == ["the cable rubs"]
-    assert wire.decided == [Decision("note", "the cable rubs")]
+    assert wire.decided == [RecordingDecision("note", "the cable rubs")]
     assert "noted: the cable rubs" in said.texts(Kind.STAGE)
     assert guide.accepted == 1  # the letters of a note are no commands
 
@@ -164,16 +164,16 @@ def test_resumed_it_is_where_it_was_and_a_drop_that_was_taken_back_is_taken_back
     wire, notes = Wire(chunks(session(2)), keys=[(13.9, "d")]), Notes()
     led(wire, notes=notes)
     (drop,) = wire.decided
-    drop = Decision(drop.word, drop.rest, "log0001.csv")
+    drop = RecordingDecision(drop.word, drop.rest, "log0001.csv")
     for kept, accepted in ((notes, 1), (Notes(), 2)):
         again = Wire([], resumed=[INFO, *chunks(session(2)), drop])
         guide, said, _ = led(again, notes=kept)
         assert guide.accepted == accepted
         assert f"resumed: {accepted} segments so far" in said.texts(Kind.STAGE)
     # A pause ends with the recording: what comes next goes to a log again.
-    paused = Wire([Trouble("reconnect"), *chunks(session(1), seed=1)], resumed=[INFO, *chunks(session(2)), Decision("pause")])
+    paused = Wire([Trouble("reconnect"), *chunks(session(1), seed=1)], resumed=[INFO, *chunks(session(2)), RecordingDecision("pause")])
     guide, _, _ = led(paused, segments=3)
-    assert paused.decided == [Decision("begin", "log")]
+    assert paused.decided == [RecordingDecision("begin", "log")]
     assert guide.accepted == 3
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 from processes import CALIBRATE, check_output, until
 
-from session.bench.operator import LONGEST_NOTE, Keys, TypingLine, Wish
+from session.bench.operator import LONGEST_NOTE, Keyboard, OperatorCommand, TypingLine
 
 termios = pytest.importorskip("termios", reason="a pseudo-terminal is needed, which only POSIX has")
 import pty  # noqa: E402
@@ -22,7 +22,7 @@ def terminal(monkeypatch):
     os.close(master)
 
 
-def typed(keys: Keys, master: int, data: bytes) -> str:
+def typed(keys: Keyboard, master: int, data: bytes) -> str:
     os.write(master, data)
     return until(keys, what="a key")
 
@@ -30,7 +30,7 @@ def typed(keys: Keys, master: int, data: bytes) -> str:
 def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal):
     master, slave = terminal
     before = termios.tcgetattr(slave)
-    with Keys() as keys:
+    with Keyboard() as keys:
         assert keys.there
         assert keys() == ""
         assert typed(keys, master, b"p") == "p"  # no Enter
@@ -48,7 +48,7 @@ def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal
 
 def test_a_sign_that_comes_in_two_parts_is_one(terminal):
     master, _ = terminal
-    with Keys() as keys:
+    with Keyboard() as keys:
         assert typed(keys, master, b"a\xc3") == "a"
         assert typed(keys, master, b"\xa9") == "é"
 
@@ -58,11 +58,11 @@ def test_without_a_terminal_there_are_none(monkeypatch):
     os.write(write, b"pdn")
     with os.fdopen(read) as stdin, os.fdopen(write, "w"):
         monkeypatch.setattr(sys, "stdin", stdin)
-        with Keys() as keys:
+        with Keyboard() as keys:
             assert not keys.there
             assert keys() == ""
     monkeypatch.setattr(sys, "stdin", None)
-    with Keys() as keys:
+    with Keyboard() as keys:
         assert not keys.there
 
 
@@ -73,12 +73,12 @@ def test_help_says_so():
 
 def test_letters_are_wishes_and_a_note_is_what_stands_before_enter():
     line = TypingLine()
-    assert line.take("pDx\n") == [(Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.HERE, "")]
+    assert line.take("pDx\n") == [(OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.HERE, "")]
     assert line.take("nthe  table pd") == []
     assert line.note == "the  table pd"
     assert line.words(closure=False).startswith("note: the  table pd_")
-    assert line.take("\x7f\b\rp") == [(Wish.NOTE, "the table"), (Wish.PAUSE, "")]
-    assert line.take("nno\x1bd") == [(Wish.DROP, "")]
+    assert line.take("\x7f\b\rp") == [(OperatorCommand.NOTE, "the table"), (OperatorCommand.PAUSE, "")]
+    assert line.take("nno\x1bd") == [(OperatorCommand.DROP, "")]
     assert line.take("n  \n") == []
     line.take("n" + "x" * 500)
     assert len(line.note) == LONGEST_NOTE

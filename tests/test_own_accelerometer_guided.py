@@ -10,7 +10,7 @@ from guided_streams import guide_of, play, said, simulated
 from session.bench.guide import Guide
 from session.bench.live import stream_problem
 from session.bench.messages import Kind, Progress, Stage
-from session.bench.progress import OwnAccelerometer
+from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER, fit_lengths
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
@@ -29,7 +29,7 @@ def read_by(accelerometer: Accelerometer, force: np.ndarray) -> np.ndarray:
 
 def raw_guide(segments=40) -> Guide:
     guide = Guide(config().protocol, segments)
-    guide.begin(config().sensor, OwnAccelerometer(GRAVITY))
+    guide.begin(config().sensor, LiveAccelerometerFit(GRAVITY))
     return guide
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from session.bench.live import Health
+from session.bench.live import StreamHealth
 from session.detect.segments import pace_of
 from session.io.samples import Samples
 
@@ -57,7 +57,7 @@ def test_late_stamps_are_no_lost_samples(late):
 
 def test_health_counts_single_losses_in_portions():
     t_ns, missing = stamps(ODR_HZ, lost=0.01)
-    health, pace = Health(), pace_of(t_ns[:200])
+    health, pace = StreamHealth(), pace_of(t_ns[:200])
     for first in range(0, len(t_ns), 37):
         part = t_ns[first : first + 37]
         health.feed(Samples(part, np.zeros((len(part), 3)), np.zeros((len(part), 3))), pace)

@@ -10,7 +10,7 @@ from coached_hand import CoachedHand
 from processes import until
 
 from session.bench.messages import Stage
-from session.bench.operator import Wish
+from session.bench.operator import OperatorCommand
 from session.bench.page.server import PageServer
 
 pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser")
@@ -164,14 +164,14 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "false"
     press("PageDown")
     press("PageDown")  # a foot that rests on the pedal
-    until(lambda: heard((Wish.PAUSE, "")))
+    until(lambda: heard((OperatorCommand.PAUSE, "")))
     press("PageUp")
-    until(lambda: heard((Wish.PAUSE, ""), (Wish.DROP, "")))
+    until(lambda: heard((OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, "")))
     press("Enter", "\r")  # there is no mark to stand on now
     press("n", "n")
     browser.ask("Input.insertText", {"text": "p is for pause"})
     press("Enter", "\r")
-    until(lambda: heard((Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.NOTE, "p is for pause")))
+    until(lambda: heard((OperatorCommand.PAUSE, ""), (OperatorCommand.DROP, ""), (OperatorCommand.NOTE, "p is for pause")))
     shown(browser, "document.getElementById('text').value === ''")
     server.wishes.end()
     press("n", "n")

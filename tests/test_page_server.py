@@ -11,9 +11,9 @@ from typing import NamedTuple
 import pytest
 from processes import PATIENCE_S, ROOT, until
 
-from session.bench.operator import Wish
+from session.bench.operator import OperatorCommand
 from session.bench.page import server as page_server
-from session.bench.page.server import MOST, MOST_CONNECTIONS, Newest, PageServer
+from session.bench.page.server import MOST, MOST_CONNECTIONS, LatestEvents, PageServer
 from session.io.errors import CalibrationError
 
 
@@ -110,7 +110,12 @@ def test_a_wish_that_nobody_takes_is_refused(server, body):
 def test_a_wish_is_a_key_of_the_terminal(server):
     server.wishes.begin()
     assert [wished(server, word) for word in ("pause", "drop", "here", "note it  rained\r\nhard", "report")] == [200] * 5
-    assert server.wishes() == [(Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.HERE, ""), (Wish.NOTE, "it rained hard")]
+    assert server.wishes() == [
+        (OperatorCommand.PAUSE, ""),
+        (OperatorCommand.DROP, ""),
+        (OperatorCommand.HERE, ""),
+        (OperatorCommand.NOTE, "it rained hard"),
+    ]
     assert server.wishes.report.is_set()
     assert server.wishes() == []
 
@@ -209,7 +214,7 @@ def asked_quietly(server):
 
 
 def test_of_each_kind_only_the_newest_waits():
-    waiting = Newest()
+    waiting = LatestEvents()
     for number in range(1000):
         waiting.put("state", b"%d" % number)
         waiting.put("pose", b"p%d" % number)

@@ -6,7 +6,7 @@ from coached_hand import CoachedHand, Kept, Silent
 from conftest import DEG, Table
 from guided_streams import guide_of, play, simulated
 
-from session.bench.messages import Advice, Movement, Stage
+from session.bench.messages import Advice, RequestedTurn, Stage
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
 
 
@@ -72,7 +72,10 @@ def test_the_state_says_what_the_guide_says():
     guide = guide_of(3)
     samples = simulated(3)
     advice = Advice(
-        "turn about x", "it helps", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2),), sigmas=(("scale of x", 3.25), ("bias of x", 0.5))
+        "turn about x",
+        "it helps",
+        movements=(RequestedTurn((1.0, 0.0, 0.0), np.pi / 2),),
+        sigmas=(("scale of x", 3.25), ("bias of x", 0.5)),
     )
     _, server, states = watched(guide, samples, advice)
     last = states[-1]
@@ -93,7 +96,7 @@ def test_the_state_says_what_the_guide_says():
 
 def test_the_ghost_is_the_attitude_behind_the_coachs_turns():
     guide = guide_of()
-    advice = Advice("do", "why", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2), Movement((0.0, 0.0, 1.0), -np.pi)))
+    advice = Advice("do", "why", movements=(RequestedTurn((1.0, 0.0, 0.0), np.pi / 2), RequestedTurn((0.0, 0.0, 1.0), -np.pi)))
     page, _, states = watched(guide, TURNED.samples(), advice)
     target = states[-1]["target"]
     expected = multiply(multiply(page._still, exp(np.pi / 2, 0.0, 0.0)), exp(0.0, 0.0, -np.pi))

@@ -11,9 +11,9 @@ from streams import INFO, frame_list, line_list, samples, sent
 
 import calibrate
 from session.bench import frames
-from session.bench.events import Chunk, Comment, Trouble
+from session.bench.events import Comment, SampleChunk, Trouble
 from session.bench.logwriter import LogWriter
-from session.bench.rawfile import Decision
+from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.io.config import read_config
 from session.io.folder import read_session
@@ -69,7 +69,7 @@ def test_replay_makes_a_session_folder(wire, tmp_path, capsys):
 
 def test_a_reset_begins_a_new_log_and_comments_are_kept(tmp_path):
     logs = LogWriter(tmp_path)
-    chunk = Chunk(*sent(3))
+    chunk = SampleChunk(*sent(3))
     logs.write(
         [Comment("first words"), chunk, INFO, INFO, Trouble("implausible", 2, 5), Trouble("reset"), chunk, Trouble("reconnect"), chunk]
     )
@@ -93,7 +93,7 @@ def test_where_a_closure_run_begins_replays_too(wire, tmp_path):
     recorder = Recorder(tmp_path / "s", name)
     messages = frame_list(*sent(2000))
     record(recorder, master, b"".join(messages[:1000]) + messages[1000][:11])
-    recorder.decide(Decision("begin", "closure"))
+    recorder.decide(RecordingDecision("begin", "closure"))
     record(recorder, master, messages[1000][11:] + b"".join(messages[1001:]))
     recorder.close()
     there = [(tmp_path / "s" / name).read_bytes() for name in ("log0001.csv", "closure0001.csv")]

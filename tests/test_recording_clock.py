@@ -9,7 +9,7 @@ from streams import INFO, frame_list, sent
 
 from session.bench import frames
 from session.bench.events import Info
-from session.bench.logwriter import MOST, ComparisonOfClocks
+from session.bench.logwriter import MOST, ClockComparison
 from session.bench.recorder import Recorder
 
 wire = pytest.fixture(make_wire, name="wire")
@@ -17,7 +17,7 @@ wire = pytest.fixture(make_wire, name="wire")
 
 def test_the_devices_clock_is_compared_with_the_hosts():
     """0.3 % fast, arrivals late by up to 20 ms."""
-    rng, clock = np.random.default_rng(0), ComparisonOfClocks()
+    rng, clock = np.random.default_rng(0), ClockComparison()
     for k in range(2000):
         host_s = 0.01 * k
         clock.add(round((host_s + rng.exponential(0.005)) * 1e9), round(1.003 * host_s * 1e6))
@@ -28,7 +28,7 @@ def test_the_devices_clock_is_compared_with_the_hosts():
 
 def test_a_day_of_arrivals_is_compared_in_bounded_memory():
     """30 ppm slow, arrivals late by 20 ms as the exponential has it; each of all that is kept is the least late of its stretch."""
-    rng, clock = np.random.default_rng(1), ComparisonOfClocks()
+    rng, clock = np.random.default_rng(1), ClockComparison()
     host_s = np.arange(0, 86400, 0.4)
     late_s = rng.exponential(0.02, len(host_s))
     for at_s, delay_s in zip(host_s, late_s, strict=True):

@@ -17,7 +17,7 @@ from recording_wires import caught_up, make_wire, record, replayed
 from streams import decode, frame_list, samples, sent
 
 from session.bench import rawfile
-from session.bench.events import Chunk
+from session.bench.events import SampleChunk
 from session.bench.logwriter import LogWriter
 from session.bench.rawfile import RawFile, read_marks
 from session.bench.recorder import Recorder
@@ -139,7 +139,7 @@ def test_a_full_device(tmp_path):
     logs = LogWriter(tmp_path)
     (tmp_path / "log0001.csv").symlink_to("/dev/full")
     with pytest.raises(StorageError, match="No space left"):
-        logs.write([Chunk(*sent(20_000))])
+        logs.write([SampleChunk(*sent(20_000))])
     with pytest.raises(StorageError, match="No space left"):
         logs.close()
     logs.close()

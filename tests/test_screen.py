@@ -7,7 +7,7 @@ from conftest import Table
 from guided_streams import guide_of, play
 from rich.console import Console
 
-from session.bench.messages import Advice, Change, Kind, Stage
+from session.bench.messages import Advice, GuideMessage, Kind, Stage
 from session.bench.screen import LiveScreen, PlainLines, view
 from session.io.samples import Samples
 
@@ -44,7 +44,7 @@ def states():
 def test_every_state_fits_80_by_24(name_guide):
     name, guide = name_guide
     changes = [
-        Change(Kind.REJECTED, f"turn {i} rejected: the gyro clips at 573 dps on x, y: turn slower or choose a larger one", i)
+        GuideMessage(Kind.REJECTED, f"turn {i} rejected: the gyro clips at 573 dps on x, y: turn slower or choose a larger one", i)
         for i in range(4)
     ]
     lines = drawn(guide, changes)
@@ -76,7 +76,7 @@ def rung(mute: bool) -> int:
     console = Console(file=io.StringIO(), width=80, force_terminal=True)
     with LiveScreen("x", mute, console) as screen:
         for kind in Kind:
-            screen.change(Change(kind, kind.value))
+            screen.change(GuideMessage(kind, kind.value))
         screen.show(guide_of())
     return console.file.getvalue().count("\a")
 

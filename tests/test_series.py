@@ -8,7 +8,7 @@ import signal
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 
-from session.bench.series import Entry, Listener, Series, folder_name
+from session.bench.series import BoardListener, BoardSeries, SeriesEntry, folder_name
 from session.io.errors import FormatError
 from session.io.folder import read_session
 from tinygc.simulation.options import SimulationOptions
@@ -71,33 +71,33 @@ def test_a_board_that_was_cut_short_goes_on(tmp_path):
             process.communicate()
         assert process.returncode == 130
     before = (row / "SN9" / "raw.bin").read_bytes()
-    assert [entry.done for entry in Series(row).entries] == [False]
+    assert [entry.done for entry in BoardSeries(row).entries] == [False]
     with plugged(folder, port), started([*CALIBRATE, *words], text=True, stderr=PIPE, stdout=DEVNULL) as process:
         heard(process.stderr, lambda line: "which goes on" in line)
         heard(process.stderr, lambda line: "done: 2 segments" in line)
         process.send_signal(signal.SIGINT)
         process.communicate()
     assert (row / "SN9" / "raw.bin").read_bytes().startswith(before)
-    assert [entry.done for entry in Series(row).entries] == [True]
+    assert [entry.done for entry in BoardSeries(row).entries] == [True]
 
 
 def test_the_row_remembers_and_finds_places(tmp_path):
-    row = Series(tmp_path / "row")
+    row = BoardSeries(tmp_path / "row")
     assert row.place("A1") == (tmp_path / "row" / "A1", False)
     assert row.place("")[0].name == "board1"
     (tmp_path / "row" / "board1").mkdir(parents=True)
     assert row.place("")[0].name == "board2"
-    row.add(Entry("A1", "A1", False, 3, "2026-01-01T00:00:00+00:00"))
-    row.add(Entry("A1", "A1", True, 8, "2026-01-01T00:10:00+00:00"))
-    row.add(Entry("", "board2", True, 8, "2026-01-01T00:20:00+00:00"))
-    again = Series(tmp_path / "row")
+    row.add(SeriesEntry("A1", "A1", False, 3, "2026-01-01T00:00:00+00:00"))
+    row.add(SeriesEntry("A1", "A1", True, 8, "2026-01-01T00:10:00+00:00"))
+    row.add(SeriesEntry("", "board2", True, 8, "2026-01-01T00:20:00+00:00"))
+    again = BoardSeries(tmp_path / "row")
     assert again.entries == row.entries
     assert len(again.entries) == 2
     assert again.done("A1").segments == 8
     assert again.done("") is None
     (tmp_path / "row" / "series.json").write_text('{"schema": "tinygc-series/1", "boards": [{"serial": 3}]}')
     with pytest.raises(FormatError, match=r"series\.json"):
-        Series(tmp_path / "row")
+        BoardSeries(tmp_path / "row")
 
 
 @pytest.mark.parametrize(
@@ -110,8 +110,8 @@ def test_a_serial_number_is_a_harmless_folder(serial, name):
 
 def test_two_numbers_never_share_a_folder(tmp_path):
     (tmp_path / "row").mkdir()
-    row = Series(tmp_path / "row")
-    row.add(Entry("A/1", "A_1", False, 3, "2026-01-01T00:00:00+00:00"))
+    row = BoardSeries(tmp_path / "row")
+    row.add(SeriesEntry("A/1", "A_1", False, 3, "2026-01-01T00:00:00+00:00"))
     assert row.place("A/1")[0].name == "A_1"
     assert row.place("A_1")[0].name == "A_1_2"
     assert row.place("a_1")[0].name == "a_1_2"
@@ -151,7 +151,7 @@ def test_the_same_board_is_the_next_only_after_it_was_away(tmp_path):
             until(lambda before=before: heard_one or len(looks) >= before + looked, what="the listener's next looks")
 
     master, slave = plug_in()
-    listening = threading.Thread(target=lambda: heard_one.append(Listener(port, 115200, None).next_board("A", wanted)), daemon=True)
+    listening = threading.Thread(target=lambda: heard_one.append(BoardListener(port, 115200, None).next_board("A", wanted)), daemon=True)
     listening.start()
     speak(5)
     assert not heard_one  # it is the last one still

@@ -13,9 +13,9 @@ from f405_programs import tools_missing
 import calibrate
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import SENSOR, STANDIN, Board
+from session.bench.events import SENSOR, STANDIN, BoardStatus
 from session.bench.logwriter import LogWriter
-from session.bench.screen import FOUND, NO_SENSOR, BoardWords
+from session.bench.screen import FOUND, NO_SENSOR, BoardReporter
 from session.detect.check_samples import check_standin
 from session.io.logfile import Log
 from tinygc.annexes.emulated.readings import Fault, Still
@@ -102,8 +102,8 @@ def test_a_board_that_is_switched_on_again_says_whose_samples_follow(board, late
 
 
 def test_whoever_turns_the_table_is_told():
-    words = BoardWords()
-    boards = [Board(source, True, True, "1.0.0", 0x6B * source, 0, bytes(10), 921600, 208.0) for source in (STANDIN, SENSOR)]
+    words = BoardReporter()
+    boards = [BoardStatus(source, True, True, "1.0.0", 0x6B * source, 0, bytes(10), 921600, 208.0) for source in (STANDIN, SENSOR)]
     assert words.hear(boards[0]) == [NO_SENSOR]
     assert not words.changes_source(boards[0])
     assert words.changes_source(boards[1])

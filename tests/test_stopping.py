@@ -12,7 +12,7 @@ from streams import INFO, frame_list, sent
 
 from session.bench import frames
 from session.bench import recorder as recorder_module
-from session.bench.events import Chunk
+from session.bench.events import SampleChunk
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.port import Received
@@ -109,5 +109,5 @@ def test_what_waits_when_somebody_stops_is_in_the_raw_bytes_and_said(wire, tmp_p
     again = Recorder(tmp_path / "s", wire[1])
     events = caught_up(again)
     again.close()
-    assert sum(len(event) for event in events if isinstance(event, Chunk)) == 20_000
+    assert sum(len(event) for event in events if isinstance(event, SampleChunk)) == 20_000
     assert again.logs.put_aside == []

@@ -11,10 +11,10 @@ from streams import INFO, frame_list, sent
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, Board, Chunk, Done, Faults, Info, SelfTest, Trouble
-from session.bench.guided_session import SameSensor
+from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
+from session.bench.guided_session import SensorIdentity
 from session.bench.logwriter import LogWriter
-from session.bench.screen import MOST_SAID, NO_SENSOR, BoardWords
+from session.bench.screen import MOST_SAID, NO_SENSOR, BoardReporter
 from session.io.errors import OtherSensor
 
 #: what decides that the stream is of frames
@@ -47,9 +47,9 @@ def self_test_frame() -> bytes:
 
 def test_every_field_of_the_four_frames():
     events = StreamDecoder().feed(HELLO + board_frame() + faults_frame(parity=3, lost=5) + done_frame(7, 0x11, 4) + self_test_frame())
-    assert events[1] == Board(1, True, True, "1.2.3", 0x6B, -4, REGISTERS, 921600, 417.0)
+    assert events[1] == BoardStatus(1, True, True, "1.2.3", 0x6B, -4, REGISTERS, 921600, 417.0)
     assert dict(zip(FAULTS, events[2].counts, strict=True)) == {name: {"parity": 3, "lost": 5}.get(name, 0) for name in FAULTS}
-    assert events[3:] == [Done(7, 0x11, 4), SelfTest(2, (300.0, 310.0, 320.0), (90.0, 95.0, 100.0))]
+    assert events[3:] == [CommandResult(7, 0x11, 4), SelfTestResult(2, (300.0, 310.0, 320.0), (90.0, 95.0, 100.0))]
 
 
 @pytest.mark.parametrize("size", [1, 7, 64, 100_000])
@@ -63,7 +63,7 @@ def test_they_come_between_the_samples_take_no_number_and_are_said_once_each(siz
     events += decoder.finish()
     assert decoder.samples == 300
     assert decoder.lost == decoder.garbage == decoder.crc_errors == 0
-    assert [type(event) for event in events if not isinstance(event, (Chunk, Trouble))] == [Board, Faults, Faults]
+    assert [type(event) for event in events if not isinstance(event, (SampleChunk, Trouble))] == [BoardStatus, FaultCounts, FaultCounts]
 
 
 def test_infos_without_a_number_of_their_own_cost_no_lost_sample():
@@ -96,7 +96,7 @@ def test_a_frame_of_another_length_is_passed_over(body):
     decoder = StreamDecoder()
     events = decoder.feed(b"".join(frame_list(*sent(50))) + frame(body) + b"".join(frame_list(*sent(50))[:0]))
     assert decoder.garbage == decoder.crc_errors == 0
-    assert {type(event) for event in events} <= {Chunk}
+    assert {type(event) for event in events} <= {SampleChunk}
 
 
 def test_a_log_keeps_them_as_comments(tmp_path):
@@ -112,7 +112,7 @@ def test_a_log_keeps_them_as_comments(tmp_path):
 
 
 def heard(*data: bytes) -> list[str]:
-    words = BoardWords()
+    words = BoardReporter()
     return [
         line
         for event in StreamDecoder().feed(HELLO + b"".join(data))
@@ -131,8 +131,8 @@ def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
 
 
 def test_counts_that_fall_are_a_board_that_was_switched_on_again():
-    assert Faults((0,) * 16).since(Faults((5,) * 16)) == {}
-    assert Faults((1, *(0,) * 15)).since(Faults((5,) * 16)) == {"overrun": 1}
+    assert FaultCounts((0,) * 16).since(FaultCounts((5,) * 16)) == {}
+    assert FaultCounts((1, *(0,) * 15)).since(FaultCounts((5,) * 16)) == {"overrun": 1}
 
 
 def test_a_loose_wire_does_not_say_it_for_ever():
@@ -159,7 +159,7 @@ def said(odr_hz: float, serial: str = "0") -> Info:
 
 
 def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
-    same = SameSensor()
+    same = SensorIdentity()
     same.require(said(421.06))
     same.require(said(432.4))  # within a connection nobody swaps a board: it has measured better
     same.new_connection()
@@ -174,7 +174,7 @@ def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
 
 
 def test_a_serial_number_is_another_boards():
-    same = SameSensor()
+    same = SensorIdentity()
     same.require(said(421.06, "77"))
     same.require(said(421.06, "0"))
     with pytest.raises(OtherSensor, match="serial=78"):

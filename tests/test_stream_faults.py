@@ -7,7 +7,7 @@ import pytest
 from streams import BOTH, PERIOD_US, decode, frame_list, line_list, rng, same, samples, sent, strangers, troubles
 
 from session.bench import frames
-from session.bench.events import Chunk, Comment, Trouble
+from session.bench.events import Comment, SampleChunk, Trouble
 from tinygc.simulation.virtual_board import flipped
 
 
@@ -110,7 +110,7 @@ def test_boot_messages_between_frames_are_comments():
     data = b"".join(frame_list(*first)) + b"# firmware 1.2\r\n# FREQ_FINE=7\r\n" + b"".join(frame_list(*second))
     _, events = decode(data)
     assert [event.text for event in events if isinstance(event, Comment)] == ["firmware 1.2", "FREQ_FINE=7"]
-    assert sum(len(event) for event in events if isinstance(event, Chunk)) == 200
+    assert sum(len(event) for event in events if isinstance(event, SampleChunk)) == 200
 
 
 def test_a_board_that_changes_from_text_to_frames_and_back():

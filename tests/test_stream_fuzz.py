@@ -10,7 +10,7 @@ from streams import INFO, decode, frame_list, line_list, samples, sent, stranger
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Comment, Info
+from session.bench.events import Comment, Info, SampleChunk
 
 COUNT = 60
 T_US, REGISTERS = sent(COUNT, start_us=2**32 - 20_000)
@@ -40,7 +40,7 @@ def agree(data: bytes, where) -> list:
     assert troubles(events) == troubles(parts)
     for kind in (Comment, Info):
         assert [event for event in events if isinstance(event, kind)] == [event for event in parts if isinstance(event, kind)]
-    assert whole.samples == sum(len(event) for event in events if isinstance(event, Chunk))
+    assert whole.samples == sum(len(event) for event in events if isinstance(event, SampleChunk))
     got_us, _ = samples(events)
     assert "reset" in troubles(events) or (np.diff(got_us) > 0).all()
     return events
@@ -84,7 +84,7 @@ def test_lines_with_stretches_lost_and_signs_put_in(edits, where):
     for place, length, inserted in edits:
         data = data[:place] + inserted.encode() + data[place + length :]
     events = agree(data, where)
-    assert strangers([event for event in events if isinstance(event, Chunk)], T_US, REGISTERS) == 0
+    assert strangers([event for event in events if isinstance(event, SampleChunk)], T_US, REGISTERS) == 0
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -95,6 +95,6 @@ def test_random_bytes_at_length(seed):
     data = rng.choice(256, 300_000, p=weights / weights.sum()).astype(np.uint8).tobytes()
     decoder = StreamDecoder()
     events = decoder.feed(data) + decoder.finish()
-    assert decoder.samples == sum(len(event) for event in events if isinstance(event, Chunk))
+    assert decoder.samples == sum(len(event) for event in events if isinstance(event, SampleChunk))
     assert decoder.samples < 10
     assert decoder.garbage > 200_000

@@ -7,7 +7,7 @@ import pytest
 from streams import decode, line_list, same, samples, sent, strangers
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk
+from session.bench.events import SampleChunk
 from session.bench.text_stream import parse_lines
 
 
@@ -53,7 +53,7 @@ def test_two_halves_of_lines_that_look_whole_do_not_enter():
         data = b"".join([*lines[:150], halves, *lines[153:]])
         _, events = decode(data)
         assert strangers(events, t_us, registers) == 0
-        assert sum(len(event) for event in events if isinstance(event, Chunk)) >= 296
+        assert sum(len(event) for event in events if isinstance(event, SampleChunk)) >= 296
 
 
 def test_megabytes_of_nothing_need_no_memory():

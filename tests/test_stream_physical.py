@@ -10,7 +10,7 @@ from conftest import DEG, config
 from streams import INFO, frame_list, sent
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Info, Trouble, parse_header
+from session.bench.events import Info, SampleChunk, Trouble, parse_header
 from session.bench.guide import samples_of
 from session.bench.logwriter import LogWriter
 from session.bench.session_file import SessionFile
@@ -46,7 +46,7 @@ def decode(data: bytes, cuts=(), told=None) -> tuple[StreamDecoder, list]:
 
 
 def samples(events) -> tuple[np.ndarray, np.ndarray]:
-    chunks = [event for event in events if isinstance(event, Chunk)]
+    chunks = [event for event in events if isinstance(event, SampleChunk)]
     return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])
 
 
@@ -82,7 +82,7 @@ def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
     rad, force = ("rps" in header, "mps2" in header)
     np.testing.assert_allclose(log.samples.gyro, values[:, :3] * (1.0 if rad else DEG), rtol=1e-14)
     np.testing.assert_allclose(log.samples.accel, values[:, 3:6] * (1.0 if force else 9.80665), rtol=1e-14)
-    live = samples_of(next(event for event in events if isinstance(event, Chunk)), config())
+    live = samples_of(next(event for event in events if isinstance(event, SampleChunk)), config())
     np.testing.assert_allclose(live.gyro, log.samples.gyro[: len(live)], rtol=1e-14)
     np.testing.assert_allclose(live.accel, log.samples.accel[: len(live)], rtol=1e-14)
     assert (live.temp_c is None) == (columns == 6)
@@ -171,7 +171,7 @@ def test_frames_behind_a_header_of_text_are_registers(header, first):
     frames = frame_list(t_us, registers)
     before, behind = (b"".join(frames[:30]), b"".join(frames[30:])) if first else (b"", b"".join(frames))
     _, events = decode(b"\0" + before + 600 * b"x" + b"\n" + header.encode() + b"\n\0" + behind)
-    chunks = [event for event in events if isinstance(event, Chunk)]
+    chunks = [event for event in events if isinstance(event, SampleChunk)]
     assert not any(chunk.form.physical for chunk in chunks)
     got_us, got = samples(events)
     assert len(got_us) >= 70  # the one whose delimiter the text took is lost

@@ -13,7 +13,7 @@ from rich.console import Console
 from test_page_state import Kept, Silent
 
 from session.bench.guide import wait_of
-from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, Warmth, rps_per_c, settling
+from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, WarmUp, rps_per_c, settling
 from session.bench.page.state import PageView
 from session.bench.screen import view
 from session.io.samples import Samples
@@ -46,7 +46,7 @@ def turns_at(stills) -> list:
 
 def told(t_s, temps, stills, left) -> list:
     """What it says at each moment."""
-    warmth, said = Warmth(), []
+    warmth, said = WarmUp(), []
     for at_s, temp_c in zip(t_s, temps, strict=True):
         warmth.feed(at_s, temp_c)
         said.append(warmth.wait(turns_at(stills), stills, left))
@@ -120,7 +120,7 @@ def test_a_room_that_warms_steadily_is_not_waited_for(c_per_min):
 
 
 def test_a_new_log_begins_anew():
-    warmth = Warmth()
+    warmth = WarmUp()
     for at_s in np.arange(0, 60, 1.0):
         warmth.feed(at_s, 25 + 9 * (1 - np.exp(-at_s / 150)))
     assert warmth.wait([], [], 40) is not None

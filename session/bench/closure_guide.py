@@ -10,7 +10,7 @@ from enum import Enum
 
 from session.bench.live import TurnInProgress
 from session.bench.messages import Instruction, Kind, Stage
-from session.bench.rawfile import Decision
+from session.bench.rawfile import RecordingDecision
 from session.detect.segments import RETURN_RAD, RunEnds, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, find_stills
 from session.io.config import Protocol, Sensor
@@ -23,7 +23,7 @@ STILL_PART = 0.05
 ENOUGH_PART = 0.8  #: of the planned time: a run that is shorter shows less
 AGAIN_S = 10.0  #: still for so long away from where the run began, the table is meant to stay there: that is the mark
 STIR_RAD = 2.0 * DEG
-BEGIN, KEEP = Decision("begin", "unclosed"), Decision("keep", "closure")
+BEGIN, KEEP = RecordingDecision("begin", "unclosed"), RecordingDecision("keep", "closure")
 MARK_WORDS = "set the table onto its index mark, then hands off"
 
 
@@ -42,14 +42,14 @@ class ClosureGuide:
     def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float):
         self._sensor, self._protocol, self.planned_s = sensor, protocol, planned_s
         self.hold_s = max(hold_s, STILL_PART * planned_s)
-        self.wants: Decision | None = None
+        self.wants: RecordingDecision | None = None
         self.says: list[tuple[Kind, str]] = []
         self.attempts = 0
         self._looked_at = False
         self._parts: list[Samples] = []
         self._to_the_mark()
 
-    def decided(self, decision: Decision) -> None:
+    def decided(self, decision: RecordingDecision) -> None:
         """It has been done: a new file has begun, or the last one is kept."""
         self.wants = None
         if decision.word == "begin":

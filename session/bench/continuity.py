@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from session.bench.events import REGISTERS, Accepted, Chunk, Form, Readings, Trouble
+from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
 
 # Steps that no sensor makes: out and back within one sample, while the wire is bad.
 #
@@ -22,17 +22,17 @@ DOUBT = 1000
 class StepFilter:
     """Passes samples on; holds a doubtful one until the next has come.  form: what the samples are, and which step is none of theirs."""
 
-    def __init__(self, form: Form = REGISTERS) -> None:
+    def __init__(self, form: StreamFormat = REGISTERS) -> None:
         self._form, self._bars, self._type = form, form.bars, np.float64 if form.physical else np.int64
         self._doubt = 0  # samples still to be doubted
         self._before: np.ndarray | None = None  # (7,) the last sample passed on
         self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
 
-    def take(self, accepted: Accepted) -> list[Chunk | Trouble]:
+    def take(self, accepted: AcceptedSamples) -> list[SampleChunk | Trouble]:
         """What is passed on, and what is left out."""
         if not (self._doubt or accepted.damaged.any()):
             self._before = accepted.registers[-1].astype(self._type)
-            return [Chunk(accepted.t_us, accepted.registers, self._form)]
+            return [SampleChunk(accepted.t_us, accepted.registers, self._form)]
         count = len(accepted.t_us)
         last_damage = np.maximum.accumulate(np.where(accepted.damaged, np.arange(count), -count - DOUBT))
         doubted = (np.arange(count) - last_damage < DOUBT) | (np.arange(count) < self._doubt)
@@ -40,7 +40,7 @@ class StepFilter:
         values = accepted.registers.astype(self._type)
         before = values[:1] if self._before is None else self._before[None]
         jumps = (np.abs(np.diff(values, axis=0, prepend=before)) > self._bars * accepted.periods[:, None]).any(axis=1) & doubted
-        out: list[Chunk | Trouble] = []
+        out: list[SampleChunk | Trouble] = []
         if self._held is not None:
             held, self._held = self._held, None
             self._judge(held, values[0], int(accepted.periods[0]), out)
@@ -67,11 +67,11 @@ class StepFilter:
             start = k + 1
         return out
 
-    def _pass_on(self, accepted: Accepted, values: np.ndarray, start: int, stop: int, out: list) -> None:
-        out.append(Chunk(accepted.t_us[start:stop], accepted.registers[start:stop], self._form))
+    def _pass_on(self, accepted: AcceptedSamples, values: np.ndarray, start: int, stop: int, out: list) -> None:
+        out.append(SampleChunk(accepted.t_us[start:stop], accepted.registers[start:stop], self._form))
         self._before = values[stop - 1]
 
-    def finish(self) -> list[Chunk | Trouble]:
+    def finish(self) -> list[SampleChunk | Trouble]:
         """Nothing more comes: a doubtful last sample stays doubtful and is left out."""
         held, self._held, self._before, self._doubt = self._held, None, None, 0
         return [Trouble("implausible", 1, held[0])] if held else []
@@ -85,7 +85,7 @@ class StepFilter:
             out.append(Trouble("implausible", 1, t_us))
         else:
             registers = value[None].astype(np.float64 if self._form.physical else np.int16)
-            out.append(Chunk(np.array([t_us], np.int64), registers, self._form))
+            out.append(SampleChunk(np.array([t_us], np.int64), registers, self._form))
             self._before = value
 
 
@@ -122,7 +122,7 @@ FEWEST, MOST = 32, 2048
 SINGLY = 8  #: readings that are taken one by one where they do not
 
 
-class _One(NamedTuple):
+class _Candidate(NamedTuple):
     """A reading that waits."""
 
     sequence: int | None
@@ -131,7 +131,7 @@ class _One(NamedTuple):
     damaged: bool
 
 
-class _Run:
+class _AcceptedRun:
     """Readings that were taken one by one and count: their places among those that came, unrolled times, periods."""
 
     def __init__(self) -> None:
@@ -152,12 +152,12 @@ class Continuity:
         self._begun = False  # whether one has counted, and of the last that has:
         self._sequence: int | None = None
         self._stamp = self._t_us = 0  # as it was sent, and unrolled
-        self._chain: list[_One] = []
+        self._chain: list[_Candidate] = []
         self._infos: list[int] = []
         self._infos_have_numbers = True
         self._count = self._since = 0  # periods since the lock, and the unrolled time of the lock
         self._next_period = 0
-        self._held: Accepted | None = None  # text: a line counts when the next one follows it
+        self._held: AcceptedSamples | None = None  # text: a line counts when the next one follows it
         self._needed, self._shown = CHAIN, 0  # readings that a new start must show, and that the present one has
         self._at_once, self._singly = FEWEST, 0
 
@@ -166,9 +166,9 @@ class Continuity:
         if self._infos_have_numbers:
             self._infos = [*self._infos[-15:], sequence]
 
-    def take(self, readings: Readings) -> list[Accepted | Trouble]:
+    def take(self, readings: ReceivedSamples) -> list[AcceptedSamples | Trouble]:
         """What counts of these, in order."""
-        out: list[Accepted | Trouble] = []
+        out: list[AcceptedSamples | Trouble] = []
         start, total = 0, len(readings)
         while start < total:
             if self._begun and not (self._chain or self._infos or self._singly):
@@ -177,16 +177,16 @@ class Continuity:
                 start += self._take_singly(readings.part(start, min(total, start + MOST)), out)
         return out
 
-    def finish(self) -> list[Accepted | Trouble]:
+    def finish(self) -> list[AcceptedSamples | Trouble]:
         """Nothing more comes: what waits for another is left out."""
-        out: list[Accepted | Trouble] = []
+        out: list[AcceptedSamples | Trouble] = []
         self._leave_out(len(self._chain), out)
         if self._held is not None:
             out.append(self._held)
         self._begin()
         return out
 
-    def _take_smooth(self, readings: Readings, out: list) -> int:
+    def _take_smooth(self, readings: ReceivedSamples, out: list) -> int:
         """Accept the readings at the beginning of these of which each follows the one before; returns how many."""
         step_us = np.diff(readings.t_us, prepend=self._stamp)
         if readings.sequence is None or self._sequence is None:
@@ -204,16 +204,16 @@ class Continuity:
             # Stop where the period is measured anew, so that it is measured at the same reading however they are cut.
             count = min(count, 1 + int(np.searchsorted(self._count + np.cumsum(periods[:count]), self._next_period)))
             t_us = self._t_us + np.cumsum(step_us[:count])
-            self._emit(Accepted(t_us, readings.registers[:count], readings.damaged[:count], periods[:count]), readings.sequence, out)
+            self._emit(AcceptedSamples(t_us, readings.registers[:count], readings.damaged[:count], periods[:count]), readings.sequence, out)
             last = None if readings.sequence is None else int(readings.sequence[count - 1])
             self._advance(last, int(readings.t_us[count - 1]), int(t_us[-1]), int(periods[:count].sum()), count)
         broken = count == follow < len(readings)
         self._at_once, self._singly = (FEWEST, SINGLY) if broken else (min(MOST, 2 * self._at_once), 0)
         return count
 
-    def _take_singly(self, readings: Readings, out: list) -> int:
+    def _take_singly(self, readings: ReceivedSamples, out: list) -> int:
         """Readings that need a closer look, until some have followed each other; returns how many were taken."""
-        run = _Run()
+        run = _AcceptedRun()
         for place, (sequence, stamp) in enumerate(zip(readings.numbers, readings.t_us.tolist(), strict=True)):
             if self._begun and (step := self._step(sequence, stamp)) is not None:
                 if self._chain:
@@ -230,7 +230,7 @@ class Continuity:
                 if not self._singly:
                     break
                 continue
-            one = _One(sequence, stamp, readings.registers[place], bool(readings.damaged[place]))
+            one = _Candidate(sequence, stamp, readings.registers[place], bool(readings.damaged[place]))
             if self._chain and not self._chains(one):
                 # The last of the chain may be good and what was before it not.
                 kept = self._chain[-1:] if _rate(self._chain[-1], one, self._infos) else []
@@ -244,13 +244,13 @@ class Continuity:
         self._flush(run, readings, out)
         return place + 1
 
-    def _flush(self, run: _Run, readings: Readings, out: list) -> _Run:
+    def _flush(self, run: _AcceptedRun, readings: ReceivedSamples, out: list) -> _AcceptedRun:
         """Pass a run on, and begin another."""
         if run.places:
             t_us, periods = np.array(run.t_us, np.int64), np.array(run.periods, np.int64)
-            accepted = Accepted(t_us, readings.registers[run.places], readings.damaged[run.places], periods)
+            accepted = AcceptedSamples(t_us, readings.registers[run.places], readings.damaged[run.places], periods)
             self._emit(accepted, readings.sequence, out, run.before_us)
-        return _Run()
+        return _AcceptedRun()
 
     @property
     def _period(self) -> float:
@@ -286,7 +286,7 @@ class Continuity:
                 return step_us, count
         return None
 
-    def _chains(self, one: _One) -> bool:
+    def _chains(self, one: _Candidate) -> bool:
         """Whether a reading goes on from those that wait, at a steady rate."""
         rate = _rate(self._chain[-1], one, self._infos)
         if rate is None or len(self._chain) < 2:
@@ -318,12 +318,12 @@ class Continuity:
         t_us = first_us + np.concatenate([[0], np.cumsum(steps_us)]).astype(np.int64)
         registers, damaged = np.array([one.registers for one in chain]), np.array([one.damaged for one in chain])
         self._chain, self._since, self._count, self._next_period = [], int(t_us[0]), -first_periods, 16
-        accepted = Accepted(t_us, registers, damaged, np.array([first_periods, *periods], np.int64))
+        accepted = AcceptedSamples(t_us, registers, damaged, np.array([first_periods, *periods], np.int64))
         self._emit(accepted, chain[-1].sequence, out, self._t_us if self._begun else None)
         self._begun, self._singly = True, SINGLY
         self._advance(chain[-1].sequence, chain[-1].t_us, int(t_us[-1]), first_periods + sum(periods), len(chain))
 
-    def _gap(self, one: _One) -> tuple[int, int] | None:
+    def _gap(self, one: _Candidate) -> tuple[int, int] | None:
         """Time and sample periods from the last that counted to a stretch that begins with this one; None: it began anew."""
         step_us = one.t_us - self._stamp
         if one.sequence is None:
@@ -333,10 +333,10 @@ class Continuity:
         numbers = _numbers(self._sequence, one.sequence, self._infos)
         return (step_us, numbers) if 0 < step_us <= RATE_CHANGE_US and 1 <= numbers <= LONGEST_SKIP else None
 
-    def _emit(self, accepted: Accepted, sequence: object, out: list, before_us: int | None = None) -> None:
+    def _emit(self, accepted: AcceptedSamples, sequence: object, out: list, before_us: int | None = None) -> None:
         """Pass on what counts; sequence: None in text; before_us: unrolled time of the reading before, without it the present one."""
         lost = int(accepted.periods.sum()) - len(accepted.periods)
-        passed: Accepted | None = accepted
+        passed: AcceptedSamples | None = accepted
         if sequence is None:
             # Bytes lost in the middle of one line up to the middle of another make one line of two.  It looks whole, and a gap
             # follows: so the line before a gap does not count.
@@ -358,11 +358,11 @@ class Continuity:
             self.period_us = (t_us - self._since) / self._count
             self._next_period = self._count + min(max(self._count, 16), 1024)
 
-    def _hold(self, accepted: Accepted) -> Accepted | None:
+    def _hold(self, accepted: AcceptedSamples) -> AcceptedSamples | None:
         if self._held is not None:
-            accepted = Accepted(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
-        self._held = Accepted(*(array[-1:] for array in accepted.arrays))
-        return Accepted(*(array[:-1] for array in accepted.arrays)) if len(accepted.t_us) > 1 else None
+            accepted = AcceptedSamples(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
+        self._held = AcceptedSamples(*(array[-1:] for array in accepted.arrays))
+        return AcceptedSamples(*(array[:-1] for array in accepted.arrays)) if len(accepted.t_us) > 1 else None
 
     def _leave_out(self, count: int, out: list) -> None:
         if count:
@@ -377,7 +377,7 @@ def _numbers(first: int | None, second: int | None, infos: list[int]) -> int:
     return numbers - len({info for info in infos if 0 < (info - first) % SEQUENCE_WRAP < numbers}) if infos else numbers
 
 
-def _rate(a: _One, b: _One, infos: list[int]) -> float | None:
+def _rate(a: _Candidate, b: _Candidate, infos: list[int]) -> float | None:
     """us per sample from a to b, if b can follow a at all."""
     step_us = (b.t_us - a.t_us) % TIME_WRAP
     numbers = _numbers(a.sequence, b.sequence, infos)

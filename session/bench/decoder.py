@@ -11,27 +11,27 @@ from session.bench import frames
 from session.bench.continuity import Continuity, StepFilter
 from session.bench.events import (
     REGISTERS,
-    Accepted,
-    BoardFrames,
-    Changes,
-    Chunk,
+    AcceptedSamples,
+    BoardMessageFilter,
     Collector,
     Comment,
     Event,
-    Form,
     Info,
-    Readings,
-    Remarks,
+    ModeChangeBudget,
+    ReceivedSamples,
+    RemarkBudget,
+    SampleChunk,
+    StreamFormat,
     Trouble,
 )
-from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, Looks, Rows, parse_comment
+from session.bench.text_stream import LONGEST_LINE, Garbage, LineClasses, LineReader, TextRows, parse_comment
 from session.bench.text_stream import LONGEST_LINE as LONGEST
 
 # What stands between zero bytes, many blocks at a time: sample frames, info frames, frames for others, and what is none.
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class DecodedFrames:
     """Of b blocks.  readings (n,) frames.SAMPLE and the blocks they are of, rows (n,); damaged (n,) bool, whether something unreadable
     came since the one before; behind: whether it did behind the last one; infos, others: bodies by block, of info frames and
     of what else a board says; left_over (b,) bytes of each that
@@ -46,14 +46,14 @@ class Blocks:
     left_over: np.ndarray
     crc_errors: int
 
-    def part(self, begin: int, stop: int) -> Readings:
+    def part(self, begin: int, stop: int) -> ReceivedSamples:
         """Readings begin <= i < stop."""
         table = self.readings[begin:stop]
         registers = table["registers"].astype(np.int16)
-        return Readings(table["sequence"].astype(np.int64), table["t_us"].astype(np.int64), registers, self.damaged[begin:stop])
+        return ReceivedSamples(table["sequence"].astype(np.int64), table["t_us"].astype(np.int64), registers, self.damaged[begin:stop])
 
 
-def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Blocks:
+def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> DecodedFrames:
     """Blocks of codes (n,) uint8 of these lengths up to these ends.  A whole frame at the end of something longer counts: what was torn
     off or said before it took only its delimiter along; but in what is longer than any line nothing counts."""
     sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
@@ -79,7 +79,7 @@ def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bloc
     spoilt = np.cumsum(bad | (left_over > 0))
     damaged = np.diff(spoilt[rows], prepend=0) > 0
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
-    return Blocks(readings, rows, damaged, behind, infos, others, left_over, int(np.count_nonzero(wrong)))
+    return DecodedFrames(readings, rows, damaged, behind, infos, others, left_over, int(np.count_nonzero(wrong)))
 
 
 def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -141,7 +141,7 @@ class StreamDecoder:
         self._torn = False  # whether, without a mode, what is kept begins within a line
         self._behind_zero = False  # whether, in text, a zero byte is right before what is kept
         self._passing_over = False  # whether, in frames, what comes up to the next zero byte is none
-        self._remarks, self._changes, self._board = Remarks(), Changes(), BoardFrames()
+        self._remarks, self._changes, self._board = RemarkBudget(), ModeChangeBudget(), BoardMessageFilter()
         self._text_lines = LineReader(self._told, self._remarks)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
@@ -197,7 +197,7 @@ class StreamDecoder:
         zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
         lines = np.concatenate([[0], places + 1])
         frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
-        worth = Looks(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
+        worth = LineClasses(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
         if self._torn:
             worth[:1] = False
         for k in np.flatnonzero(worth[:frame]).tolist():
@@ -244,7 +244,7 @@ class StreamDecoder:
         return int(starts[count]), bool(len(change))
 
     def _blocks(self, codes: np.ndarray, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: Collector) -> None:
-        blocks = take_apart(codes, ends, lengths)
+        blocks = decode_frames(codes, ends, lengths)
         if blocks.crc_errors:
             self.crc_errors += blocks.crc_errors
             out.add(Trouble("crc", blocks.crc_errors, self._last_us))
@@ -327,23 +327,23 @@ class StreamDecoder:
 
     def _lines(self, block: bytes, torn: np.ndarray | None, out: Collector) -> None:
         for item in self._text_lines.take(block.replace(b"\r\n", b"\n"), torn):
-            if isinstance(item, Rows):
+            if isinstance(item, TextRows):
                 self._stamped(item, out)
             elif isinstance(item, Garbage):
                 self._garbage(item.count, out, damages=item.behind)
-            elif isinstance(item, Form):
+            elif isinstance(item, StreamFormat):
                 self._another_form(item, out)
             else:
                 self.info = item if isinstance(item, Info) else self.info
                 out.add(item)
 
-    def _stamped(self, rows: Rows, out: Collector) -> None:
+    def _stamped(self, rows: TextRows, out: Collector) -> None:
         damaged = rows.damaged.copy()
         damaged[0] |= self._damaged
         self._damaged = False
-        self._take(Readings(None, rows.t_us, rows.values, damaged), out)
+        self._take(ReceivedSamples(None, rows.t_us, rows.values, damaged), out)
 
-    def _another_form(self, form: Form, out: Collector) -> None:
+    def _another_form(self, form: StreamFormat, out: Collector) -> None:
         """A header says that the columns are others: what was before, if anything, is another recording."""
         self._pass_on(self._continuity.finish(), out)
         if self._numbered_before is not None:
@@ -351,7 +351,7 @@ class StreamDecoder:
         self._add(self._steps.finish(), out)
         self._form, self._steps, self._numbered_before = form, StepFilter(form), None
 
-    def _take(self, readings: Readings, out: Collector) -> None:
+    def _take(self, readings: ReceivedSamples, out: Collector) -> None:
         numbered = readings.sequence is not None
         if self._numbered_before not in (None, numbered):
             # The board was told to speak otherwise: what was before has no sequence to go on from.
@@ -368,18 +368,18 @@ class StreamDecoder:
             self._damaged |= damages
             out.add(Trouble("garbage", count, self._last_us))
 
-    def _pass_on(self, items: list[Accepted | Trouble], out: Collector) -> None:
+    def _pass_on(self, items: list[AcceptedSamples | Trouble], out: Collector) -> None:
         for item in items:
-            if isinstance(item, Accepted):
+            if isinstance(item, AcceptedSamples):
                 self._add(self._steps.take(item), out)
                 continue
             if item.kind == "reset":
                 self._add(self._steps.finish(), out)
             self._add([item], out)
 
-    def _add(self, events: list[Chunk | Trouble], out: Collector) -> None:
+    def _add(self, events: list[SampleChunk | Trouble], out: Collector) -> None:
         for event in events:
-            if isinstance(event, Chunk):
+            if isinstance(event, SampleChunk):
                 self.samples += len(event)
                 self._last_us = int(event.t_us[-1])
             else:

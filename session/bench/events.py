@@ -27,7 +27,7 @@ REGISTER_BARS = np.array([256, 256, 256, 512, 512, 512, 64], np.int64)
 
 
 @dataclass(frozen=True)
-class Form:
+class StreamFormat:
     """names of the log's columns as the header has them: time, rates, forces, and the temperature where there is one."""
 
     names: tuple[str, ...] = COLUMNS
@@ -73,23 +73,23 @@ class Form:
         return tuple(BEYOND[kind] / SI[unit] for kind, unit in kinds)
 
 
-REGISTERS = Form()
+REGISTERS = StreamFormat()
 
 
-def parse_header(line: bytes) -> tuple[int, tuple[int, ...], Form] | None:
+def parse_header(line: bytes) -> tuple[int, tuple[int, ...], StreamFormat] | None:
     """A header line: how many columns it announces, where the log's are, and what they are; None where it is none."""
     names = [name.strip() for name in line.decode("latin-1").split(",")]
     form = REGISTERS if set(COLUMNS) <= set(names) else _physical(names)
     return None if form is None else (len(names), tuple(map(names.index, form.names)), form)
 
 
-def _physical(names: list[str]) -> Form | None:
+def _physical(names: list[str]) -> StreamFormat | None:
     times = [name for name in names if name in TIME_US]
     gyro = _triad(names, "g", ("dps", "rps"))
     accel = _triad(names, "a", ("g", "mps2"))
     if len(times) != 1 or gyro is None or accel is None:
         return None
-    return Form((times[0], *gyro, *accel, *(["temp_c"] if "temp_c" in names else [])))
+    return StreamFormat((times[0], *gyro, *accel, *(["temp_c"] if "temp_c" in names else [])))
 
 
 def _triad(names: list[str], letter: str, units: tuple[str, ...]) -> tuple[str, ...] | None:
@@ -134,7 +134,7 @@ _LENGTHS = {
 
 
 @dataclass(frozen=True)
-class Board:
+class BoardStatus:
     """Who gives the samples, and how it is set.  source: STANDIN or SENSOR (a number beyond them is a newer firmware's); registers:
     CTRL1_XL to CTRL10_C as read back; baud of the host's port; odr_hz: nominal."""
 
@@ -163,7 +163,7 @@ class Board:
 
 
 @dataclass(frozen=True)
-class Faults:
+class FaultCounts:
     """How often each of ``FAULTS`` has been counted since power-up."""
 
     counts: tuple[int, ...]
@@ -173,7 +173,7 @@ class Faults:
         """As a log's comment says it, without the ``#``: those that there are."""
         return " ".join(["faults", *(f"{name}={count}" for name, count in zip(FAULTS, self.counts, strict=True) if count)])
 
-    def since(self, before: Faults | None) -> dict[str, int]:
+    def since(self, before: FaultCounts | None) -> dict[str, int]:
         """What has risen, by how much.  A count that fell is a board that was switched on again: it counts from nothing."""
         old = before.counts if before is not None else (0,) * len(FAULTS)
         if any(now < then for now, then in zip(self.counts, old, strict=True)):
@@ -182,7 +182,7 @@ class Faults:
 
 
 @dataclass(frozen=True)
-class Done:
+class CommandResult:
     """The answer to a command: its type, its sequence number, and 0 or why not."""
 
     sequence: int
@@ -191,7 +191,7 @@ class Done:
 
 
 @dataclass(frozen=True)
-class SelfTest:
+class SelfTestResult:
     """The sensor's self-test: failed, a bit for each axis; how far it moved the outputs, (3,) dps and (3,) mg."""
 
     failed: int
@@ -199,10 +199,10 @@ class SelfTest:
     accel_mg: tuple[float, ...]
 
 
-Said = Board | Faults | Done | SelfTest
+BoardMessage = BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 
-def decode_said(body: bytes) -> Said | None:
+def decode_message(body: bytes) -> BoardMessage | None:
     """A frame's body without its CRC; None where it is none of the four, or not as long as it must be."""
     if len(body) < _HEAD.size or _LENGTHS.get(body[0]) != len(body):
         return None
@@ -210,30 +210,30 @@ def decode_said(body: bytes) -> Said | None:
     rest = body[_HEAD.size :]
     if kind == BOARD_TYPE:
         source, state, major, minor, patch, who, fine, registers, baud, odr_hz = _BOARD.unpack(rest)
-        return Board(source, bool(state & 1), bool(state & 2), f"{major}.{minor}.{patch}", who, fine, registers, baud, odr_hz)
+        return BoardStatus(source, bool(state & 1), bool(state & 2), f"{major}.{minor}.{patch}", who, fine, registers, baud, odr_hz)
     if kind == FAULTS_TYPE:
-        return Faults(_FAULTS.unpack(rest))
+        return FaultCounts(_FAULTS.unpack(rest))
     if kind == DONE_TYPE:
-        return Done(sequence, *_DONE.unpack(rest))
+        return CommandResult(sequence, *_DONE.unpack(rest))
     failed, *moved = _TESTED.unpack(rest)
-    return SelfTest(failed, tuple(moved[:3]), tuple(moved[3:]))
+    return SelfTestResult(failed, tuple(moved[:3]), tuple(moved[3:]))
 
 
-class BoardFrames:
+class BoardMessageFilter:
     """Which frames say something new: a board and its faults are sent each second."""
 
     def __init__(self) -> None:
         self._last: dict[int, bytes] = {}
 
-    def fresh(self, bodies: Mapping[int, np.ndarray]) -> dict[int, Said]:
+    def fresh(self, bodies: Mapping[int, np.ndarray]) -> dict[int, BoardMessage]:
         """Of bodies by block, in order, those that differ from the last of their type, and every answer."""
-        found: dict[int, Said] = {}
+        found: dict[int, BoardMessage] = {}
         for row in sorted(bodies):
             body = bodies[row].tobytes()
             content = body[_HEAD.size :]
             if body[0] in (BOARD_TYPE, FAULTS_TYPE) and self._last.get(body[0]) == content:
                 continue
-            if (said := decode_said(body)) is not None:
+            if (said := decode_message(body)) is not None:
                 self._last[body[0]] = content
                 found[row] = said
         return found
@@ -247,7 +247,7 @@ MOST = 256
 EACH = 8
 
 
-class Remarks:
+class RemarkBudget:
     """``spend`` one for each remark, ``earn`` with each reading.  What is beyond it is passed over; the raw bytes hold it."""
 
     def __init__(self) -> None:
@@ -269,7 +269,7 @@ class Remarks:
 CHANGES, CHANGE_BYTES = 16, 8192
 
 
-class Changes:
+class ModeChangeBudget:
     """Of mode, between text and frames: from ``earliest`` on, a place in the stream, there may be another."""
 
     def __init__(self) -> None:
@@ -289,13 +289,13 @@ class Changes:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class SampleChunk:
     """Consecutive samples.  t_us (n,) int64, device time, increasing, its 32 bits unrolled; registers (n, 7) int16,
     gx gy gz ax ay az temp, or, of a form in physical units, numbers (n, 6 or 7) float64."""
 
     t_us: np.ndarray
     registers: np.ndarray
-    form: Form = REGISTERS
+    form: StreamFormat = REGISTERS
 
     def __len__(self) -> int:
         return len(self.t_us)
@@ -343,14 +343,14 @@ class Trouble:
     t_us: int | None = None
 
 
-Event = Chunk | Info | Comment | Trouble | Board | Faults | Done | SelfTest
+Event = SampleChunk | Info | Comment | Trouble | BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 
 # What frames or lines said, before and after it is known whether it counts.
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class ReceivedSamples:
     """What frames or lines said: sequence (n,) int64, or None in text; t_us (n,) int64, as sent; registers (n, 7) int16;
     damaged (n,) bool, whether something unreadable came just before."""
 
@@ -362,10 +362,10 @@ class Readings:
     def __len__(self) -> int:
         return len(self.t_us)
 
-    def part(self, start: int, stop: int) -> Readings:
+    def part(self, start: int, stop: int) -> ReceivedSamples:
         """Those from start up to stop."""
         sequence = None if self.sequence is None else self.sequence[start:stop]
-        return Readings(sequence, self.t_us[start:stop], self.registers[start:stop], self.damaged[start:stop])
+        return ReceivedSamples(sequence, self.t_us[start:stop], self.registers[start:stop], self.damaged[start:stop])
 
     @property
     def numbers(self) -> list[int] | list[None]:
@@ -374,7 +374,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class Accepted:
+class AcceptedSamples:
     """Readings that count.  t_us (n,) int64 unrolled; registers (n, 7); damaged (n,); periods (n,): sample periods since the one
     before, 1 without a loss."""
 
@@ -399,12 +399,12 @@ class Collector:
 
     def __init__(self) -> None:
         self._done: list[Event] = []
-        self._chunks: list[Chunk] = []
+        self._chunks: list[SampleChunk] = []
         self._counts: dict[str, Trouble] = {}
 
     def add(self, event: Event) -> None:
         """One more."""
-        if isinstance(event, Chunk):
+        if isinstance(event, SampleChunk):
             self._chunks.append(event)
         elif isinstance(event, Trouble) and event.kind in self._COUNTED:
             before = self._counts.get(event.kind)
@@ -430,6 +430,6 @@ class Collector:
     def _close(self) -> None:
         if len(self._chunks) > 1:
             t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
-            self._chunks = [Chunk(t_us, registers, self._chunks[0].form)]
+            self._chunks = [SampleChunk(t_us, registers, self._chunks[0].form)]
         self._done += [*self._chunks, *self._counts.values()]
         self._chunks, self._counts = [], {}

@@ -9,11 +9,11 @@ from typing import Protocol as Interface
 import numpy as np
 
 from session.bench.closure_guide import MARK_WORDS, ClosureGuide
-from session.bench.events import Chunk, Event
-from session.bench.live import CHECK_S, Block, Health, TurnInProgress, Wait
-from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, AskedFor, Change, Instruction, Kind, Stage
-from session.bench.progress import Examined, OwnAccelerometer, PresentLog, Taken, accepted_turn, fastest_ns, why_not
-from session.bench.rawfile import Decision
+from session.bench.events import Event, SampleChunk
+from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
+from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, CoachRequest, GuideMessage, Instruction, Kind, Stage
+from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
+from session.bench.rawfile import RecordingDecision
 from session.detect.segments import moved_at
 from session.detect.stills import MIN_STILL_FRACTION
 from session.io.config import Config, Protocol, Sensor
@@ -23,18 +23,18 @@ from session.io.units import DEG, NS, WORDS
 # What comes from the recorder, as the guide takes it.
 
 
-def joined_chunks(events: Iterable[Event | Decision]) -> Iterator[Event | Decision]:
+def joined_chunks(events: Iterable[Event | RecordingDecision]) -> Iterator[Event | RecordingDecision]:
     """Neighbouring chunks as one: a busy machine reads many small portions at once."""
-    for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
+    for are_chunks, group in groupby(events, lambda event: isinstance(event, SampleChunk)):
         if are_chunks:
-            chunks = [event for event in group if isinstance(event, Chunk)]
+            chunks = [event for event in group if isinstance(event, SampleChunk)]
             t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
-            yield Chunk(t_us, registers, chunks[0].form)
+            yield SampleChunk(t_us, registers, chunks[0].form)
         else:
             yield from group
 
 
-def samples_of(chunk: Chunk, config: Config) -> Samples:
+def samples_of(chunk: SampleChunk, config: Config) -> Samples:
     """Registers or physical units as SI, with the accelerometer's pre-calibration."""
     registers, units = chunk.registers.astype(float), config.sensor.register_units
     if chunk.form.physical:
@@ -64,10 +64,10 @@ class Leader(Interface):
     objection: str
     here: PresentLog
     closure: ClosureGuide | None
-    asked_for: AskedFor
+    asked_for: CoachRequest
     sensor: Sensor | None
-    health: Health
-    taken: Taken
+    health: StreamHealth
+    taken: AcceptedData
 
     @property
     def accepted(self) -> int:
@@ -159,18 +159,18 @@ class Guide:
         self.protocol, self.segments, self.stop_at_target, self.closure_s = protocol, segments, stop_at_target, closure_s
         self.sensor: Sensor | None = None
         self.closure: ClosureGuide | None = None
-        self.stage, self.health, self.taken = Stage.FIND_PORT, Health(), Taken()
+        self.stage, self.health, self.taken = Stage.FIND_PORT, StreamHealth(), AcceptedData()
         self.advice: Advice | None = None  #: the last
-        self.asked_for = AskedFor()
+        self.asked_for = CoachRequest()
         self.coached = False  #: whether advice is to be expected after each accepted segment
         self.rejected = self.dropped = self.log = 0
         self._before_s = 0.0  # in earlier logs
         self.keys, self._whole = "", ""  # the screen's last line; what the coach said of the whole session
         self.waits_for = ""  # what the port or the stream lacks
-        self._changes: list[Change] = []
+        self._changes: list[GuideMessage] = []
         self._new_log()
 
-    def begin(self, sensor: Sensor, own: OwnAccelerometer | None = None) -> None:
+    def begin(self, sensor: Sensor, own: LiveAccelerometerFit | None = None) -> None:
         """The sensor's ranges are known: samples can come.  own: where nobody has calibrated its accelerometer."""
         self.sensor = sensor
         self.taken.begin(own, sensor.gyro_fs_dps * DEG)
@@ -193,7 +193,7 @@ class Guide:
         if self.stage not in (Stage.DONE, Stage.PAUSED):
             self.stage = Stage.CHECK_STREAM
 
-    def feed(self, samples: Samples) -> list[Change]:
+    def feed(self, samples: Samples) -> list[GuideMessage]:
         """Later samples of the present log, SI.  Returns what they change."""
         if len(samples) == 0 or self.stage in (Stage.DONE, Stage.PAUSED):
             return []
@@ -210,7 +210,7 @@ class Guide:
                 self._block(block)
         return self._changes
 
-    def advise(self, advice: Advice | None, stills: int | None = None) -> list[Change]:
+    def advise(self, advice: Advice | None, stills: int | None = None) -> list[GuideMessage]:
         """The coach's word, given at so many stills: what it asks for counts only where the board still lies so."""
         self._changes, self.advice = [], advice
         if advice and advice.says and advice.says != self._whole:
@@ -222,7 +222,7 @@ class Guide:
             self._segments_done("every parameter has reached its target")
         return self._changes
 
-    def decided(self, decision: Decision) -> list[Change]:
+    def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
         """What a person, or the guide itself (``wants``), has decided, and the files show: now, or in a recording that is resumed."""
         self._changes = []
         if decision.word == "pause":
@@ -242,7 +242,7 @@ class Guide:
         return self._changes
 
     @property
-    def wants(self) -> Decision | None:
+    def wants(self) -> RecordingDecision | None:
         """What is to be done with the files."""
         return self.closure.wants if self.closure is not None and self.stage is Stage.CLOSURE else None
 
@@ -339,7 +339,7 @@ class Guide:
             self.stage, self.objection = Stage.HOLD_STILL, ""
             self._say(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
 
-    def _holding(self, block: Block) -> None:
+    def _holding(self, block: MotionBlock) -> None:
         self._examined_s += block.duration_s
         if self.turn.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
             return
@@ -362,7 +362,7 @@ class Guide:
             turns = ": this turn goes on to the next still" if self.here.window.has_reference else ""
             self._say(Kind.WARNING, f"{why}{turns}")
 
-    def _judge(self, examined: Examined) -> None:
+    def _judge(self, examined: StillExamination) -> None:
         """The present still is a reference; is the turn before it a segment?"""
         segment, still = examined.segment, examined.still
         assert still is not None
@@ -417,7 +417,7 @@ class Guide:
         self._say(Kind.DONE, f"done: {why}")
 
     def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None, dropped: AcceptedTurn | None = None) -> None:
-        self._changes.append(Change(kind, text, self.now_s, accepted, dropped))
+        self._changes.append(GuideMessage(kind, text, self.now_s, accepted, dropped))
 
 
 # What a guided recording tells of itself: to a screen, to lines, to a page.
@@ -426,7 +426,7 @@ class Guide:
 class View(Interface):
     """A screen, or lines."""
 
-    def change(self, change: Change) -> None:
+    def change(self, change: GuideMessage) -> None:
         """Something has changed."""
 
     def show(self, guide: Guide) -> None:

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from session.bench.closure_guide import BEGIN
-from session.bench.events import Board, Chunk, Done, Event, Faults, Info, SelfTest, Trouble
+from session.bench.events import BoardStatus, CommandResult, Event, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
 from session.bench.guide import Guide, View, joined_chunks, samples_of
 from session.bench.logwriter import NEW_LOG, SHORT_STARTS, SHORT_US
-from session.bench.messages import Advice, Change, Kind, Progress, Stage
-from session.bench.operator import AtTheTable, Notebook, Wished
-from session.bench.progress import OwnAccelerometer
-from session.bench.rawfile import Decision
+from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
+from session.bench.operator import Notebook, OperatorInput, Wished
+from session.bench.progress import LiveAccelerometerFit
+from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
-from session.bench.screen import BoardWords
+from session.bench.screen import BoardReporter
 from session.io.config import Config
 from session.io.errors import CalibrationError, OtherSensor, StorageError
 from session.io.samples import Samples
@@ -30,7 +30,7 @@ RATE_WITHIN = 0.005
 ANOTHER = "give another sensor another --out"
 
 
-class SameSensor:
+class SensorIdentity:
     """``require`` it of each info, in all of a recording, resumed or not: two sensors have two calibrations."""
 
     def __init__(self) -> None:
@@ -70,15 +70,15 @@ class CoachThread:
         self._asked_at = 0  # so many stills
         self._about: tuple[int, ...] = ()  # what it was asked about last
 
-    def hear(self, guide: Guide) -> list[Change]:
+    def hear(self, guide: Guide) -> list[GuideMessage]:
         """Hand its last word to the guide, and give it what has come since.  Returns what that changes."""
-        changes: list[Change] = []
+        changes: list[GuideMessage] = []
         if self._asked is not None and self._asked.done():
             asked, self._asked = self._asked, None
             if (error := asked.exception()) is not None:  # whatever it is, it must not end a recording
                 self._coach, guide.coached = None, False
                 failed = f"the coach has failed ({type(error).__name__}: {error}); any turn will do"
-                changes = [Change(Kind.WARNING, failed, guide.now_s)]
+                changes = [GuideMessage(Kind.WARNING, failed, guide.now_s)]
             else:
                 changes = guide.advise(asked.result(), self._asked_at)
         if self._asked is None and self._behind(guide):
@@ -147,18 +147,18 @@ class GuidedRecording:
         wished: Wished | None = None,
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
-        self._table = AtTheTable(guide, recorder, self._tell, notebook, keys, wished)
+        self._table = OperatorInput(guide, recorder, self._tell, notebook, keys, wished)
         self.config: Config | None = None
         guide.coached, self._coach = coach is not None, CoachThread(coach)
-        self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
+        self._early: list[SampleChunk] = []  # samples whose ranges nobody has told yet
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_said = False
         self._last_said: tuple | None = None
         self._new_logs = 0
         self._live = False  # what an earlier recording left is not decided again
         self._resuming = False  # until the port is open
-        self.board = BoardWords()
-        self._same = SameSensor()
+        self.board = BoardReporter()
+        self._same = SensorIdentity()
         self._landmarks = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
         #: whether what an earlier recording left held another board's bytes: they are apart now, and a replay passes them over
@@ -223,24 +223,24 @@ class GuidedRecording:
             self.recorder.decide(BEGIN)  # what comes now belongs to no log
         self._live, self._resuming = True, False
 
-    def _tell(self, changes: list[Change]) -> None:
+    def _tell(self, changes: list[GuideMessage]) -> None:
         for change in changes:
             self._view.change(change)
 
-    def _take(self, events: Iterable[Event | Decision]) -> None:
+    def _take(self, events: Iterable[Event | RecordingDecision]) -> None:
         for event in joined_chunks(events):
-            if isinstance(event, Chunk):
+            if isinstance(event, SampleChunk):
                 self._heard_s = time.monotonic()
                 self._samples(event)
             elif isinstance(event, Info):
                 self._landmarks += 1
                 self._hear_board(event)
-            elif isinstance(event, (Board, Faults, Done, SelfTest)):
-                if isinstance(event, Board) and self.board.changes_source(event):
+            elif isinstance(event, (BoardStatus, FaultCounts, CommandResult, SelfTestResult)):
+                if isinstance(event, BoardStatus) and self.board.changes_source(event):
                     self.guide.new_log()
                 for words in self.board.hear(event):
                     self._say(Kind.WARNING, words)
-            elif isinstance(event, Decision):
+            elif isinstance(event, RecordingDecision):
                 self._table.was_decided(event)
             elif isinstance(event, Trouble):
                 self.guide.health.troubles[event.kind] += event.count
@@ -255,7 +255,7 @@ class GuidedRecording:
                     self.guide.new_log()
                     self._say_new_log(event.kind)
 
-    def _samples(self, chunk: Chunk) -> None:
+    def _samples(self, chunk: SampleChunk) -> None:
         if self.config is None:
             self._early.append(chunk)
             waited_s = float(chunk.t_us[-1] - self._early[0].t_us[0]) * 1e-6
@@ -311,7 +311,7 @@ class GuidedRecording:
             return False
         self.config = config
         uncalibrated = config.accelerometer.source == "none"
-        self.guide.begin(config.sensor, OwnAccelerometer(config.site.expected_gravity_mps2) if uncalibrated else None)
+        self.guide.begin(config.sensor, LiveAccelerometerFit(config.site.expected_gravity_mps2) if uncalibrated else None)
         early, self._early = self._early, []
         for chunk in early:
             self._samples(chunk)
@@ -342,7 +342,7 @@ class GuidedRecording:
             self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be off by as much")
 
     def _say(self, kind: Kind, text: str) -> None:
-        self._view.change(Change(kind, text, self.guide.now_s))
+        self._view.change(GuideMessage(kind, text, self.guide.now_s))
 
     def _say_new_log(self, kind: str) -> None:
         """A few times; a board that resets again and again would say nothing else."""

@@ -40,7 +40,7 @@ UNKNOWN_ZERO_RPS = 10.0 * DEG  #: no gyro reads that much at rest
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class MotionBlock:
     """Mean rate (3,) and peak of one block, rad/s; quiet: whether it could be part of a still; why not, with number and bar."""
 
     duration_s: float
@@ -68,7 +68,7 @@ class Stillness:
         """Length of a block, s."""
         return self.size * self._period_s
 
-    def feed(self, samples: Samples) -> Block:
+    def feed(self, samples: Samples) -> MotionBlock:
         """What a block of ``size`` samples shows."""
         moments = block_moments(samples, self.size)
         gyro_mean, gyro_var, accel_var = moments.gyro_mean[0], moments.gyro_var[0], moments.accel_var[0]
@@ -81,7 +81,7 @@ class Stillness:
             if self._run:
                 self._steps.append(np.abs(gyro_mean - self._run[-1]))
             self._run = [*self._run[-100:], gyro_mean]
-        return Block(self.block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
+        return MotionBlock(self.block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
 
     def _why_not_quiet(self, gyro_mean: np.ndarray, gyro_var: np.ndarray, accel_var: np.ndarray) -> str:
         gyro_noise, accel_noise = self._noise_now()
@@ -185,7 +185,7 @@ class TurnInProgress:
         """Whether the table moves, or has just been touched."""
         return self.still_s == 0.0 or self._in_bump
 
-    def feed(self, block: Block, zero_rps: np.ndarray | None) -> float:
+    def feed(self, block: MotionBlock, zero_rps: np.ndarray | None) -> float:
         """Take a block; returns how long the still was that it ends, or 0."""
         if block.quiet:
             if self._in_bump:
@@ -226,7 +226,7 @@ class TurnInProgress:
         self._in_bump = False
         self._bump, self._bump_path = np.zeros(3), 0.0
 
-    def _count(self, angle_rad: float, block: Block) -> None:
+    def _count(self, angle_rad: float, block: MotionBlock) -> None:
         self.path_rad += angle_rad
         self.peak_rps = max(self.peak_rps, block.peak_rps)
 
@@ -282,7 +282,7 @@ class Settling:
         return self.now_c - self.to_come_c * np.expm1(-later_s / self.settles_s)
 
 
-class Warmth:
+class WarmUp:
     """Fed with temperatures as they come; ``wait`` says whether it pays."""
 
     def __init__(self) -> None:
@@ -364,7 +364,7 @@ LEAST_SLOPE_S = 10.0
 TEMP_EVERY_S = 1.0
 
 
-class Health:
+class StreamHealth:
     """Counts over a session.  troubles: by kind, as the stream's decoder names them."""
 
     def __init__(self) -> None:
@@ -372,7 +372,7 @@ class Health:
         self.troubles: Counter[str] = Counter()
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
-        self.warmth = Warmth()
+        self.warmth = WarmUp()
         self.info_odr_hz: float | None = None  #: what the board says
         self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
         self._periods, self._periods_s = 0, 0.0

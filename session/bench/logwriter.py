@@ -11,7 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Board, Chunk, Comment, Done, Event, Faults, Form, Info, SelfTest, Trouble
+from session.bench.events import (
+    BoardStatus,
+    CommandResult,
+    Comment,
+    Event,
+    FaultCounts,
+    Info,
+    SampleChunk,
+    SelfTestResult,
+    StreamFormat,
+    Trouble,
+)
 from session.bench.rawfile import GrowingFile, Mark, put_aside
 from session.bench.text_stream import parse_info
 from session.io.errors import FormatError, StorageError
@@ -27,7 +38,7 @@ FEWEST = 6  #: stretches, 3 s, before anything is said
 MOST = 1024  #: stretches; beyond them they become twice as long: a day is held in no more memory than an hour
 
 
-class ComparisonOfClocks:
+class ClockComparison:
     """``add`` arrivals, ``restart`` where device time begins anew."""
 
     def __init__(self) -> None:
@@ -92,7 +103,7 @@ class LogWriter:
         self.physical: bool | None = None  # what was written, once something was
         self._file: GrowingFile | None = None
         self._info: Info | None = None
-        self.board: Board | None = None  # of this connection; said once, it holds in every log
+        self.board: BoardStatus | None = None  # of this connection; said once, it holds in every log
         self._waiting: list[str] = []  # comments before the first sample
         self._left_out: Trouble | None = None  # the last of a kind, which may become more
         self._first_us: int | None = None  # of the samples since the last start
@@ -176,7 +187,7 @@ class LogWriter:
 
     def _take(self, event: Event) -> None:
         """Write it, or keep it until it is known whether this start lasts."""
-        if isinstance(event, Chunk) and len(event):
+        if isinstance(event, SampleChunk) and len(event):
             self._first_us = int(event.t_us[0]) if self._first_us is None else self._first_us
             lasts = int(event.t_us[-1]) - self._first_us >= SHORT_US
             self._short = 0 if lasts else self._short
@@ -195,7 +206,7 @@ class LogWriter:
         self._write(event)
 
     def _pass_over(self, events: list[Event]) -> None:
-        samples = sum(len(event) for event in events if isinstance(event, Chunk))
+        samples = sum(len(event) for event in events if isinstance(event, SampleChunk))
         self.not_logged += samples
         self.not_logged_starts += samples > 0
 
@@ -228,7 +239,7 @@ class LogWriter:
             return
         if not isinstance(event, Trouble) or event.kind in NEW_LOG:
             self._say_left_out()
-        if isinstance(event, Chunk):
+        if isinstance(event, SampleChunk):
             if len(event):
                 self._samples(event)
         elif isinstance(event, Comment):
@@ -238,16 +249,16 @@ class LogWriter:
             if event != self._info:
                 self._info = event
                 self._comment(event.text)
-        elif isinstance(event, Board):
+        elif isinstance(event, BoardStatus):
             if self.board is not None and event.source != self.board.source:
                 self._end()  # a log is of a sensor, or of what stood in for it
             self.board = event
             if self._file is not None:
                 self._comment(event.text)
-        elif isinstance(event, Faults):
+        elif isinstance(event, FaultCounts):
             if any(event.counts):
                 self._comment(event.text)
-        elif isinstance(event, (Done, SelfTest)):
+        elif isinstance(event, (CommandResult, SelfTestResult)):
             pass  # an answer to whoever asked
         elif event.kind in NEW_LOG:
             self._end()
@@ -258,7 +269,7 @@ class LogWriter:
         if event is not None:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
-    def _samples(self, chunk: Chunk) -> None:
+    def _samples(self, chunk: SampleChunk) -> None:
         self.physical = self.physical if self.is_apart else chunk.form.physical
         if self.stem == NOWHERE:
             return
@@ -275,7 +286,7 @@ class LogWriter:
         else:
             self._file.write(f"# {text}\n")
 
-    def _open(self, form: Form) -> GrowingFile:
+    def _open(self, form: StreamFormat) -> GrowingFile:
         path = self._next(self.stem)
         if (packed := path.with_name(path.name + ".gz")).exists():
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
@@ -308,7 +319,7 @@ WORD = "foreign"
 
 
 @dataclass(frozen=True)
-class Landmark:
+class StreamCheckpoint:
     """number: of all in the recording; offset: bytes before its connection; logs, samples: how many there were of the own board's."""
 
     number: int
@@ -317,7 +328,7 @@ class Landmark:
     samples: int
 
 
-class Sorting:
+class BoardRouter:
     """``take`` events, ``opened`` where a connection begins.  samples: those of the recording's own board."""
 
     def __init__(self, decoder: StreamDecoder, logs: LogWriter):
@@ -326,7 +337,7 @@ class Sorting:
         self._info: Info | None = None  # of the recording's own board
         self._number = self._offset = 0
         self._since: int | None = None  # the landmark behind which another board speaks
-        self._seen = [Landmark(0, 0, 0, 0)]  # by who takes the events
+        self._seen = [StreamCheckpoint(0, 0, 0, 0)]  # by who takes the events
 
     def opened(self, offset: int, since: int | None = None) -> None:
         """The port was opened behind so many bytes; since: the landmark behind which another board speaks, or None."""
@@ -342,12 +353,12 @@ class Sorting:
             self._logs.write([event])
             if not apart:
                 own.append(event)
-                self.samples += len(event) if isinstance(event, Chunk) else 0
+                self.samples += len(event) if isinstance(event, SampleChunk) else 0
                 self._info = event if isinstance(event, Info) else self._info
             if isinstance(event, Info) or (isinstance(event, Trouble) and event.kind in NEW_LOG):
                 self._number += 1
                 if not apart:
-                    self._seen.append(Landmark(self._number, self._offset, len(self._logs.paths), self.samples))
+                    self._seen.append(StreamCheckpoint(self._number, self._offset, len(self._logs.paths), self.samples))
                 self._turn()
         if self._logs.is_apart:  # who asks what the board is, asks for this recording's
             self._decoder.info = self._info
@@ -357,7 +368,7 @@ class Sorting:
         if self._since is not None and self._number >= self._since:
             self._logs.apart()
 
-    def set_apart(self, count: int) -> Landmark:
+    def set_apart(self, count: int) -> StreamCheckpoint:
         """What came behind the count-th landmark that ``take`` gave away was another board's: its logs get another name.  Where it was."""
         landmark = self._seen[count]
         following = next((each for each in self._seen if each.offset > landmark.offset), None)

@@ -69,7 +69,7 @@ class AcceptedTurn:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class GuideMessage:
     """Something has changed, in words for the operator; accepted: the turn, where one was; dropped: one that does not count any more."""
 
     kind: Kind
@@ -95,7 +95,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Movement:
+class RequestedTurn:
     """A part of the next movement: axis, a unit vector in the board, upright or level before the movement, and the angle about it."""
 
     axis: tuple[float, float, float]
@@ -116,7 +116,7 @@ class Advice:
     reason: str
     reached: bool = False
     missing: tuple[str, ...] = ()
-    movements: tuple[Movement, ...] = ()
+    movements: tuple[RequestedTurn, ...] = ()
     sigmas: tuple[tuple[str, float], ...] = ()
     up: tuple[float, float, float] | None = None
     says: str = ""
@@ -130,7 +130,7 @@ BETWEEN = 0.6  #: of still_s: the same between two movements; what lasts 0.7 of 
 MOST_OF_IT = 0.75  #: of the angles asked for: whoever rests before, rests between two movements
 
 
-class AskedFor:
+class CoachRequest:
     """advice: what is asked for now; None while the coach thinks, and where it asks for nothing."""
 
     def __init__(self) -> None:

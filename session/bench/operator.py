@@ -16,8 +16,8 @@ from typing import Protocol as Interface
 
 from session.bench.closure_guide import BEGIN
 from session.bench.guide import Guide
-from session.bench.messages import Change, Kind, Stage
-from session.bench.rawfile import Decision
+from session.bench.messages import GuideMessage, Kind, Stage
+from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.io.errors import CalibrationError, StorageError
 
@@ -37,7 +37,7 @@ SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")
 READ_BYTES = 256
 
 
-class Keys:
+class Keyboard:
     """A context.  there: whether there are keys; call it for what was typed since the last call."""
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class Keys:
         self._before: list[Any] | None = None
         self._decoder = codecs.getincrementaldecoder("utf-8")("replace")
 
-    def __enter__(self) -> Keys:
+    def __enter__(self) -> Keyboard:
         try:
             self.there = sys.stdin is not None and sys.stdin.isatty() and (termios is not None or sys.platform == "win32")
             if self.there and termios is not None:
@@ -114,7 +114,7 @@ ENTER, ESCAPE, ERASE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 LONGEST_NOTE = 200
 
 
-class Wish(Enum):
+class OperatorCommand(Enum):
     """What a person can ask for."""
 
     PAUSE = "p"
@@ -129,20 +129,20 @@ class TypingLine:
     def __init__(self) -> None:
         self.note: str | None = None
 
-    def take(self, typed: str) -> list[tuple[Wish, str]]:
+    def take(self, typed: str) -> list[tuple[OperatorCommand, str]]:
         """Wishes, in order, and the text of a note."""
-        wishes: list[tuple[Wish, str]] = []
+        wishes: list[tuple[OperatorCommand, str]] = []
         for sign in typed:
             if self.note is None:
                 if sign in ENTER:
-                    wishes.append((Wish.HERE, ""))
-                elif sign.lower() == Wish.NOTE.value:
+                    wishes.append((OperatorCommand.HERE, ""))
+                elif sign.lower() == OperatorCommand.NOTE.value:
                     self.note = ""
-                elif sign.lower() in (Wish.PAUSE.value, Wish.DROP.value):
-                    wishes.append((Wish(sign.lower()), ""))
+                elif sign.lower() in (OperatorCommand.PAUSE.value, OperatorCommand.DROP.value):
+                    wishes.append((OperatorCommand(sign.lower()), ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
-                    wishes.append((Wish.NOTE, text))
+                    wishes.append((OperatorCommand.NOTE, text))
                 self.note = None
             elif sign == ESCAPE:
                 self.note = None
@@ -179,7 +179,7 @@ class Notebook(Interface):
 class Wished(Interface):
     """What is asked for elsewhere, on a page: call it for what was since it was last asked."""
 
-    def __call__(self) -> list[tuple[Wish, str]]:
+    def __call__(self) -> list[tuple[OperatorCommand, str]]:
         """In order, each once."""
 
     def begin(self) -> None:
@@ -189,7 +189,7 @@ class Wished(Interface):
         """None that come later are taken."""
 
 
-class AtTheTable:
+class OperatorInput:
     """tell: takes what has changed; keys: gives what was typed since it was last asked; None: there are none; wished: what was asked
     for elsewhere, likewise."""
 
@@ -197,7 +197,7 @@ class AtTheTable:
         self,
         guide: Guide,
         recorder: Recorder,
-        tell: Callable[[list[Change]], None],
+        tell: Callable[[list[GuideMessage]], None],
         notebook: Notebook | None,
         keys: Callable[[], str] | None,
         wished: Wished | None = None,
@@ -207,16 +207,16 @@ class AtTheTable:
         self._typing = TypingLine()
 
     @property
-    def after_pause(self) -> Decision:
+    def after_pause(self) -> RecordingDecision:
         """How it goes on: before the closure run in a log, behind it in none until the table stands on its mark."""
-        return Decision("begin", "log") if self._guide.closure is None else BEGIN
+        return RecordingDecision("begin", "log") if self._guide.closure is None else BEGIN
 
-    def decide(self, decision: Decision) -> None:
+    def decide(self, decision: RecordingDecision) -> None:
         """Do it with the files, and tell the guide."""
         self._recorder.decide(decision)
         self._tell(self._guide.decided(decision))
 
-    def was_decided(self, decision: Decision) -> None:
+    def was_decided(self, decision: RecordingDecision) -> None:
         """In the recording that is resumed: the guide decides it again."""
         if decision.word == "drop" and self._notebook and not self._notebook.excludes(decision.log, int(decision.rest) * 1e-6):
             return  # somebody has taken it back
@@ -248,21 +248,21 @@ class AtTheTable:
         if self._keys is not None:
             self._guide.keys = self._typing.words(self._guide.closure is not None)
 
-    def _do(self, wish: Wish, text: str, begun: bool) -> None:
+    def _do(self, wish: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
-        if wish is Wish.NOTE and self._notebook is not None:
-            self._recorder.decide(Decision("note", text))  # first where nothing can refuse it
+        if wish is OperatorCommand.NOTE and self._notebook is not None:
+            self._recorder.decide(RecordingDecision("note", text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
             self._say(Kind.STAGE, f"noted: {text}")
-        elif wish is Wish.HERE and guide.closure is not None:
+        elif wish is OperatorCommand.HERE and guide.closure is not None:
             guide.closure.on_the_mark()
         elif not begun or guide.stage is Stage.DONE:
             return
-        elif wish is Wish.PAUSE:
-            self.decide(self.after_pause if guide.stage is Stage.PAUSED else Decision("pause"))
-        elif wish is Wish.DROP and guide.closure is not None:
+        elif wish is OperatorCommand.PAUSE:
+            self.decide(self.after_pause if guide.stage is Stage.PAUSED else RecordingDecision("pause"))
+        elif wish is OperatorCommand.DROP and guide.closure is not None:
             guide.closure.interrupted()
-        elif wish is Wish.DROP and self._notebook is not None:
+        elif wish is OperatorCommand.DROP and self._notebook is not None:
             self._drop(self._notebook)
 
     def _drop(self, notebook: Notebook) -> None:
@@ -272,7 +272,7 @@ class AtTheTable:
             return
         # First where fit reads it, then where a replay does: a mark without its entry is one that was taken back.
         notebook.exclude(self._recorder.logs.paths[-1].name, moment_us * 1e-6)
-        self.decide(Decision("drop", str(moment_us)))
+        self.decide(RecordingDecision("drop", str(moment_us)))
 
     def _say(self, kind: Kind, text: str) -> None:
-        self._tell([Change(kind, text, self._guide.now_s)])
+        self._tell([GuideMessage(kind, text, self._guide.now_s)])

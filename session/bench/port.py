@@ -21,7 +21,7 @@ from serial.tools import list_ports
 from session.bench import frames
 from session.bench import frames as commands
 from session.bench.decoder import StreamDecoder
-from session.bench.events import STANDIN, Board, Done, Event, Info
+from session.bench.events import STANDIN, BoardStatus, CommandResult, Event, Info
 from session.bench.rawfile import is_locked
 from session.io.errors import CalibrationError, DeviceError
 
@@ -323,7 +323,7 @@ RATES = "12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz"
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedSettings:
     """What the user wants of the board; None: as it is."""
 
     odr_hz: float | None = None
@@ -336,13 +336,13 @@ class Wanted:
         return any(value is not None for value in (self.odr_hz, self.gyro_fs_dps, self.accel_fs_g))
 
 
-class BoardSetting:
+class BoardSetup:
     """Called with an open port; gives the bytes that belong to the recording: all where the board takes no commands, else none of those
     before it was set.  said: what was done, in words.  CalibrationError where the board refuses, DeviceError where it does not answer.
 
     ``forgotten`` hears what the board sends: one that was switched on again meanwhile, its port open all the time, is as it was made."""
 
-    def __init__(self, wanted: Wanted):
+    def __init__(self, wanted: RequestedSettings):
         self._wanted = wanted
         self.said: list[str] = []
         self._set_s: float | None = None  # when a board was set
@@ -385,7 +385,7 @@ class BoardSetting:
         if not self._wanted.anything:
             return b""
         self.said, self._set_s, self._cut = [], None, b""
-        talk = _Talk(port)
+        talk = _Dialogue(port)
         talk.listen(lambda: talk.board is not None or talk.is_mute, SPEAKS_S)
         own_baud = port.baudrate
         for baud in FASTER:  # as an earlier recording has left it
@@ -399,7 +399,7 @@ class BoardSetting:
         self._set_s = time.monotonic()
         return b""
 
-    def _set(self, talk: _Talk) -> None:
+    def _set(self, talk: _Dialogue) -> None:
         wanted, board = self._wanted, talk.board
         assert board is not None
         if wanted.odr_hz is not None and (board.source == STANDIN or abs(wanted.odr_hz / board.odr_hz - 1) > RATE_WITHIN):
@@ -420,7 +420,7 @@ class BoardSetting:
             talk.ask(commands.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
             self.said.append(f"ranges {gyro_fs:g} dps, {accel_fs:g} g")
 
-    def _raise_baud(self, talk: _Talk, baud: int) -> None:
+    def _raise_baud(self, talk: _Dialogue, baud: int) -> None:
         talk.ask(commands.BAUD, f"{baud} baud", baud)
         talk.port.baudrate = baud
         try:
@@ -432,12 +432,12 @@ class BoardSetting:
         self.said.append(f"{baud} baud")
 
 
-class _Talk:
+class _Dialogue:
     """heard: all bytes so far; board, info: the last of each; is_mute: whether it is plain by now that the board takes no commands."""
 
     def __init__(self, port: serial.Serial):
         self.port, self.decoder, self.heard = port, StreamDecoder(), bytearray()
-        self.board: Board | None = None
+        self.board: BoardStatus | None = None
         self.info: Info | None = None
         self._infos = self._sequence = 0
         self._asked: tuple[int, int] | None = None  # sequence and command
@@ -473,9 +473,9 @@ class _Talk:
         raise DeviceError(f"the board does not answer ({what}); is its receive line (PA10) connected? else switch it off and on")
 
     def _take(self, event: Event) -> None:
-        if isinstance(event, Board):
+        if isinstance(event, BoardStatus):
             self.board = event
         elif isinstance(event, Info):
             self.info, self._infos = event, self._infos + 1
-        elif isinstance(event, Done) and (event.sequence, event.command) == self._asked:
+        elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._asked:
             self._answer = event.result

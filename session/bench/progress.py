@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.bench.live import CHECK_S, FEWEST, Block, Stillness, TurnInProgress, stream_problem
+from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Coverage, Progress
 from session.detect.accelerometer import LengthFit, attitudes_of, fit_lengths
 from session.detect.segments import Pace, Segment, cut_segments, pace_of
@@ -26,7 +26,7 @@ SETTLED_S = 0.5  #: a still that ended longer ago is not the present one
 
 
 @dataclass(frozen=True, eq=False)
-class Examined:
+class StillExamination:
     """The present still, or why there is none; segment that it ends, None for a log's first still; samples that both count from."""
 
     samples: Samples
@@ -54,20 +54,20 @@ class Window:
         """Later samples."""
         self._parts.append(samples)
 
-    def examine(self) -> Examined:
+    def examine(self) -> StillExamination:
         """What stands at the window's end."""
         samples = self._whole()
         stills, noise = find_stills(samples, self._protocol.still_s)
         still = stills[-1] if stills else None
         late_s = SETTLED_S + self._size * self._period_s
         if still is None or samples.t_ns[-1] - samples.t_ns[still.stop - 1] > late_s / NS:
-            return Examined(samples, None, f"still for less than {MIN_STILL_FRACTION * self._protocol.still_s:.1f} s")
+            return StillExamination(samples, None, f"still for less than {MIN_STILL_FRACTION * self._protocol.still_s:.1f} s")
         if still.problem:
-            return Examined(samples, None, still.problem)
+            return StillExamination(samples, None, still.problem)
         segments = cut_segments(samples, stills, self._sensor, self._protocol) if self._starts_ns else []
-        return Examined(samples, still, "", noise, segments[-1] if segments else None)
+        return StillExamination(samples, still, "", noise, segments[-1] if segments else None)
 
-    def accept(self, examined: Examined) -> None:
+    def accept(self, examined: StillExamination) -> None:
         """The present still is a reference from now on; what lies before the last few is forgotten."""
         assert examined.still is not None
         self._starts_ns = [*self._starts_ns, int(examined.samples.t_ns[examined.still.start])][-REFERENCES:]
@@ -175,7 +175,7 @@ class PresentLog:
         for first in range(0, whole, size):
             yield pending.between(first, first + size)
 
-    def take(self, samples: Samples, remember: bool) -> tuple[Block, float]:
+    def take(self, samples: Samples, remember: bool) -> tuple[MotionBlock, float]:
         """A block: what it shows, and how long the still was that it ends, or 0.  remember: it may be part of a segment."""
         self._now_ns = int(samples.t_ns[-1])
         if remember:
@@ -187,7 +187,7 @@ class PresentLog:
             self.peak_ns = int(samples.t_ns[len(samples) // 2])
         return block, ended_s
 
-    def accept(self, examined: Examined) -> None:
+    def accept(self, examined: StillExamination) -> None:
         """The present still is a reference."""
         assert examined.still is not None
         self.window.accept(examined)
@@ -201,7 +201,7 @@ class PresentLog:
 SCALE_RIGHT = 0.2
 
 
-class OwnAccelerometer:
+class LiveAccelerometerFit:
     """``add`` stills.  accelerometer: what they give, None while they fix nothing of it; known: whether they fix all of it; attitudes: how
     many of them lie apart."""
 
@@ -280,7 +280,7 @@ def _fitted(force: np.ndarray, gravity_mps2: float) -> tuple[LengthFit, Accelero
 LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothing
 
 
-class Taken:
+class AcceptedData:
     """turns that count, in order; stills; coverage; own: the accelerometer that the stills calibrate, None where one was given;
     gyro_fs_rps: the gyroscope's full scale, once it is known."""
 
@@ -288,10 +288,10 @@ class Taken:
         self.turns: list[AcceptedTurn] = []
         self.stills: list[Still] = []
         self.coverage = Coverage()
-        self.own: OwnAccelerometer | None = None
+        self.own: LiveAccelerometerFit | None = None
         self.gyro_fs_rps = np.inf
 
-    def begin(self, own: OwnAccelerometer | None, gyro_fs_rps: float) -> None:
+    def begin(self, own: LiveAccelerometerFit | None, gyro_fs_rps: float) -> None:
         """It is known now whether somebody has calibrated the accelerometer, and what the gyroscope can measure."""
         self.own, self.gyro_fs_rps = own, gyro_fs_rps
         if own is not None:
@@ -347,7 +347,7 @@ def fastest_ns(turn: AcceptedTurn) -> int:
     return int(turn.samples.t_ns[int(np.argmax(rate))])
 
 
-def accepted_turn(segment: Segment, examined: Examined, log: int, before_s: float, began_ns: int) -> AcceptedTurn:
+def accepted_turn(segment: Segment, examined: StillExamination, log: int, before_s: float, began_ns: int) -> AcceptedTurn:
     """A segment as the coach gets it.  before_s: of the session, in earlier logs; began_ns: this log's first sample."""
     assert examined.noise is not None  # a still, which ends a segment, shows it
     samples = examined.samples.between(segment.start, segment.stop)

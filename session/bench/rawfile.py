@@ -379,7 +379,7 @@ def _marks(raw_path: Path) -> Iterator[Mark]:
 
 
 @dataclass(frozen=True)
-class Decision:
+class RecordingDecision:
     """word: begin, pause, keep, drop or note; rest: STEM, T_US, TEXT, or nothing; log: the one that was growing, in a replay."""
 
     word: str
@@ -392,7 +392,7 @@ class Decision:
         return f"{self.word} {self.rest}".rstrip()
 
 
-def decision_of(mark: Mark) -> Decision | None:
+def decision_of(mark: Mark) -> RecordingDecision | None:
     """The decision that a mark tells of; None for any other, and for one that makes no sense."""
     word, _, rest = mark.event.partition(" ")
     right = {
@@ -402,7 +402,7 @@ def decision_of(mark: Mark) -> Decision | None:
         "pause": True,
         "note": True,
     }
-    return Decision(word, rest) if right.get(word, False) else None
+    return RecordingDecision(word, rest) if right.get(word, False) else None
 
 
 def name_kept(marks: Sequence[Mark], begun: int) -> str | None:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Event, Trouble
-from session.bench.logwriter import FOREIGN, NEW_LOG, WORD, ComparisonOfClocks, LogWriter, Sorting, other_board
-from session.bench.port import BoardSetting, Closed, Opened, Port, Received, Wanted, is_virtual
-from session.bench.rawfile import RAW, Decision, Mark, RawFile, decision_of, name_kept, read_events
+from session.bench.events import Event, SampleChunk, Trouble
+from session.bench.logwriter import FOREIGN, NEW_LOG, WORD, BoardRouter, ClockComparison, LogWriter, other_board
+from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings, is_virtual
+from session.bench.rawfile import RAW, Mark, RawFile, RecordingDecision, decision_of, name_kept, read_events
 from session.io.files import open_file
 
 # The raw bytes of a recording, decoded into the same logs again.
@@ -24,10 +24,10 @@ from session.io.files import open_file
 #: bytes decoded in one go; whoever asks for the next piece may stop between two
 BLOCK = 1 << 16
 
-Piece = tuple[int | None, list[Event | Decision]]
+Piece = tuple[int | None, list[Event | RecordingDecision]]
 
 
-def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter, sorting: Sorting | None = None) -> Iterator[Piece]:
+def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter, sorting: BoardRouter | None = None) -> Iterator[Piece]:
     """Decode a raw file into ``logs``, giving (host_ns or None, events) piece by piece, with what was decided between them.
 
     Events of another board are not given; its logs have other names.  What is added to the file behind this call is not looked at.
@@ -35,10 +35,10 @@ def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter, sorting: Sor
     """
     with open_file(raw_path):
         size = raw_path.stat().st_size
-    return _pieces(raw_path, size, read_events(raw_path), decoder, logs, sorting or Sorting(decoder, logs))
+    return _pieces(raw_path, size, read_events(raw_path), decoder, logs, sorting or BoardRouter(decoder, logs))
 
 
-def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter, sorting: Sorting) -> Iterator[Piece]:
+def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter, sorting: BoardRouter) -> Iterator[Piece]:
     with open_file(raw_path) as raw:
         sorting.opened(0, other_board(marks, -1))
         for number, mark in enumerate(marks):
@@ -54,14 +54,14 @@ def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder
         yield from _until(raw, size, decoder, sorting)
 
 
-def new_connection(decoder: StreamDecoder, sorting: Sorting, offset: int, since: int | None = None) -> list[Event]:
-    """The port was opened behind so many bytes, for the first time or again: what came before is over.  since: as of ``Sorting``."""
+def new_connection(decoder: StreamDecoder, sorting: BoardRouter, offset: int, since: int | None = None) -> list[Event]:
+    """The port was opened behind so many bytes, for the first time or again: what came before is over.  since: as of ``BoardRouter``."""
     events = sorting.take(decoder.finish())
     sorting.opened(offset, since)
     return [*events, *sorting.take([Trouble("reconnect")])] if decoder.samples else events
 
 
-def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, sorting: Sorting) -> Iterator[Piece]:
+def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, sorting: BoardRouter) -> Iterator[Piece]:
     while (size := min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
         yield None, [*sorting.take(decoder.feed(data))]
 
@@ -79,10 +79,10 @@ class Recorder:
     are in the raw file, and whose samples are in no log, since somebody wanted to stop while they were being decoded.
     """
 
-    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None, wanted: Wanted | None = None):
+    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None, wanted: RequestedSettings | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
-        self._sorting = Sorting(self.decoder, self.logs)
-        self.clock = ComparisonOfClocks()
+        self._sorting = BoardRouter(self.decoder, self.logs)
+        self.clock = ClockComparison()
         self.raw = RawFile(folder)  # nobody else writes there from now on
         self._past: Iterator[Piece] | None = None
         self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
@@ -91,14 +91,14 @@ class Recorder:
         try:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._sorting)
-            self.setting = BoardSetting(wanted or Wanted())
+            self.setting = BoardSetup(wanted or RequestedSettings())
             self.port = Port(name, baudrate, self._keep, self.setting, self.setting.forgotten)
             self._has_clock = not is_virtual(name)  # a virtual board may be slower than it should, or told to hurry
         except BaseException:
             self.raw.discard()
             raise
 
-    def catch_up(self) -> Iterator[list[Event | Decision]]:
+    def catch_up(self) -> Iterator[list[Event | RecordingDecision]]:
         """Events of what the raw file held before, a slice at a time; then ``poll``.  Whoever stops in between loses nothing."""
         if self._past is not None:
             for _, events in self._past:
@@ -126,7 +126,7 @@ class Recorder:
         self.logs.flush()
         return events
 
-    def decide(self, decision: Decision) -> None:
+    def decide(self, decision: RecordingDecision) -> None:
         """Do what was decided at the table, behind all samples that were polled; a replay does it too.  Call it between two polls."""
         self.raw.mark(time.monotonic_ns(), decision.text, self._decoded)
         if decision.word == "begin":
@@ -195,7 +195,7 @@ class Recorder:
     def _compare(self, events: list[Event], host_ns: int) -> None:
         if any(isinstance(event, Trouble) and event.kind in NEW_LOG for event in events):
             self.clock.restart()
-        elif self._has_clock and (chunks := [event for event in events if isinstance(event, Chunk)]):
+        elif self._has_clock and (chunks := [event for event in events if isinstance(event, SampleChunk)]):
             self.clock.add(host_ns, int(chunks[-1].t_us[-1]))
 
     @property

@@ -15,10 +15,10 @@ from rich.table import Table
 from rich.text import Text
 
 from session.bench.console import PlainConsole
-from session.bench.events import SENSOR, STANDIN, Board, Faults, Said, SelfTest
+from session.bench.events import SENSOR, STANDIN, BoardMessage, BoardStatus, FaultCounts, SelfTestResult
 from session.bench.guide import Guide, wait_of
-from session.bench.live import Health
-from session.bench.messages import Change, Kind, Stage
+from session.bench.live import StreamHealth
+from session.bench.messages import GuideMessage, Kind, Stage
 from session.io.texts import printable
 
 # What a board says of its sensor, in words for whoever turns the table: faults when their counts rise, a stand-in once.
@@ -57,12 +57,12 @@ NOBODY, FAMILY = (0x00, 0xFF), 0x6B
 MOST_SAID = 20
 
 
-class BoardWords:
+class BoardReporter:
     """``hear`` what a board says; gives what to say to the person, a line each."""
 
     def __init__(self) -> None:
-        self.board: Board | None = None
-        self.faults: Faults | None = None
+        self.board: BoardStatus | None = None
+        self.faults: FaultCounts | None = None
         self._said = 0
         self._open_fault = False  # one was said, and what it costs may be counted only once the sensor is back
 
@@ -71,21 +71,21 @@ class BoardWords:
         self.board = self.faults = None
         self._open_fault = False
 
-    def changes_source(self, board: Board) -> bool:
+    def changes_source(self, board: BoardStatus) -> bool:
         """Whether the samples are another's from here on: the sensor's, and not what stood in for it."""
         return self.board is not None and board.source != self.board.source
 
-    def hear(self, said: Said) -> list[str]:
+    def hear(self, said: BoardMessage) -> list[str]:
         """In words, where there is something to be said."""
-        if isinstance(said, Board):
+        if isinstance(said, BoardStatus):
             found = self.changes_source(said) and said.source == SENSOR
             before, self.board = self.board, said
             if found:
                 return [FOUND]
             return [_no_sensor(said)] if said.source == STANDIN and (before is None or before.source != STANDIN) else []
-        if isinstance(said, SelfTest):
+        if isinstance(said, SelfTestResult):
             return [f"the sensor's self-test failed (bits 0x{said.failed:X})"] if said.failed else []
-        if not isinstance(said, Faults):
+        if not isinstance(said, FaultCounts):
             return []
         before_faults, self.faults = self.faults, said
         risen = said.since(before_faults)
@@ -104,7 +104,7 @@ class BoardWords:
         return words
 
 
-def _no_sensor(board: Board) -> str:
+def _no_sensor(board: BoardStatus) -> str:
     if board.who_am_i in NOBODY:
         return NO_SENSOR
     who = "a sensor answers on its bus, but did not start" if board.who_am_i == FAMILY else "a chip that is no ASM330LHH answers on its bus"
@@ -138,7 +138,7 @@ class LiveScreen:
     def __init__(self, title: str, mute: bool = False, console: PlainConsole | None = None):
         self.console = console or PlainConsole(stderr=True)
         self._title, self._mute = printable(title), mute
-        self._changes: deque[Change] = deque(maxlen=REMEMBERED)
+        self._changes: deque[GuideMessage] = deque(maxlen=REMEMBERED)
         self._live = Live(console=self.console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
 
     def __enter__(self) -> LiveScreen:
@@ -148,7 +148,7 @@ class LiveScreen:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         self._live.__exit__(kind, error, traceback)
 
-    def change(self, change: Change) -> None:
+    def change(self, change: GuideMessage) -> None:
         """Remember it on the screen, and ring."""
         if change.kind is not Kind.STAGE:
             self._changes.append(change)
@@ -174,7 +174,7 @@ class PlainLines:
     def __exit__(self, *error: object) -> None:
         pass
 
-    def change(self, change: Change) -> None:
+    def change(self, change: GuideMessage) -> None:
         """Say it in a line."""
         self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
 
@@ -188,7 +188,7 @@ class PlainLines:
         self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
 
 
-def view(guide: Guide, title: str, changes: Collection[Change]) -> Group:
+def view(guide: Guide, title: str, changes: Collection[GuideMessage]) -> Group:
     """The whole screen, at most 22 lines of 80 columns."""
     said = Table.grid(padding=(0, 2))
     said.add_column(justify="right", width=8)
@@ -267,7 +267,7 @@ def _coach(guide: Guide) -> str:
     return f"{len(guide.advice.missing)} parameters above target; {worst}{whole}"
 
 
-def _stream(health: Health) -> Text:
+def _stream(health: StreamHealth) -> Text:
     if health.odr_hz is None:
         return Text(f"– Hz; {health.samples} samples")
     others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
@@ -275,7 +275,7 @@ def _stream(health: Health) -> Text:
     return Text(f"{health.odr_hz:.2f} Hz; {f'{said}; ' if said else ''}{health.samples} samples")
 
 
-def _faults(health: Health) -> Text:
+def _faults(health: StreamHealth) -> Text:
     text = Text()
     for name, count in (*((name, health.troubles[kind]) for kind, name in FAULTS), ("gaps", health.gaps)):
         text.append(f"{count} {name}  ", style="bold yellow" if count else "")

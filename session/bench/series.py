@@ -28,7 +28,7 @@ SHAPE = Keys({"schema": Text((SCHEMA,)), "boards": ListOf(_ENTRY)})
 
 
 @dataclass(frozen=True)
-class Entry:
+class SeriesEntry:
     """One board of a row: serial, or empty where it says none; session: name of its folder; done: all segments are there; segments
     accepted; ended: local time, ISO 8601."""
 
@@ -39,16 +39,16 @@ class Entry:
     ended: str
 
 
-class Series:
+class BoardSeries:
     """The boards of a folder, one session folder each, and ``series.json`` beside them.  Raises FormatError for a broken one."""
 
     def __init__(self, folder: Path):
         self.folder = folder
         path = folder / NAME
         rows = read_required(path, SHAPE)["boards"] if path.exists() else []
-        self.entries = [Entry(*(each[field.name] for field in fields(Entry))) for each in rows]
+        self.entries = [SeriesEntry(*(each[field.name] for field in fields(SeriesEntry))) for each in rows]
 
-    def done(self, serial: str) -> Entry | None:
+    def done(self, serial: str) -> SeriesEntry | None:
         """The entry of a board that is done; of one without a serial number nobody knows."""
         return next((each for each in self.entries if serial and each.serial == serial and each.done), None)
 
@@ -64,7 +64,7 @@ class Series:
         free = (self.folder / f"board{number}" for number in range(1, 1_000_000))
         return next(folder for folder in free if not folder.exists()), False
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: SeriesEntry) -> None:
         """Keep it, in the place of an earlier one of the same folder."""
         self.entries = [each for each in self.entries if each.session != entry.session] + [entry]
         write_whole(self.folder / NAME, {"schema": SCHEMA, "boards": [vars(each) for each in self.entries]})
@@ -76,7 +76,7 @@ def folder_name(serial: str) -> str:
     return plain if re.match(r"[A-Za-z0-9]", plain) else f"board_{plain}"
 
 
-class Listener:
+class BoardListener:
     """Who is plugged in: opens the port, hears what the board says of itself, and lets go of it.
 
     port: its name, asked for anew each time that it has to be opened, None while there is none; name: that of the last board.

@@ -11,8 +11,8 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from session.bench.events import STANDIN, Board, Info
-from session.bench.port import Wanted
+from session.bench.events import STANDIN, BoardStatus, Info
+from session.bench.port import RequestedSettings
 from session.io.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, read_config
 from session.io.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.io.files import MOST_TOML, read_bytes
@@ -131,7 +131,7 @@ class SessionFile:
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
-    def wanted(self) -> Wanted:
+    def wanted(self) -> RequestedSettings:
         """What a board that takes commands is to be set to: what the user says, and in a recording that is resumed what it was set to."""
         said = self._said
         if self._own is not None and self._own.board.source == SENSOR_NAME and self._own.board.odr_hz is not None:
@@ -141,14 +141,14 @@ class SessionFile:
                 "accel_fs_g": self._own.sensor.accel_fs_g,
             }
             said = {name: said[name] if said[name] is not None else value for name, value in mine.items()}
-        return Wanted(**said)
+        return RequestedSettings(**said)
 
     def configure(
         self,
         info: Info | None,
         waited_s: float = 0.0,
         physical: bool | None = False,
-        board: Board | None = None,
+        board: BoardStatus | None = None,
         speaks: bool = False,
     ) -> Config | None:
         """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
@@ -294,7 +294,7 @@ def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
 
 
-def _board_keys(board: Board) -> dict[str, str | float]:
+def _board_keys(board: BoardStatus) -> dict[str, str | float]:
     """``[board]`` of what it says; a stand-in has no registers."""
     keys: dict[str, str | float] = {"source": board.source_name, "firmware": board.firmware}
     if board.source == STANDIN:

@@ -8,7 +8,7 @@ from unicodedata import category
 
 import numpy as np
 
-from session.bench.events import COLUMNS, REGISTERS, Changes, Comment, Form, Info, Remarks, parse_header
+from session.bench.events import COLUMNS, REGISTERS, Comment, Info, ModeChangeBudget, RemarkBudget, StreamFormat, parse_header
 from session.io.texts import printable
 
 # The text form of a stream, line by line: the log's own lines (docs/formats.md).
@@ -41,7 +41,7 @@ _BLANK[list(b" \t\n\r\x0b\x0c")] = True
 _FEWEST = 7
 
 
-class Looks:
+class LineClasses:
     """What lines of codes (n,) uint8, from starts up to ends, can be, all at once: blank (k,) bool, and worth (k,), which may be
     a comment, a header or numbers, and want a closer look."""
 
@@ -99,7 +99,7 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[i
     return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
 
 
-def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int, list] | None:
+def parse_decimals(line: bytes, order: tuple[int, ...], form: StreamFormat) -> tuple[int, list] | None:
     """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line, or holds
     what no sensor measures."""
     if _DECIMALS.fullmatch(line):  # at once, as nearly all lines are
@@ -155,7 +155,7 @@ WIDTH_CHANGE = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class TextRows:
     """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64; damaged (n,) bool,
     whether something unreadable came just before."""
 
@@ -172,7 +172,7 @@ class Garbage:
     behind: bool
 
 
-Item = Rows | Comment | Info | Garbage | Form
+Item = TextRows | Comment | Info | Garbage | StreamFormat
 
 
 class LineReader:
@@ -181,13 +181,13 @@ class LineReader:
     told: the header of a stream that does not send it; remarks: what the lines may say beside numbers.
     """
 
-    def __init__(self, told: str | None = None, remarks: Remarks | None = None):
+    def __init__(self, told: str | None = None, remarks: RemarkBudget | None = None):
         header = None if told is None else parse_header(told.encode())
         self.form, self.width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
         if header is not None:
             self.width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
-        self.remarks, self._changes = remarks or Remarks(), Changes()
+        self.remarks, self._changes = remarks or RemarkBudget(), ModeChangeBudget()
         self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
 
     def is_line(self, line: bytes) -> bool:
@@ -195,7 +195,7 @@ class LineReader:
         return bool(parse_comment(line) is not None or self.parse(line) or parse_header(line))
 
     def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
-        """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
+        """What the lines hold, in order; a ``StreamFormat`` where a header changes the columns.  torn (lines,) bool: incomplete lines."""
         good = None
         values = np.zeros((0, 1 + len(self.form.names)), np.int64)
         if self.width and not self.form.physical and not self.deaf:
@@ -206,11 +206,11 @@ class LineReader:
                 self.remarks.earn(len(values))
                 self.place += len(block)
                 self._other_count = 0
-                return [Rows(*_registers(values), np.zeros(len(values), bool))]
+                return [TextRows(*_registers(values), np.zeros(len(values), bool))]
         codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(codes == 10)
         starts = np.concatenate([[0], ends[:-1] + 1])
-        looks = Looks(codes, starts, ends)
+        looks = LineClasses(codes, starts, ends)
         worth = looks.worth if torn is None else looks.worth & ~torn
         none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
         good = np.zeros(len(ends), bool) if good is None else good
@@ -222,7 +222,7 @@ class LineReader:
         """How many columns a line of numbers has, and the log's; None where it is none."""
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
-    def obey(self, header: tuple[int, tuple[int, ...], Form], place: int) -> Form | None:
+    def obey(self, header: tuple[int, tuple[int, ...], StreamFormat], place: int) -> StreamFormat | None:
         """What comes from here on is as the header says; the form, where it is another one.  Headers that change it again and again
         are not obeyed, and no line counts (``deaf``) until one is."""
         form = header[2] if self.changes_form(header, place) else None
@@ -233,11 +233,11 @@ class LineReader:
             self.width, self._order, self.form = header
         return form
 
-    def changes_form(self, header: tuple[int, tuple[int, ...], Form], place: int) -> bool:
+    def changes_form(self, header: tuple[int, tuple[int, ...], StreamFormat], place: int) -> bool:
         """Whether it says another form, and may."""
         return header[2] != self.form and place >= self._changes.earliest
 
-    def is_news(self, header: tuple[int, tuple[int, ...], Form]) -> bool:
+    def is_news(self, header: tuple[int, tuple[int, ...], StreamFormat]) -> bool:
         """Whether it says anything that is not known."""
         return self.deaf or header != (self.width, self._order, self.form)
 
@@ -370,7 +370,7 @@ class _Block:
         if self._parts:
             before = np.searchsorted(bad, lines)
             t_us, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
-            self._items.append(Rows(t_us, values, np.diff(before, prepend=0) > 0))
+            self._items.append(TextRows(t_us, values, np.diff(before, prepend=0) > 0))
         if len(bad):
             count = int((self._ends[bad] - self._starts[bad] + 1).sum())
             self._items.append(Garbage(count, not len(lines) or bool(bad[-1] > lines[-1])))

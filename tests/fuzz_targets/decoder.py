@@ -12,7 +12,7 @@ from fuzz_targets.material import FRAMES, INFO, INFO_FRAME, REGISTER_HEADER, REG
 from fuzz_targets.rules import choose, finite
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Chunk, Comment, Event, Info, Trouble
+from session.bench.events import Comment, Event, Info, SampleChunk, Trouble
 
 MODES = (None, UNIT_HEADER, "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c", "composed")
 TIME_WRAP = 2**32
@@ -70,8 +70,8 @@ def _decode(stream: bytes, told: str | None, ends: range | list[int]) -> tuple[S
     return decoder, events + decoder.finish()
 
 
-def _chunks(events: list[Event]) -> list[Chunk]:
-    return [event for event in events if isinstance(event, Chunk)]
+def _chunks(events: list[Event]) -> list[SampleChunk]:
+    return [event for event in events if isinstance(event, SampleChunk)]
 
 
 def _same(one: list[Event], other: list[Event]) -> bool:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.screen import LiveScreen, PlainLines
-    from session.bench.series import Series
+    from session.bench.series import BoardSeries
     from session.io.config import Config, Site
     from tinygc.annexes.lots.lot import Lot
     from tinygc.planning.coach import Coach
@@ -279,15 +279,15 @@ Tell = Callable[..., bool]
 
 def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
     """Board after board until Ctrl-C, which keeps all; the list is ``series.json`` and the JSON.  130 where a board was cut short."""
-    from session.bench.series import SCHEMA, Listener, Series
+    from session.bench.series import SCHEMA, BoardListener, BoardSeries
     from session.io.errors import CalibrationError, StorageError
 
     if args.resume:
         raise CalibrationError(
             "--resume: a series goes on with each board that was begun; leave it out, and give the series' folder with --out"
         )
-    series = Series(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
-    listener, last, code = Listener(lambda: _port(args), args.baud, args.header), None, 0
+    series = BoardSeries(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
+    listener, last, code = BoardListener(lambda: _port(args), args.baud, args.header), None, 0
     with page_server(args) as page, Interruption() as wanted:  # one for the whole row: none of its moments may miss a Ctrl-C
         while not wanted():
             _say(args, "plug in the next board" if last is None else "unplug it, plug in the next board; Ctrl-C ends the row", ring=True)
@@ -320,7 +320,7 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
 
 def _one(
     args: argparse.Namespace,
-    series: Series,
+    series: BoardSeries,
     serial: str,
     folder: Path,
     begun: bool,
@@ -331,7 +331,7 @@ def _one(
     tell: Tell,
 ) -> bool:
     """One board's session; whether it was interrupted."""
-    from session.bench.series import Entry
+    from session.bench.series import SeriesEntry
 
     of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
     while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
@@ -339,7 +339,7 @@ def _one(
     interrupted = tell(of_one, folder, port, *found)
     guide = found[0]
     ended = datetime.now().astimezone().isoformat(timespec="seconds")
-    series.add(Entry(serial, folder.name, guide.stage.value == "done", guide.accepted, ended))
+    series.add(SeriesEntry(serial, folder.name, guide.stage.value == "done", guide.accepted, ended))
     return interrupted
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.bench.messages import AcceptedTurn, Advice, Movement, Progress
+from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -218,8 +218,8 @@ def _turns(count: int, one: str, many: str) -> str:
     return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
 
 
-def _movements(turn: Turn) -> tuple[Movement, ...]:
-    return tuple(Movement(_vector(part.axis), part.angle_rad) for part in turn.parts)
+def _movements(turn: Turn) -> tuple[RequestedTurn, ...]:
+    return tuple(RequestedTurn(_vector(part.axis), part.angle_rad) for part in turn.parts)
 
 
 def _vector(vector: np.ndarray) -> tuple[float, float, float]:

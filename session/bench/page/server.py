@@ -17,13 +17,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, Protocol, cast
 
-from session.bench.operator import LONGEST_NOTE, Wish
+from session.bench.operator import LONGEST_NOTE, OperatorCommand
 from session.io.errors import CalibrationError
 
 # What one browser has yet to be sent: of each kind of event the newest alone, so that a slow one costs nothing.
 
 
-class Newest:
+class LatestEvents:
     """Filled by the recording, which never waits for it; emptied by the thread of one browser."""
 
     def __init__(self) -> None:
@@ -56,16 +56,16 @@ class Newest:
 
 LONGEST = 4 * LONGEST_NOTE + 16  #: bytes of a request
 MOST = 8  #: that wait; a recording takes them ten times a second, and refuses more than it can keep
-WORDS = {"pause": Wish.PAUSE, "drop": Wish.DROP, "here": Wish.HERE}
+WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE}
 REPORT_WISH = "report"
 
 
-class Wishes:
+class BrowserCommands:
     """Filled by the threads of browsers; call it, as the recording does, for what was asked since.  Whatever was answered with OK is
     given.  report: whether that was asked for."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Wish, str]] = deque()
+        self._waiting: deque[tuple[OperatorCommand, str]] = deque()
         self._changing, self._taken = threading.Lock(), False
         self.report = threading.Event()
 
@@ -79,7 +79,7 @@ class Wishes:
         with self._changing:
             self._taken = False
 
-    def __call__(self) -> list[tuple[Wish, str]]:
+    def __call__(self) -> list[tuple[OperatorCommand, str]]:
         """In order, each once."""
         taken = []
         while self._waiting:
@@ -95,7 +95,7 @@ class Wishes:
             return HTTPStatus.BAD_REQUEST
         if word == "note":
             note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
-            return self._keep(Wish.NOTE, note) if note else HTTPStatus.BAD_REQUEST
+            return self._keep(OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
         if text or (word not in WORDS and word != REPORT_WISH):
             return HTTPStatus.BAD_REQUEST
         if word in WORDS:
@@ -103,7 +103,7 @@ class Wishes:
         self.report.set()
         return HTTPStatus.OK
 
-    def _keep(self, wish: Wish, text: str) -> HTTPStatus:
+    def _keep(self, wish: OperatorCommand, text: str) -> HTTPStatus:
         with self._changing:
             if not self._taken or len(self._waiting) >= MOST:
                 return HTTPStatus.SERVICE_UNAVAILABLE
@@ -147,17 +147,17 @@ class Site(Protocol):
 
     token: str
     pages: dict[str, bytes]
-    wishes: Wishes
+    wishes: BrowserCommands
     report: Callable[[], bytes | None]
     closing: bool
 
     def is_own(self, host: str | None) -> bool:
         """Whether a Host header names this server by its address."""
 
-    def joined(self) -> Newest:
+    def joined(self) -> LatestEvents:
         """One more looks on."""
 
-    def left(self, client: Newest) -> None:
+    def left(self, client: LatestEvents) -> None:
         """It has gone."""
 
 
@@ -275,10 +275,10 @@ class PageServer(ThreadingHTTPServer):
 
     def __init__(self, host: str = LOOPBACK, port: int = 0):
         self.token = secrets.token_urlsafe(18)
-        self.wishes, self.closing = Wishes(), False
+        self.wishes, self.closing = BrowserCommands(), False
         self.report: Callable[[], bytes | None] = lambda: None
         self.pages = {path.name: path.read_bytes() for path in files("session.bench.page").joinpath("files").iterdir() if "." in path.name}
-        self._clients: set[Newest] = set()
+        self._clients: set[LatestEvents] = set()
         self.visited = False  #: whether anybody has ever looked on
         self._last: dict[str, bytes] = {}
         self._changing = threading.Lock()
@@ -326,9 +326,9 @@ class PageServer(ThreadingHTTPServer):
             for client in self._clients:
                 client.put(event, data)
 
-    def joined(self) -> Newest:
+    def joined(self) -> LatestEvents:
         """One more looks on; it gets the present state at once."""
-        client = Newest()
+        client = LatestEvents()
         with self._changing:
             for event, data in self._last.items():
                 client.put(event, data)
@@ -336,7 +336,7 @@ class PageServer(ThreadingHTTPServer):
             self.visited = True
         return client
 
-    def left(self, client: Newest) -> None:
+    def left(self, client: LatestEvents) -> None:
         """It has gone, or was dropped."""
         with self._changing:
             self._clients.discard(client)

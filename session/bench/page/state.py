@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from session.bench.guide import Guide, View, wait_of
-from session.bench.messages import AcceptedTurn, Advice, Change, Kind, Stage
+from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Kind, Stage
 from session.bench.page.server import PageServer
 from session.io.samples import Samples, joined
 from session.io.texts import printable
@@ -223,7 +223,7 @@ class PageView:
         self._closure_deg: float | None = None
         self._failed = False
 
-    def change(self, change: Change) -> None:
+    def change(self, change: GuideMessage) -> None:
         """Something has changed."""
         self._screen.change(change)
         if (turn := change.accepted) is not None:
@@ -253,7 +253,7 @@ class PageView:
         except Exception as error:
             self._failed = True
             said = f"the page has failed ({type(error).__name__}: {error}); the recording goes on without it"
-            self._screen.change(Change(Kind.WARNING, said, 0.0))
+            self._screen.change(GuideMessage(Kind.WARNING, said, 0.0))
 
     def _watch(self, guide: Guide, samples: Samples) -> None:
         if len(samples) == 0:

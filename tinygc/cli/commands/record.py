@@ -188,7 +188,7 @@ def _led(
     are apart now."""
     from session.bench.guide import Guide
     from session.bench.guided_session import GuidedRecording
-    from session.bench.operator import Keys
+    from session.bench.operator import Keyboard
     from session.bench.recorder import Recorder
     from session.bench.session_file import SessionFile
     from session.io.errors import CalibrationError, OtherSensor
@@ -201,7 +201,7 @@ def _led(
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:
-        with Keys() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
+        with Keyboard() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:

@@ -22,6 +22,7 @@ SERVICES = {
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
     "earlier discoveries": "tinygc.annexes.discovery.searched",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
+    "public recordings": "session.annexes.public.__main__",
 }
 
 

@@ -19,7 +19,7 @@ sys.path.insert(0, str(ROOT))
 
 import tinygc  # noqa: E402
 from session.io.dialects import Answers  # noqa: E402
-from session.io.files import rows  # noqa: E402
+from session.io.numeric import decimal_rows  # noqa: E402
 from session.io.reader import Reader  # noqa: E402
 from tinygc import models  # noqa: E402
 from tinygc.models.denoiser import DenoisedNet, Denoiser  # noqa: E402
@@ -66,7 +66,7 @@ def report(folder: Path, samples: int, repeat: int) -> None:
     print(f"| reading {samples:,} rows of registers ({log.stat().st_size / 1e6:.0f} MB), alone | {in_millions(samples, *seconds)} | |")
     piece = next(Reader(log, Answers()).pieces())
     columns, decimals = [piece.t_ns, *piece.gyro.T, *piece.accel.T, piece.temp], [0, 9, 9, 9, 6, 6, 6, 4]
-    seconds = best(lambda: rows(columns, decimals), repeat)
+    seconds = best(lambda: decimal_rows(columns, decimals), repeat)
     print(f"| writing as many, alone | {in_millions(len(piece.gyro), *seconds)} | |")
     shorter = folder / "shorter.csv"
     write_log(shorter, min(FEWER, samples), np.random.default_rng(1))
@@ -126,7 +126,7 @@ def write_log(path: Path, samples: int, rng: np.random.Generator) -> None:
             count = min(PIECE, samples - start)
             t_us = ((start + np.arange(count)) * 1e6 / RATE_HZ).astype(np.int64)
             registers = rng.integers(-20_000, 20_000, (7, count))
-            file.write(rows([t_us, *registers], [0] * 8))
+            file.write(decimal_rows([t_us, *registers], [0] * 8))
 
 
 def in_millions(samples: int, wall: float, cpu: float) -> str:

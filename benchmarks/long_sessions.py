@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from session.io.files import rows
+from session.io.numeric import decimal_rows
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.simulation import simulator
 from tinygc.simulation.movement import Plan, Stroke
@@ -106,7 +106,7 @@ def write_long_session(options: SimulationOptions, folder: Path, lasts_s: float 
     with (folder / "log0001.csv").open("wb") as file:
         file.write(f"# gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g} odr_hz={unit.odr_hz:.4f}\n{HEADER}\n".encode())
         for part in _pieces(options, unit, plan):
-            file.write(rows([part.t_us, *part.gyro.T, *part.accel.T, part.temp], [0] * 8))
+            file.write(decimal_rows([part.t_us, *part.gyro.T, *part.accel.T, part.temp], [0] * 8))
     empty = Recording(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     (folder / "session.toml").write_text(config_text(Simulation(options, plan, unit, empty, None), concealed=False), encoding="utf-8")
     return folder

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.files import rows
+from session.io.numeric import decimal_rows
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import HEADER, config_text
@@ -31,6 +31,6 @@ def long_session(folder: Path, samples: int) -> Path:
     table = np.concatenate([*parts, table[at:]])
     t_us = np.rint(np.arange(len(table)) / odr_hz * 1e6).astype(np.int64)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "log0001.csv").write_bytes(f"{HEADER}\n".encode() + rows([t_us, *table.T.astype(np.int64)], [0] * 8))
+    (folder / "log0001.csv").write_bytes(f"{HEADER}\n".encode() + decimal_rows([t_us, *table.T.astype(np.int64)], [0] * 8))
     (folder / "session.toml").write_text(config_text(simulation, concealed=False), encoding="utf-8")
     return folder

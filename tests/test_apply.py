@@ -12,7 +12,7 @@ from conftest import DEG, ROOT, SESSION_TOML, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
 
 import calibrate
-from session.io import files
+from session.io import numeric
 from session.io.config import Sensor
 from session.io.logfile import read_log
 from tinygc import models
@@ -182,7 +182,7 @@ def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "rows", interrupted)
+    monkeypatch.setattr(module, "decimal_rows", interrupted)
     assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 130
     assert not [path.name for path in tmp_path.iterdir() if "out" in path.name]
 
@@ -223,7 +223,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     for rows in (40_000, 160_000):
         t_us, registers = np.arange(rows) * 9600, RNG.integers(-20_000, 20_000, (7, rows))
         log = tmp_path / f"{rows}.csv"
-        log.write_bytes(b"t_us,gx,gy,gz,ax,ay,az,temp\n" + files.rows([t_us, *registers], [0] * 8))
+        log.write_bytes(b"t_us,gx,gy,gz,ax,ay,az,temp\n" + numeric.decimal_rows([t_us, *registers], [0] * 8))
         tracemalloc.start()
         apply_model(tmp_path / "model.json", log, tmp_path / f"{rows}.out.csv", Answers(gyro_fs_dps=500, accel_fs_g=4))
         peaks.append(tracemalloc.get_traced_memory()[1])

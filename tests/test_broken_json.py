@@ -9,7 +9,7 @@ from conftest import Table, write_session
 
 import calibrate
 import tinygc
-from session.io import files
+from session.io import numeric
 from session.io.errors import FormatError
 from session.io.results import read_json
 from tinygc import models
@@ -85,7 +85,7 @@ def test_a_number_that_no_text_can_hold_is_refused_without_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(ValueError, match="cannot be written"):
-            files.rows([np.array([1e300, 1.0])], [9])
+            numeric.decimal_rows([np.array([1e300, 1.0])], [9])
 
 
 @pytest.mark.slow

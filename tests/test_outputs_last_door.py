@@ -12,7 +12,7 @@ from commandline import refused
 from recorded_files import RECORDED, contents, make_recording
 
 from session.io.errors import StorageError
-from session.io.files import is_recorded
+from session.io.names import is_recorded
 from session.io.results import write_text_whole
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -48,8 +48,9 @@ from session.detect.segments import moments_of
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
-from session.io.folder import Session, log_paths, read_session
+from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
+from session.io.names import log_paths
 from session.io.samples import Samples, mapped, times
 from session.io.units import NS
 

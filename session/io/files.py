@@ -13,10 +13,12 @@ import zlib
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from session.io.errors import FormatError, StorageError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # The one place where files are opened to be read: regular files only, and none that is larger than its kind can sensibly be.
 #
@@ -148,6 +150,8 @@ def read_npz(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     """ValueError where its header asks for more than the member has."""
+    import numpy as np  # only where an archive is read
+
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
@@ -194,108 +198,3 @@ def result_folder(folder: Path) -> Iterator[None]:
             with contextlib.suppress(OSError):
                 path.rmdir()
         raise
-
-
-# Which files are a recording's own, so that no result is ever written over one.
-#
-# What was recorded cannot be made again; what a command derives can.  The rule is one of names, so that it also holds for a session that no
-# argument names (docs/formats.md, session folder).
-
-#: what makes a folder a session, or a recording that is just beginning
-SIGNS = ("session.toml", "raw.bin", "raw.times")
-#: the names of what a person or a port gave; a system that takes LOG0001.CSV for log0001.csv counts it as that
-NAMES = re.compile(
-    r"session\.toml|raw\.bin|raw\.times|attitudes\.csv|turns\.csv|truth\.json|(log|closure|rest|truth|unclosed|foreign).*\.csv(\.gz)?"
-    r"|.+\.changed[0-9]+",
-    re.IGNORECASE,
-)
-
-
-def has_recorded_name(path: Path) -> bool:
-    """Whether a file of that name is a recording's own, if it lies in a session folder."""
-    return NAMES.fullmatch(path.name) is not None
-
-
-def is_session(folder: Path) -> bool:
-    """Whether a folder holds a session, whole or just begun."""
-    return any((folder / sign).exists() for sign in SIGNS)
-
-
-def is_recorded(path: Path) -> bool:
-    """Whether a path, as it stands, is a recording's own file that is there (a link counts as what it is called)."""
-    return has_recorded_name(path) and os.path.lexists(path) and is_session(path.parent)
-
-
-def refuse_recorded(path: Path) -> None:
-    """StorageError where a result would take the place of a recording's own file."""
-    if is_recorded(path):
-        raise StorageError(f"{path}: is a file of the recording in {path.parent}, and no result is written over one; give another path")
-
-
-# Numbers as decimal text, a whole block of rows at once: several times as fast as formatting one number after another.
-
-#: "0000" to "9999", four bytes each
-FOURS = np.frombuffer("".join(f"{i:04d}" for i in range(10_000)).encode(), dtype=np.uint32)
-LIMIT = 10**18
-#: rows at once, as many as a processor's cache holds
-BLOCK = 1 << 13
-
-
-def rows(columns: list[np.ndarray], decimals: list[int]) -> bytes:
-    """CSV lines of columns (N,), each a whole number of units of 10^-decimals: 12345 with 3 decimals is ``12.345``.
-
-    int64 columns are such numbers already (time stamps: 0 decimals); floats are rounded to the nearest.
-    Raises ValueError for a value that is not finite or has more than 18 digits.
-    """
-    blocks = range(0, len(columns[0]), BLOCK)
-    return b"".join(_block([column[start : start + BLOCK] for column in columns], decimals) for start in blocks)
-
-
-def _block(columns: list[np.ndarray], decimals: list[int]) -> bytes:
-    texts, masks = [], []
-    for number, (values, places) in enumerate(zip(columns, decimals, strict=True)):
-        text, mask = _column(_whole(values, places), places)
-        text[:, -1] = ord("\n") if number == len(columns) - 1 else ord(",")
-        texts.append(text)
-        masks.append(mask)
-    return np.concatenate(texts, axis=1)[np.concatenate(masks, axis=1)].tobytes()
-
-
-def _whole(values: np.ndarray, places: int) -> np.ndarray:
-    if np.issubdtype(values.dtype, np.integer):
-        whole = values
-        fine = (whole > -LIMIT * 9) & (whole < LIMIT * 9)
-    else:
-        with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below, in words
-            scaled = np.rint(values * 10.0**places)
-        fine = np.abs(scaled) < LIMIT
-        whole = np.where(fine, scaled, 0).astype(np.int64)
-    if not fine.all():
-        raise ValueError(f"{values[int(np.argmin(fine))]} cannot be written with {places} decimals")
-    return whole
-
-
-def _column(whole: np.ndarray, places: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sign, digits, point, digits and one byte to spare (N, W), and which of these bytes are written."""
-    size = np.abs(whole)
-    width = max(len(str(int(size.max()))), places + 1)
-    groups = -(-width // 4)
-    fours = np.empty((len(whole), groups), dtype=np.uint32)
-    rest = size
-    for group in range(groups - 1, -1, -1):
-        high = rest // 10_000
-        fours[:, group] = FOURS[rest - high * 10_000]
-        rest = high
-    digits = fours.view(np.uint8)[:, 4 * groups - width :]
-    before = width - places
-    point = 1 if places else 0
-    text = np.empty((len(whole), 1 + width + point + 1), dtype=np.uint8)
-    mask = np.ones(text.shape, dtype=bool)
-    text[:, 0], mask[:, 0] = ord("-"), whole < 0
-    text[:, 1 : 1 + before] = digits[:, :before]
-    if point:
-        text[:, 1 + before] = ord(".")
-        text[:, 2 + before : -1] = digits[:, before:]
-    for i in range(before - 1):  # leading zeros; the last digit before the point always stands
-        mask[:, 1 + i] = size >= 10 ** (width - 1 - i)
-    return text, mask

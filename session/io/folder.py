@@ -7,7 +7,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,77 +19,11 @@ from session.io.errors import CalibrationError, DataError, FormatError, StorageE
 from session.io.files import MOST_TOML, open_file, read_text, require_file, unreadable
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.io.logfile import NAME as KNOWN_TURNS
+from session.io.names import log_paths, refuse_array
 from session.io.samples import Samples, joined, mapped, samples_from_arrays, usual_ranges
 from session.io.texts import printable, shell_word, unicode_text
-from session.io.toml import Note, line, parse_toml, read_toml, value_text
+from session.io.toml import Note, line, parse_toml, value_text
 from session.io.units import DEG
-
-# Whether a folder holds an array, and of which units: by the names of its logs, or by ``[array]`` in its session.toml.
-
-#: log0001.unit3.csv: what it is, which, and of which unit
-UNIT_LOG = re.compile(r"(?P<which>(?:log|closure|rest).*)\.unit(?P<number>[0-9]+)\.csv(?:\.gz)?", re.DOTALL)
-#: far beyond any board
-LARGEST_NUMBER = 9999
-#: what a section [array] may hold
-FOLDERS, UNIT = "folders", "unit"
-
-
-def unit_of(path: Path) -> tuple[str, int] | None:
-    """``log0001`` and 3 of ``log0001.unit3.csv``, packed or not; None of a log that names no unit.  FormatError for a number like 007."""
-    found = UNIT_LOG.fullmatch(path.name)
-    if found is None:
-        return None
-    number = int(found["number"]) if len(found["number"]) <= len(str(LARGEST_NUMBER)) else LARGEST_NUMBER + 1
-    if str(number) != found["number"] or number > LARGEST_NUMBER:
-        raise FormatError(f"{path}: expected a unit's number from 0 to {LARGEST_NUMBER} without leading zeros, as in log0001.unit3.csv")
-    return found["which"], number
-
-
-def unit_numbers(paths: Iterable[Path]) -> tuple[int, ...]:
-    """Numbers of the units that any of the logs names, increasing."""
-    return tuple(sorted({unit[1] for unit in map(unit_of, paths) if unit is not None}))
-
-
-def array_section(table: dict) -> dict | None:
-    """``[array]`` of a parsed session.toml; None where it has none."""
-    section = table.get("array")
-    return section if isinstance(section, dict) else None
-
-
-def is_array(folder: Path) -> bool:
-    """Whether a folder holds several units that were recorded together; what cannot be read is none."""
-    return array_size(folder) is not None
-
-
-def array_size(folder: Path) -> int | None:
-    """How many units the folder's names, or its session.toml, speak of; None of what is no array, or cannot be read."""
-    named = [UNIT_LOG.fullmatch(path.name) for stem in ("log*.csv", "log*.csv.gz") for path in folder.glob(stem)]
-    numbers = {found["number"] for found in named if found}
-    try:
-        section = array_section(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else None
-    except (FormatError, OSError):  # who reads the folder says it
-        section = None
-    if section is None and not numbers:
-        return None
-    folders = (section or {}).get(FOLDERS)
-    return len(folders) if isinstance(folders, list) else len(numbers)
-
-
-def array_folders(folder: Path) -> list[str]:
-    """What ``[array]`` lists as its units' folders, as it stands there; empty of an array whose logs name their units."""
-    listed = (array_section(read_toml(folder / "session.toml")) or {}).get(FOLDERS, [])
-    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
-
-
-def refuse_array(folder: Path) -> None:
-    """FormatError where a folder that is to be read as one session is an array."""
-    if (count := array_size(folder)) is not None:
-        word = shell_word(folder)
-        raise FormatError(
-            f"{folder}: an array of {count} unit{'s' * (count != 1)} on one body, and no single session; `calibrate.py check {word}` and "
-            f"`calibrate.py fit {word}` take it whole; to read one unit alone, give it a folder of its own"
-        )
-
 
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
 
@@ -186,16 +120,6 @@ class Session:
 
 def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None = None) -> Log:
     return Log(Path(name), samples_from_arrays(name, t_s, gyro_rps, accel_mps2, temp_c), raw=False, in_memory=True)
-
-
-def log_paths(folder: Path, stem: str) -> list[Path]:
-    """``stem*.csv`` and ``stem*.csv.gz`` in name order; FormatError where both forms of one log are there."""
-    paths = sorted([*folder.glob(f"{stem}*.csv"), *folder.glob(f"{stem}*.csv.gz")], key=lambda path: path.name)
-    bare = [path.name.removesuffix(".gz") for path in paths]
-    for name in bare:
-        if bare.count(name) > 1:
-            raise FormatError(f"{folder}: holds {name} and {name}.gz; keep one, or the log would count twice")
-    return paths
 
 
 def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:

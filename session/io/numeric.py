@@ -1,4 +1,4 @@
-"""Two numeric idioms: scatter from medians, and the runs of a mask."""
+"""Numeric idioms: scatter from medians, the runs of a mask, and numbers as decimal text."""
 
 from __future__ import annotations
 
@@ -34,3 +34,72 @@ def runs_of(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First rows (R,), and rows behind the last (R,), of each run of True in a mask (N,) bool, in order: ``start <= i < stop``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
     return edges[::2], edges[1::2]
+
+
+# Numbers as decimal text, a whole block of rows at once: several times as fast as formatting one number after another.
+
+#: "0000" to "9999", four bytes each
+FOURS = np.frombuffer("".join(f"{i:04d}" for i in range(10_000)).encode(), dtype=np.uint32)
+LIMIT = 10**18
+#: rows at once, as many as a processor's cache holds
+BLOCK = 1 << 13
+
+
+def decimal_rows(columns: list[np.ndarray], decimals: list[int]) -> bytes:
+    """CSV lines of columns (N,), each a whole number of units of 10^-decimals: 12345 with 3 decimals is ``12.345``.
+
+    int64 columns are such numbers already (time stamps: 0 decimals); floats are rounded to the nearest.
+    Raises ValueError for a value that is not finite or has more than 18 digits.
+    """
+    blocks = range(0, len(columns[0]), BLOCK)
+    return b"".join(_block([column[start : start + BLOCK] for column in columns], decimals) for start in blocks)
+
+
+def _block(columns: list[np.ndarray], decimals: list[int]) -> bytes:
+    texts, masks = [], []
+    for number, (values, places) in enumerate(zip(columns, decimals, strict=True)):
+        text, mask = _column(_whole(values, places), places)
+        text[:, -1] = ord("\n") if number == len(columns) - 1 else ord(",")
+        texts.append(text)
+        masks.append(mask)
+    return np.concatenate(texts, axis=1)[np.concatenate(masks, axis=1)].tobytes()
+
+
+def _whole(values: np.ndarray, places: int) -> np.ndarray:
+    if np.issubdtype(values.dtype, np.integer):
+        whole = values
+        fine = (whole > -LIMIT * 9) & (whole < LIMIT * 9)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below, in words
+            scaled = np.rint(values * 10.0**places)
+        fine = np.abs(scaled) < LIMIT
+        whole = np.where(fine, scaled, 0).astype(np.int64)
+    if not fine.all():
+        raise ValueError(f"{values[int(np.argmin(fine))]} cannot be written with {places} decimals")
+    return whole
+
+
+def _column(whole: np.ndarray, places: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sign, digits, point, digits and one byte to spare (N, W), and which of these bytes are written."""
+    size = np.abs(whole)
+    width = max(len(str(int(size.max()))), places + 1)
+    groups = -(-width // 4)
+    fours = np.empty((len(whole), groups), dtype=np.uint32)
+    rest = size
+    for group in range(groups - 1, -1, -1):
+        high = rest // 10_000
+        fours[:, group] = FOURS[rest - high * 10_000]
+        rest = high
+    digits = fours.view(np.uint8)[:, 4 * groups - width :]
+    before = width - places
+    point = 1 if places else 0
+    text = np.empty((len(whole), 1 + width + point + 1), dtype=np.uint8)
+    mask = np.ones(text.shape, dtype=bool)
+    text[:, 0], mask[:, 0] = ord("-"), whole < 0
+    text[:, 1 : 1 + before] = digits[:, :before]
+    if point:
+        text[:, 1 + before] = ord(".")
+        text[:, 2 + before : -1] = digits[:, before:]
+    for i in range(before - 1):  # leading zeros; the last digit before the point always stands
+        mask[:, 1 + i] = size >= 10 ** (width - 1 - i)
+    return text, mask

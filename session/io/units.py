@@ -6,8 +6,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 # The only conversion factors in the project.
 
@@ -35,7 +37,7 @@ SAID = {"gyro": "100000 dps", "accel": "10000 g", "temp": "10000 degC"}
 
 def beyond_any_sensor(values: np.ndarray, si: float, kind: str) -> np.ndarray:
     """Which of values (…), finite and in units of si, no sensor can have measured; kind: gyro, accel or temp."""
-    return np.abs(values) > BEYOND[kind] / si
+    return abs(values) > BEYOND[kind] / si
 
 
 def complaint(name: str, value: float, kind: str) -> str:

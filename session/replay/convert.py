@@ -22,8 +22,8 @@ from session.io.config import Sensor, read_config
 from session.io.dialects import AXES, Answers, Layout
 from session.io.errors import CalibrationError, DataError, FormatError, StorageError
 from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
-from session.io.folder import log_paths
 from session.io.logfile import CALIBRATED, read_log
+from session.io.names import log_paths
 from session.io.reader import Piece, Reader, counted, evenly, fresh
 from session.io.recognise import OWN
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from session.io.errors import CalibrationError
-from session.io.files import has_recorded_name, is_session
+from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable
 from tinygc.cli.commands import COMMANDS
 from tinygc.estimation.options import CHOSEN

@@ -17,7 +17,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from session.io.errors import CalibrationError
-from session.io.files import refuse_recorded
+from session.io.names import refuse_recorded
 from session.io.results import is_stream, json_text, whole
 from session.io.texts import printable
 from tinygc.cli.arguments import is_standard_output

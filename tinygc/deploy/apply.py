@@ -19,9 +19,9 @@ from session.detect.segments import pace_of
 from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.files import rows
 from session.io.lines import STANDARD
 from session.io.logfile import already_calibrated
+from session.io.numeric import decimal_rows
 from session.io.reader import Reader, counted
 from session.io.registers import DEFAULT, RegisterUnits
 from session.io.results import whole
@@ -249,7 +249,7 @@ def _drain(file: _Sink, waiting: deque[Applicable], omega: np.ndarray, unit: str
         if now.temp is not None:
             columns, decimals = [*columns, now.temp], [*decimals, DECIMALS["c"]]
         try:
-            file.write(rows(columns, decimals))
+            file.write(decimal_rows(columns, decimals))
         except ValueError as error:
             raise CalibrationError(f"sample {before + done} and on: {error}; does the log suit the model?") from None
         done += take

@@ -14,7 +14,8 @@ from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import DataError, FormatError
-from session.io.folder import log_paths, refuse_array, sha256_of
+from session.io.folder import sha256_of
+from session.io.names import log_paths, refuse_array
 from session.io.texts import printable, shell_word
 from tinygc import models
 from tinygc.estimation.accelerometer import AccelerometerFit

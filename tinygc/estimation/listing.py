@@ -16,7 +16,7 @@ from typing import Any
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.files import open_file
-from session.io.folder import array_folders, array_size, log_paths, unit_of
+from session.io.names import array_folders, array_size, log_paths, unit_of
 from session.io.results import Keys, Text, read_required
 from session.io.texts import printable
 from tinygc.estimation.results import read_fit

@@ -21,7 +21,8 @@ from session.detect.stills import SessionStills
 from session.io.annexes import need
 from session.io.config import Accelerometer, Protocol, Site
 from session.io.errors import CalibrationError, DataError, FitError
-from session.io.folder import Session, is_array
+from session.io.folder import Session
+from session.io.names import is_array
 from session.io.units import DEG, G
 from tinygc.closure.prepared import first_look_at_gravity_sign
 from tinygc.effects import Effect, Movement, effect_of

@@ -12,9 +12,10 @@ import numpy as np
 
 from session.io.config import SCHEMA
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, has_recorded_name, naming, read_bytes, result_folder
+from session.io.files import MOST_TOML, naming, read_bytes, result_folder
 from session.io.logfile import COLUMNS, KnownTurn
 from session.io.logfile import NAME as KNOWN_TURNS
+from session.io.names import has_recorded_name
 from session.io.texts import comment
 from session.io.toml import line
 from session.io.units import DEG, MG

@@ -13,7 +13,8 @@ from session.annexes.arrays.recording import read_array
 from session.detect.accelerometer import REMARK, from_stills, with_section
 from session.io.errors import CalibrationError, FormatError, SegmentError
 from session.io.files import MOST_ARCHIVE, MOST_PUBLIC, MOST_TOML, read_bytes, read_npz, read_text, result_folder
-from session.io.folder import log_paths, read_session
+from session.io.folder import read_session
+from session.io.names import log_paths
 
 # The authors' files: found in the folder where they were put, or where a clone of the authors' repository has them; and read.
 

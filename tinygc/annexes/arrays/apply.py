@@ -12,9 +12,9 @@ import numpy as np
 from session.annexes.arrays.recording import array_log_paths, read_array
 from session.io.dialects import Answers
 from session.io.errors import DataError, FormatError
-from session.io.files import rows
 from session.io.folder import sha256_of
 from session.io.logfile import already_calibrated
+from session.io.numeric import decimal_rows
 from session.io.reader import Reader
 from session.io.units import DEG, NS
 from tinygc.annexes.arrays.clocks import UnitClock
@@ -248,7 +248,7 @@ def apply_array(
             counts["left_out"] += int((~there).sum())
             used += in_use[there].sum(axis=0)
             if there.any():
-                file.write(rows([column[there] for column in columns], decimals))
+                file.write(decimal_rows([column[there] for column in columns], decimals))
         if not counts["rows"]:
             raise DataError(f"{folder}: {which} has no moment at which a unit gives a rate; is it this array's?")
     if counts["left_out"]:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from session.io.config import Sensor, read_config
 from session.io.errors import DataError, FitError, FormatError
-from session.io.folder import file_key, input_hashes, log_paths, read_session, sha256_of
+from session.io.folder import file_key, input_hashes, read_session, sha256_of
+from session.io.names import log_paths
 from session.io.texts import printable
 from tinygc.annexes.temperature.axis_fit import ORDERS
 from tinygc.annexes.temperature.rest_fit import RestFit, fit_rests, read_rests

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from session.io.errors import CalibrationError
-from session.io.folder import is_array
+from session.io.names import is_array
 from session.io.texts import shell_word
 from tinygc.annexes.arrays.command import explain_array_folder
 from tinygc.cli.arguments import folder_written, path_read

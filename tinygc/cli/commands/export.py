@@ -25,7 +25,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
     from session.io.errors import CalibrationError
-    from session.io.folder import is_array
+    from session.io.names import is_array
     from tinygc.annexes.arrays.model import is_array_model
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context

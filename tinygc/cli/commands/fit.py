@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 
 from session.io.errors import CalibrationError
-from session.io.folder import is_array
+from session.io.names import is_array
 from tinygc.annexes.arrays.command import fit_array_folder
 from tinygc.annexes.temperature.command import add_temperature_arguments, fit_temperature, has_only_rests
 from tinygc.cli.arguments import folder_written, path_read, positive, three

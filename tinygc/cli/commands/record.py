@@ -259,7 +259,7 @@ def _require_place(folder: Path, resume: bool) -> None:
     """A recording is never overwritten; one is resumed only where there is one."""
     from session.bench.rawfile import IN_USE, RAW, is_locked
     from session.io.errors import FormatError
-    from session.io.folder import log_paths
+    from session.io.names import log_paths
 
     raw = folder / RAW
     if is_locked(raw):

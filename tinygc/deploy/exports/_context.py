@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from session.io.config import Accelerometer, Config, read_config
-from session.io.folder import file_key, log_paths, sha256_of
+from session.io.folder import file_key, sha256_of
 from session.io.logfile import read_log
+from session.io.names import log_paths
 from session.io.texts import printable, shell_word
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models

@@ -12,7 +12,8 @@ import calibrate
 from session.annexes.arrays.recording import array_log_paths, read_array
 from session.annexes.public.__main__ import main as public
 from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.folder import is_array, read_session
+from session.io.folder import read_session
+from session.io.names import is_array
 from tinygc.estimation.listing import list_sessions
 from tinygc.library.sessions import check
 
@@ -181,13 +182,13 @@ def spoilt(folder: Path, how: str) -> None:
         ("[protocol]", r'protocol\.reference is "table"; the reference of an array is "gravity"'),
         ("[[array.unit]]\nnumber = 3\n[[array.unit]]\nnumber = 3\n", r"number 3 is there twice"),
         ("[[array.unit]]\nnumber = 4\n", r"number 4 has no log; there are units 0, 3, 12"),
-        ("[[array.unit]]\nnumber = true\n", r"array\.unit has number True"),
+        ("[[array.unit]]\nnumber = true\n", r"array\.unit has number true"),
         ("[array]\nunit = 3\n", r"array\.unit is 3"),
         ("[[array.unit]]\nnumber = 3\nsensor = 3\n", r"array\.unit\.sensor of unit 3 is 3, expected a table"),
-        ("[[array.unit]]\nnumber = 3\nsensor.odr_hz = 'x'\n", r"session\.toml \(unit 3\): sensor\.odr_hz is 'x'"),
+        ("[[array.unit]]\nnumber = 3\nsensor.odr_hz = 'x'\n", r'session\.toml \(unit 3\): sensor\.odr_hz is "x"'),
         ("[accelerometer]\nbias_mps2 = [0, 0, 0]\n", r"\[accelerometer\] is of one unit"),
         ('[[exclude]]\nlog = "log0001.unit9.csv"\nat_s = 1\n', r"exclude names log0001\.unit9\.csv; there are units 0, 3, 12"),
-        ("[array]\nfolders = []\n", r"array\.folders is \[\], expected session folders"),
+        ("[array]\nfolders = []\n", r"array\.folders is a list of 0, expected session folders"),
         ('[array]\nfolders = ["a", "b"]\n', r"lies beside session\.toml with \[array\] folders"),
     ],
 )
@@ -204,17 +205,17 @@ def test_what_is_wrong_with_an_array_is_said_in_one_line(named, how, says):
 @pytest.mark.parametrize(
     ("names", "says"),
     [
-        (["imu0", "imu4"], r"holds 'imu4', which is not there"),
+        (["imu0", "imu4"], r'holds "imu4", which is not there'),
         (["imu0", "session.toml"], r"which is no folder"),
         (["imu0", "/tmp"], r"expected a folder inside this one, or beside it"),
         (["imu0", "../../etc"], r"expected a folder inside this one, or beside it"),
         (["imu0", ".."], r"expected a folder inside this one, or beside it"),
         (["imu0", "."], r"expected a folder inside this one, or beside it"),
         (["imu0", "../board"], r"which is this folder itself"),
-        (["imu0", "imu0/"], r"holds 'imu0' twice"),
-        (["imu0", "imu3", "x/imu3"], r"holds 'imu3' and 'x/imu3', both unit 3 by their ends; rename one"),
+        (["imu0", "imu0/"], r'holds "imu0" twice'),
+        (["imu0", "imu3", "x/imu3"], r'holds "imu3" and "x/imu3", both unit 3 by their ends; rename one'),
         (["imu0"], r"an array of one unit"),
-        (["imu0", 3], r"array\.folders is \['imu0', 3\]"),
+        (["imu0", 3], r"array\.folders is a list of 2"),
     ],
 )
 def test_a_folder_that_is_no_unit_is_said_in_one_line(listed, names, says):
@@ -228,7 +229,7 @@ def test_a_folder_that_is_an_array_is_no_unit(listed, tmp_path):
     for number in (0, 1):
         log(inner / f"log0001.unit{number}.csv")
     (inner / "session.toml").write_text(TOML, encoding="utf-8")
-    with pytest.raises(FormatError, match="'inner5', which is an array itself"):
+    with pytest.raises(FormatError, match='"inner5", which is an array itself'):
         read_array(with_folders(listed, ["imu0", "inner5"]))
 
 

@@ -71,8 +71,8 @@ def test_what_a_file_holds_is_never_printed_raw(run, folder):
 
 def test_square_brackets_are_printed_as_they_are(run, folder):
     path = folder / "session.toml"
-    path.write_text(path.read_text().replace("[sensor]", "sensor = 3\n[other]"))
-    assert "[sensor] must be a table" in run("check", folder)[1]
+    path.write_text(path.read_text() + '[notes]\n"[red]" = [1]\n')
+    assert "notes.[red] is a list of 1, expected text" in run("check", folder)[1]
 
 
 # What comes out

@@ -41,7 +41,7 @@ def test_all_segments_rejected(run, folder):
         ('reference = "gravity"', 'reference = "stars"', ("reference", "stars")),
         ('reference = "gravity"', 'reference = "table"', ("attitudes.csv", "not found")),
         ("latitude_deg = 31.03", "latitude_deg = 131.03", ("latitude_deg", "131.03")),
-        ("latitude_deg = 31.03", "latitude_deg = nan", ("latitude_deg", "nan")),
+        ("latitude_deg = 31.03", "latitude_deg = nan", ("latitude_deg", "NaN")),
         ("still_s = 1.0", "still_s = 0", ("still_s",)),
     ],
 )

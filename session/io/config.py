@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import date, time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from session.io.errors import FormatError
 from session.io.registers import DEFAULT, RegisterUnits, profile_of
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.io.sensors.profile import Profile
-from session.io.toml import Note, TomlReader, read_toml, said
+from session.io.toml import Note, read_toml
 from session.io.units import BEYOND, STANDARD_GRAVITY_MPS2
 
 # How the attitudes of a truth file are to be read: which way they turn, which way is up, whose axes, whose clock.
@@ -298,90 +301,159 @@ class Config:
     board: BoardGiven = field(default_factory=BoardGiven)
 
 
-def _table(table: dict, name: str) -> dict:
-    """A section, empty where there is none; what is no section has been refused."""
-    found = table.get(name)
-    return found if isinstance(found, dict) else {}
+# The shape of session.toml.
+
+#: of a rotation's rows from length 1 and a right angle: written to four digits
+ROTATION_WITHIN = 1e-3
+#: TOML's own bound of whole numbers, which Python does not hold it to
+LARGEST = 2**63
+DO = "correct it there"
+
+
+class NoteValue(Shape):
+    """Text, a number, a date or a time, or true or false."""
+
+    expected = "text, a number or a date"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        if not isinstance(value, str | int | float | date | time):
+            self.refuse(value, where)
+        if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+            raise Mismatch(f"{where} is {shown(value)}, expected no whole number of more than 64 bits")
+
+
+def _matrix_fault(matrix: np.ndarray) -> str:
+    determinant = float(np.linalg.det(matrix))
+    expected = "expected a 3x3 matrix close to the identity"
+    if determinant <= -0.1:
+        return f"is of determinant {determinant:.3g}: it mirrors the axes; {expected}; wrong signs are corrected where the log is written"
+    what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
+    return "" if 0.1 <= determinant <= 10 else f"is {what}; {expected}"
+
+
+def _rotation_fault(matrix: np.ndarray) -> str:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
+        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
+    return ""
+
+
+_ODR, _PER_LSB = Number(0.1, 50000), Number(1e-6, 1e5)
+#: sections that an array has for all of its units
+SHARED = {
+    "notes": MapOf(NoteValue()),
+    "exclude": ListOf(Keys(must={"log": Text(), "at_s": Number(-1e11, 1e11)})),  # seconds of the log's clock; far beyond any clock
+}
+SHAPE = Keys(
+    must={
+        "schema": Text((SCHEMA,)),
+        "sensor": Keys(
+            must={"odr_hz": _ODR, "gyro_fs_dps": Number(1, 1e5), "accel_fs_g": Number(0.1, 1000)},
+            may={
+                "model": Text(),
+                "serial": Text(),
+                "gyro_bias_instability_dph": Number(0, 1000),
+                "gyro_noise_mdps_rthz": Number(1e-3, 1000),
+                "gyro_mdps_per_lsb": _PER_LSB,
+                "accel_mg_per_lsb": _PER_LSB,
+                "temp_lsb_per_c": Number(1e-3, 1e5),
+                "temp_at_zero_c": Number(-300, 300),
+            },
+        ),
+    },
+    may={
+        "accelerometer": Keys(
+            may={
+                "matrix": Array((3, 3), Number(-100, 100), _matrix_fault),
+                "bias_mps2": Array((3,), Number(-BEYOND["accel"], BEYOND["accel"])),
+                "sigma_mg": Number(1e-3, 1000),
+                "own_stills": Flag(),
+            }
+        ),
+        "site": Keys(may={"latitude_deg": Number(-90, 90), "gravity_mps2": Number(9.7, 9.9), "heading_deg": Number(-360, 360)}),
+        "protocol": Keys(
+            may={
+                "still_s": Number(0.1, 600),
+                "segment_s": Number(0.5, 3600),
+                "reference": Text(REFERENCES),
+                "truth_sigma_deg": Number(1e-4, 10),
+            }
+        ),
+        "truth": Keys(
+            may={
+                "frame": Text((*FRAMES, *SAME_FRAME)),
+                "offset_s": Number(-3600, 3600),
+                "sense": Text(SENSES),
+                "order": Text(ORDERS),
+                "mounting": Array((3, 3), Number(-10, 10), _rotation_fault),
+            }
+        ),
+        **SHARED,
+        "board": Keys(
+            may={
+                "source": Text(),
+                "firmware": Text(),
+                "who_am_i": Number(0, 255),
+                "freq_fine": Number(-128, 127),
+                "registers": Text(),
+                "odr_hz": _ODR,
+            }
+        ),
+    },
+)
 
 
 def read_config(path: Path) -> Config:
     """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
     if not os.path.lexists(path):
         raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see docs/session-folder.md)")
+    return config_of(path, read_session_toml(path))
+
+
+def read_session_toml(path: Path) -> dict:
+    """The parsed file of a session or an array; FormatError where it is no TOML or names another schema."""
     table = read_toml(path)
-    if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: schema is {said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
-    return config_of(path, table)
+    require(table, Keys(must={"schema": SHAPE.must["schema"]}), str(path), "is this a session folder of this tool?")
+    return table
+
+
+def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
+    """``[[exclude]]`` of a table that was compared with its shape."""
+    return tuple(LeftOut(row["log"], float(row["at_s"])) for row in table.get("exclude", []))
 
 
 def config_of(path: Path, table: dict) -> Config:
-    """What a parsed ``session.toml`` says; FormatError names path, key, what was expected and what came."""
-    reader = TomlReader(path, table)
-    sensor = Sensor(
-        model=reader.text("sensor", "model", DEFAULT),
-        serial=reader.text("sensor", "serial", ""),
-        odr_hz=reader.number("sensor", "odr_hz", low=0.1, high=50000),
-        gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
-        accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
-        gyro_bias_instability_dph=reader.number("sensor", "gyro_bias_instability_dph", None, low=0, high=1000),
-        gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
-        gyro_mdps_per_lsb=reader.number("sensor", "gyro_mdps_per_lsb", None, low=1e-6, high=1e5),
-        accel_mg_per_lsb=reader.number("sensor", "accel_mg_per_lsb", None, low=1e-6, high=1e5),
-        temp_lsb_per_c=reader.number("sensor", "temp_lsb_per_c", None, low=1e-3, high=1e5),
-        temp_at_zero_c=reader.number("sensor", "temp_at_zero_c", None, low=-300, high=300),
-    )
-    calibrated = {"matrix", "bias_mps2"} & set(_table(table, "accelerometer"))
-    if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(_table(table, "accelerometer")))):
+    """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
+    require({"sensor": {}} | table, SHAPE, str(path), DO)
+    calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
+    if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(table.get("accelerometer", {})))):
         raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
-    accelerometer = Accelerometer(
-        reader.array("accelerometer", "matrix", (3, 3), np.eye(3), most=100.0),
-        reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3), most=BEYOND["accel"]),
-        "given" if calibrated else "none",
-        reader.number("accelerometer", "sigma_mg", None, low=1e-3, high=1000),
-        reader.flag("accelerometer", "own_stills"),
+    truth = _values(table, "truth")
+    if "frame" in truth:
+        truth["frame"] = SAME_FRAME.get(truth["frame"], truth["frame"])
+    if "mounting" in truth:  # made exactly orthogonal
+        left, _, right = np.linalg.svd(truth["mounting"])
+        truth["mounting"] = left @ right
+    return Config(
+        Sensor(**{"model": DEFAULT, "serial": ""} | _values(table, "sensor")),
+        Accelerometer(**_values(table, "accelerometer"), source="given" if calibrated else "none"),
+        Site(**_values(table, "site")),
+        Protocol(**_values(table, "protocol")),
+        unknown_keys(table, SHAPE),
+        "model" in table["sensor"],
+        TruthGiven(**truth),
+        dict(table.get("notes", {})),
+        excluded_turns(table),
+        BoardGiven(**_values(table, "board")),
     )
-    determinant = float(np.linalg.det(accelerometer.matrix))
-    if determinant <= -0.1:
-        raise FormatError(
-            f"{path}: accelerometer.matrix is of determinant {determinant:.3g}: it mirrors the axes; expected a 3x3 matrix close to the "
-            "identity; wrong signs are corrected where the log is written"
-        )
-    if not 0.1 <= determinant <= 10:
-        what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
-        raise FormatError(f"{path}: accelerometer.matrix is {what}; expected a 3x3 matrix close to the identity")
-    site = Site(
-        latitude_deg=reader.number("site", "latitude_deg", None, low=-90, high=90),
-        gravity_mps2=reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
-        heading_deg=reader.number("site", "heading_deg", None, low=-360, high=360),
-    )
-    protocol = Protocol(
-        still_s=reader.number("protocol", "still_s", 1.0, low=0.1, high=600),
-        segment_s=reader.number("protocol", "segment_s", 5.0, low=0.5, high=3600),
-        reference=reader.text("protocol", "reference", "gravity"),
-        truth_sigma_deg=reader.number("protocol", "truth_sigma_deg", 0.1, low=1e-4, high=10),
-    )
-    if protocol.reference not in REFERENCES:
-        expected = '"gravity", "table" or "truth"'
-        raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
-    truth, notes, exclude = _truth(reader), reader.notes(), tuple(LeftOut(*row) for row in reader.exclude())  # before what nobody has read
-    board = BoardGiven(
-        reader.text("board", "source", ""),
-        reader.text("board", "firmware", ""),
-        reader.number("board", "who_am_i", None, low=0, high=255),
-        reader.number("board", "freq_fine", None, low=-128, high=127),
-        reader.text("board", "registers", ""),
-        reader.number("board", "odr_hz", None, low=0.1, high=50000),
-    )
-    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth, notes, exclude, board)
 
 
-def _truth(reader: TomlReader) -> TruthGiven:
-    """``[truth]``: how the truth file is to be read, as far as it is told."""
-    frame = reader.choice("truth", "frame", (*FRAMES, *SAME_FRAME))
-    return TruthGiven(
-        offset_s=reader.number("truth", "offset_s", None, low=-3600, high=3600),
-        frame=None if frame is None else SAME_FRAME.get(frame, frame),
-        sense=reader.choice("truth", "sense", SENSES),
-        order=reader.choice("truth", "order", ORDERS),
-        mounting=reader.rotation("truth", "mounting"),
-    )
+def _values(table: dict, section: str) -> dict[str, Any]:
+    """The known keys of a section as the records take them: whole numbers as float, lists as arrays."""
+    shape = SHAPE.known[section]
+    assert isinstance(shape, Keys)
+    return {
+        key: np.array(value, dtype=float) if isinstance(value, list) else float(value) if type(value) is int else value
+        for key, value in table.get(section, {}).items()
+        if key in shape.known
+    }

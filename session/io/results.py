@@ -7,14 +7,17 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from session.io.errors import FormatError
-from session.io.files import MOST_JSON, naming, read_bytes, refuse_recorded
+from session.io.files import MOST_JSON, naming, read_bytes
+from session.io.names import refuse_recorded
 from session.io.texts import escaped_json, unicode_text
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # Results as files: JSON read with one line for all that can be wrong with it, written whole or not at all.
 
@@ -107,23 +110,39 @@ def is_stream(path: Path) -> bool:
     return path.exists() and not path.is_file() and not path.is_dir()
 
 
-# What JSON must hold: one validator for every JSON that the tool reads.
+# What a file must hold, JSON or TOML: a shape is data, and ``require`` compares what was parsed with it.
 #
-# A file's shape is data: tables of keys, lists, arrays of numbers, texts.  ``require`` holds a value against it, and says in one line
-# which key of which file is what, what was expected there, and what to do.  Keys that a shape does not name are ignored (docs/formats.md).
+# The complaint is one line: which key of which file, what stands there, what was expected, and what to do.  Keys that a shape does not
+# name are ignored (docs/formats.md); ``unknown_keys`` lists them where they are to be reported.
 
 #: no number of a calibration comes near it in SI, and its square is still far from a float's end
 LARGEST = 1e12
 MOST_SHOWN = 40
-_FIT_AGAIN = "fit again, or mend the file"
+#: unknown keys for which the nearest known one is searched: the search takes a while
+MOST_NEAREST = 100
+_FIT_AGAIN = "fit again, or correct the file"
 
 
-class _Wrong(Exception):
+class Mismatch(Exception):
     """Which key, what is there, and what was expected."""
 
 
+class Shape:
+    """What a value must be; ``expected`` says it in words."""
+
+    expected = "a table"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch, which names ``where`` the value stands."""
+        raise NotImplementedError
+
+    def refuse(self, value: Any, where: str) -> NoReturn:
+        """Raises Mismatch for a value that is something else."""
+        raise Mismatch(f"{where or 'it'} is {shown(value)}, expected {self.expected}")
+
+
 @dataclass(frozen=True)
-class Number:
+class Number(Shape):
     """A finite number from low to high; ``whole``: without decimals; ``above``: low itself is too low.  true and "1" are no numbers."""
 
     low: float = -LARGEST
@@ -132,17 +151,17 @@ class Number:
     above: bool = False
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _Wrong(f"{where} is {shown(value)}, expected {self.says}")
-        if not math.isfinite(value):
-            raise _Wrong(f"{where} is {shown(value)}, which is not finite; expected {self.says}")
+            self.refuse(value, where)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise Mismatch(f"{where} is {shown(value)}, which is not finite; expected {self.expected}")
         if not self.low <= value <= self.high or (self.above and value == self.low) or (self.whole and value != value // 1):
-            raise _Wrong(f"{where} is {shown(value)}, expected {self.says}")
+            self.refuse(value, where)
 
     @property
-    def says(self) -> str:
-        """In words, with its range."""
+    def expected(self) -> str:  # type: ignore[override]
+        """``a whole number from 1 to 9``."""
         kind = "a whole number" if self.whole else "a number"
         if self.low == -self.high:
             return f"{kind} within {self.high:g}"
@@ -152,143 +171,156 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Array:
-    """Finite numbers in lists; shape: how many at each depth, None for any number but 0; ``sound`` says what is wrong with all of them
-    together, or nothing."""
+class Array(Shape):
+    """Finite numbers in lists; shape: how many at each depth, None for any number but 0; ``sound`` returns what is wrong with the whole
+    array, or nothing."""
 
     shape: tuple[int | None, ...]
     entry: Number = field(default_factory=Number)
     sound: Callable[[np.ndarray], str] | None = None
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
+        import numpy as np  # only where arrays are read
+
         counts = _counts(value)
         if any(count != (wanted or count) or not count for count, wanted in zip(counts, self.shape, strict=False)):
-            raise _Wrong(f"{where} has shape {' x '.join(map(str, counts[: len(self.shape)]))}, expected {self.says}")
-        self._walk(value, where, self.shape)
+            raise Mismatch(f"{where} has shape {' x '.join(map(str, counts[: len(self.shape)]))}, expected {self.expected}")
+        self._check_entries(value, where, self.shape)
         try:
             array = np.array(value, dtype=float)
         except ValueError:
-            raise _Wrong(f"{where} has rows of different lengths, expected {self.says}") from None
+            raise Mismatch(f"{where} has rows of different lengths, expected {self.expected}") from None
         if self.sound is not None and (wrong := self.sound(array)):
-            raise _Wrong(f"{where} {wrong}")
+            raise Mismatch(f"{where} {wrong}")
 
-    def _walk(self, value: Any, where: str, shape: tuple[int | None, ...]) -> None:
+    def _check_entries(self, value: Any, where: str, shape: tuple[int | None, ...]) -> None:
         if not shape:
             return self.entry.check(value, where)
         if not isinstance(value, list):
-            raise _Wrong(f"{where} is {shown(value)}, expected {self.says}")
+            self.refuse(value, where)
         if shape[0] is not None and len(value) != shape[0]:
-            raise _Wrong(f"{where} has {len(value)} entries, expected {self.says}")
+            raise Mismatch(f"{where} has {len(value)} entries, expected {self.expected}")
         for i, inner in enumerate(value):
-            self._walk(inner, f"{where}[{i}]", shape[1:])
+            self._check_entries(inner, f"{where}[{i}]", shape[1:])
 
     @property
-    def says(self) -> str:
+    def expected(self) -> str:  # type: ignore[override]
         """``3 x 3 numbers``."""
-        kind = self.entry.says.replace(" number", " numbers", 1).removeprefix("a ") if self.entry.whole else "numbers"
+        kind = self.entry.expected.replace(" number", " numbers", 1).removeprefix("a ") if self.entry.whole else "numbers"
         return " x ".join("n" if count is None else str(count) for count in self.shape) + f" {kind}"
 
 
 @dataclass(frozen=True)
-class Text:
+class Text(Shape):
     """Text; one of some words where these are given."""
 
     one_of: tuple[str, ...] = ()
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if not isinstance(value, str) or (self.one_of and value not in self.one_of):
-            expected = f"one of {', '.join(self.one_of)}" if self.one_of else "text"
-            raise _Wrong(f"{where} is {shown(value)}, expected {expected}")
+            self.refuse(value, where)
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """``one of a, b``."""
+        return f"one of {', '.join(self.one_of)}" if self.one_of else "text"
 
 
-@dataclass(frozen=True)
-class Flag:
+class Flag(Shape):
     """True or false."""
 
+    expected = "true or false"
+
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if not isinstance(value, bool):
-            raise _Wrong(f"{where} is {shown(value)}, expected true or false")
+            self.refuse(value, where)
 
 
 @dataclass(frozen=True)
-class ListOf:
+class ListOf(Shape):
     """A list, every entry of one shape."""
 
     entry: Shape
+    expected = "a list"
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if not isinstance(value, list):
-            raise _Wrong(f"{where} is {shown(value)}, expected a list")
+            self.refuse(value, where)
         for i, inner in enumerate(value):
             self.entry.check(inner, f"{where}[{i}]")
 
 
 @dataclass(frozen=True)
-class MapOf:
+class MapOf(Shape):
     """A table with any keys, every value of one shape."""
 
     entry: Shape
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if not isinstance(value, dict):
-            raise _Wrong(f"{where} is {shown(value)}, expected a table")
+            self.refuse(value, where)
         for key, inner in value.items():
             self.entry.check(inner, _inside(where, key))
 
 
 @dataclass(frozen=True)
-class Maybe:
+class Maybe(Shape):
     """Of a shape, or null: what is not known."""
 
     entry: Shape
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if value is not None:
             self.entry.check(value, where)
 
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """``a number above 0 or null``."""
+        return f"{self.entry.expected} or null"
+
 
 @dataclass(frozen=True)
-class Keys:
+class Keys(Shape):
     """A table: keys that must be there, and keys that may be."""
 
     must: Mapping[str, Shape] = field(default_factory=dict)
     may: Mapping[str, Shape] = field(default_factory=dict)
 
     def check(self, value: Any, where: str) -> None:
-        """Raises what ``require`` puts into words."""
+        """Raises Mismatch."""
         if not isinstance(value, dict):
-            raise _Wrong(f"{where or 'it'} is {shown(value)}, expected a table")
-        for key, shape in self.must.items():
-            if key not in value:
-                raise _Wrong(f"{_inside(where, key)} is missing, expected {says_of(shape)}")
-            shape.check(value[key], _inside(where, key))
-        for key, shape in self.may.items():
+            self.refuse(value, where)
+        for key, shape in self.known.items():
             if key in value:
                 shape.check(value[key], _inside(where, key))
+            elif key in self.must:
+                raise Mismatch(f"{_inside(where, key)} is missing, expected {shape.expected}")
 
-
-Shape = Number | Array | Text | Flag | ListOf | MapOf | Maybe | Keys
+    @property
+    def known(self) -> dict[str, Shape]:
+        """Both."""
+        return {**self.must, **self.may}
 
 
 def require(value: Any, shape: Shape, where: str, do: str = _FIT_AGAIN) -> None:
-    """Hold what a file has against its shape; where: its name (and the key that ``value`` stands under, behind a colon).
+    """Compare what a file holds with its shape; where: its name (and the key that ``value`` stands under, behind a colon).
 
     Raises FormatError: which key of which file, what stands there, what was expected, and what to do.
     """
     try:
         shape.check(value, "")
-    except _Wrong as wrong:
-        raise FormatError(f"{where}: {wrong}; {do}") from None
+    except Mismatch as mismatch:
+        raise FormatError(f"{where}: {mismatch}; {do}") from None
 
 
 def read_required(path: Path, shape: Shape, do: str = _FIT_AGAIN) -> dict:
-    """What a JSON file holds, held against its shape.  Raises FormatError as ``require``, and for what is no JSON."""
+    """What a JSON file holds, compared with its shape.  Raises FormatError as ``require``, and for what is no JSON."""
     try:
         table = read_json(path)
     except FormatError as error:
@@ -297,30 +329,52 @@ def read_required(path: Path, shape: Shape, do: str = _FIT_AGAIN) -> dict:
     return table
 
 
-def says_of(shape: Shape) -> str:
-    """What is expected of a shape, in words."""
-    if isinstance(shape, Number | Array):
-        return shape.says
-    if isinstance(shape, Maybe):
-        return f"{says_of(shape.entry)} or null"
-    if isinstance(shape, Text):
-        return f"one of {', '.join(shape.one_of)}" if shape.one_of else "text"
-    return "true or false" if isinstance(shape, Flag) else "a list" if isinstance(shape, ListOf) else "a table"
+def unknown_keys(table: dict, shape: Keys) -> tuple[tuple[str, str | None], ...]:
+    """``section.key`` of each key that a table's shape does not name, with the known key nearest to it, or None.
+
+    Nearest by the whole name, else by what stands behind the section: a key may have lost its section, or be in the wrong one.
+    """
+    known = [
+        name
+        for section, inner in shape.known.items()
+        for name in ([f"{section}.{key}" for key in inner.known] if isinstance(inner, Keys) else [section])
+    ]
+    there = [
+        name
+        for section, group in table.items()
+        if not isinstance(shape.known.get(section), MapOf)
+        for name in ([f"{section}.{key}" for key in group] if isinstance(group, dict) else [section])
+    ]
+    bare = {name.split(".")[-1]: name for name in known}
+
+    def nearest(key: str) -> str | None:
+        whole = get_close_matches(key.lower(), known, n=1, cutoff=0.75)
+        last = get_close_matches(key.lower().split(".")[-1], bare, n=1, cutoff=0.75)
+        return bare[last[0]] if last else whole[0] if whole else None
+
+    unknown = [name for name in there if name not in known]
+    return tuple((name, nearest(name) if number < MOST_NEAREST else None) for number, name in enumerate(unknown))
 
 
 def shown(value: Any) -> str:
-    """A value of JSON as a complaint shows it: as the file has it, and not longer than a word."""
+    """A value as a complaint quotes it: as the file has it, and not longer than a word."""
     if isinstance(value, list):
         return f"a list of {len(value)}"
     if isinstance(value, dict):
         return "a table"
-    text = json.dumps(value, ensure_ascii=False)
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except ValueError:  # Python writes out no number of more than 4300 digits
+        return "a number of thousands of digits"
+    return _cut(text)
+
+
+def _cut(text: str) -> str:
     return text if len(text) <= MOST_SHOWN else text[: MOST_SHOWN - 1] + "…"
 
 
 def _inside(where: str, key: str) -> str:
-    key = key if len(key) <= MOST_SHOWN else key[: MOST_SHOWN - 1] + "…"
-    return f"{where}.{key}" if where else key
+    return f"{where}.{_cut(key)}" if where else _cut(key)
 
 
 def _counts(value: Any) -> list[int]:

@@ -12,13 +12,10 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from session.io.errors import FormatError
 from session.io.texts import printable
-
-if TYPE_CHECKING:
-    from session.io.toml import TomlReader
 
 SCHEMA = "tinygc-defaults/1"
 NAME = "tinygc.toml"
@@ -94,26 +91,25 @@ def whose_limit(args: argparse.Namespace) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     """Key -> value, of the keys that are there."""
-    from session.io.toml import TomlReader, read_toml, said
+    from session.io.results import Keys, Number, Text, require, unknown_keys
+    from session.io.toml import read_toml
 
+    shape = Keys(
+        must={"schema": Text((SCHEMA,))},
+        may={
+            "record": Keys(may={"like": Text(), "port": Text()}),
+            "site": Keys(may={"latitude_deg": Number(-90, 90), "gravity_mps2": Number(9.7, 9.9)}),
+            "limits": Keys(may={"closure_deg": Number(1e-6, 180)}),
+        },
+    )
     table = read_toml(path)
-    if table.get("schema") != SCHEMA:
-        there = said(table["schema"]) if "schema" in table else "missing"
-        raise FormatError(f'{path}: schema is {there}, expected "{SCHEMA}" in its first line; or give --no-defaults')
-    found = _keys(path, TomlReader(path, table))
-    return {key: value for key, value in found.items() if value not in (None, "")}
-
-
-def _keys(path: Path, reader: TomlReader) -> dict[str, Any]:
-    like = reader.text("record", "like", "")
-    keys = {
-        "record.port": reader.text("record", "port", ""),
-        "record.like": path.parent / os.path.expanduser(like) if like.strip() else None,
-        "site.latitude_deg": reader.number("site", "latitude_deg", None, low=-90, high=90),
-        "site.gravity_mps2": reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
-        "limits.closure_deg": reader.number("limits", "closure_deg", None, low=1e-6, high=180),
-    }
-    for key, near in reader.unknown():
+    require(table, shape, str(path), "correct it there, or give --no-defaults")
+    for key, near in unknown_keys(table, shape):
         meant = f"; did you mean {near}?" if near else ""
         print(f"calibrate: {printable(f'{path}: {key} is not known, and ignored{meant}')}", file=sys.stderr)
-    return keys
+    sections = {name: inner for name, inner in shape.may.items() if isinstance(inner, Keys)}
+    found = {f"{name}.{key}": table.get(name, {}).get(key) for name, inner in sections.items() for key in inner.may}
+    if (like := found["record.like"]) is not None:
+        found["record.like"] = path.parent / os.path.expanduser(like) if like.strip() else None
+    numbers = {key: float(value) for key, value in found.items() if isinstance(value, int | float)}
+    return {key: value for key, value in (found | numbers).items() if value not in (None, "")}

@@ -13,28 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.config import SCHEMA, Config, LeftOut, config_of
+from session.io.config import DO, SHARED, Config, LeftOut, config_of, excluded_turns, read_session_toml
 from session.io.errors import DataError, FormatError
 from session.io.files import require_file
-from session.io.folder import (
-    ATTITUDES,
-    FOLDERS,
-    LARGEST_NUMBER,
-    UNIT,
-    Session,
-    array_section,
-    array_size,
-    is_array,
-    log_paths,
-    read_logs,
-    read_session,
-    unit_numbers,
-    unit_of,
-)
+from session.io.folder import ATTITUDES, Session, read_logs, read_session
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.logfile import Log
+from session.io.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, is_array, log_paths, unit_numbers, unit_of
+from session.io.results import Keys, require, shown
 from session.io.texts import printable
-from session.io.toml import TomlReader, read_toml, said
+from session.io.toml import read_toml
 from session.io.units import NS
 
 # Several units that were fixed to one rigid body and recorded at the same time: each a session of its own, on its own clock.
@@ -82,12 +70,10 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
         hint = "is no folder" if not folder.is_dir() else "is no array: it has neither log0001.unit0.csv and so on, nor [array] folders"
         raise FormatError(f"{folder}: {hint} (docs/arrays.md)")
     path = folder / "session.toml"
-    table = read_toml(path)
-    if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: schema is {said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
+    table = read_session_toml(path)
     section = table.get("array", {})
     if not isinstance(section, dict):
-        raise FormatError(f"{path}: [array] must be a table, not {said(section)}")
+        raise FormatError(f"{path}: [array] must be a table, not {shown(section)}")
     read = _by_folders if FOLDERS in section else _by_names
     units = dict(sorted(read(folder, path, table, section, progress).items()))
     if len(units) < LEAST_UNITS:
@@ -163,19 +149,19 @@ def _own_tables(path: Path, section: dict, numbers: Sequence[int]) -> dict[int, 
     rows = section.get(UNIT, [])
     expected = "[[array.unit]] expects number = 3, and sensor.serial, accelerometer.matrix and the like"
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise FormatError(f"{path}: array.unit is {said(rows)}; {expected}")
+        raise FormatError(f"{path}: array.unit is {shown(rows)}; {expected}")
     found: dict[int, dict] = {}
     for row in rows:
         number = row.get("number")
         if isinstance(number, bool) or not isinstance(number, int):
-            raise FormatError(f"{path}: array.unit has number {said(number)}; {expected}")
+            raise FormatError(f"{path}: array.unit has number {shown(number)}; {expected}")
         if number in found:
             raise FormatError(f"{path}: [[array.unit]] number {number} is there twice; keep one")
         if number not in numbers:
             raise FormatError(f"{path}: [[array.unit]] number {number} has no log; there are units {_listed(numbers)}")
         for name in OWN_SECTIONS:
             if not isinstance(row.get(name, {}), dict):
-                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {said(row[name])}, expected a table")
+                raise FormatError(f"{path}: array.unit.{name} of unit {number} is {shown(row[name])}, expected a table")
         found[number] = row
     return found
 
@@ -224,19 +210,19 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     """Units that have a session folder each, inside this one or beside it."""
     names = section[FOLDERS]
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
-        raise FormatError(f'{path}: array.folders is {said(names)}, expected session folders such as ["imu0", "imu2"]')
+        raise FormatError(f'{path}: array.folders is {shown(names)}, expected session folders such as ["imu0", "imu2"]')
     if here := log_paths(folder, "log"):
         raise FormatError(f"{folder}: {here[0].name} lies beside session.toml with [array] folders; keep logs here or folders, not both")
     if UNIT in section:
         raise FormatError(f"{path}: [[array.unit]] beside array.folders; each folder's own session.toml says what its unit is")
-    reader = TomlReader(path, table)
-    notes, rows = reader.notes(), tuple(LeftOut(*row) for row in reader.exclude())
+    require(table, Keys(may=SHARED), str(path), DO)
+    notes, rows = table.get("notes", {}), excluded_turns(table)
     places = [place_of(folder, path, name) for name in names]
     numbers = numbers_of(path, names)
     units = {}
     for number, place, name in zip(numbers, places, names, strict=True):
         if is_array(place):
-            raise FormatError(f"{path}: array.folders holds {said(name)}, which is an array itself; name its units' folders")
+            raise FormatError(f"{path}: array.folders holds {shown(name)}, which is an array itself; name its units' folders")
         session = read_session(place, partial(_told, progress, name))
         if (reference := session.config.protocol.reference) != "gravity":
             raise FormatError(f'{place}: protocol.reference is "{reference}"; the reference of an array is "gravity" and its other units')
@@ -259,12 +245,12 @@ def place_of(folder: Path, path: Path, name: str) -> Path:
     inside = plain.parts[:1] != ("..",) and plain != Path(".")
     beside = plain.parts[:1] == ("..",) and len(plain.parts) > 1 and plain.parts[1] != ".."
     if "\0" in name or plain.is_absolute() or not (inside or beside):
-        raise FormatError(f"{path}: array.folders holds {said(name)}; expected a folder inside this one, or beside it as ../imu0")
+        raise FormatError(f"{path}: array.folders holds {shown(name)}; expected a folder inside this one, or beside it as ../imu0")
     place = folder / plain
     if not place.is_dir():
-        raise FormatError(f"{path}: array.folders holds {said(name)}, which is {'no folder' if place.exists() else 'not there'}")
+        raise FormatError(f"{path}: array.folders holds {shown(name)}, which is {'no folder' if place.exists() else 'not there'}")
     if place.resolve() == folder.resolve():
-        raise FormatError(f"{path}: array.folders holds {said(name)}, which is this folder itself; name the units' folders")
+        raise FormatError(f"{path}: array.folders holds {shown(name)}, which is this folder itself; name the units' folders")
     return place
 
 
@@ -272,7 +258,7 @@ def numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
     """By the digits that each name ends with; by their order where one has none."""
     plain = [os.path.normpath(name) for name in names]
     if doubled := next((name for name in plain if plain.count(name) > 1), None):
-        raise FormatError(f"{path}: array.folders holds {said(doubled)} twice; keep one")
+        raise FormatError(f"{path}: array.folders holds {shown(doubled)} twice; keep one")
     ends = [re.search(r"[0-9]+$", name) for name in plain]
     if not all(ends):
         return tuple(range(len(names)))
@@ -281,7 +267,7 @@ def numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
         return tuple(range(len(names)))  # a date or a serial number, and no unit's
     for (one, first), (other, second) in combinations(zip(numbers, plain, strict=True), 2):
         if one == other:
-            raise FormatError(f"{path}: array.folders holds {said(first)} and {said(second)}, both unit {one} by their ends; rename one")
+            raise FormatError(f"{path}: array.folders holds {shown(first)} and {shown(second)}, both unit {one} by their ends; rename one")
     return numbers
 
 

@@ -1,4 +1,4 @@
-"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, and which keys of a table they lack."""
+"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack."""
 
 import re
 from itertools import product

@@ -55,7 +55,7 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()  # thousands of tests stay to the end: no collection needs to look at them again
     for module in list(sys.modules.values()):
-        if Path(getattr(module, "__file__", None) or "").parent == HERE:
+        if Path(getattr(module, "__file__", None) or "").is_relative_to(HERE):
             generators = [value for value in vars(module).values() if isinstance(value, np.random.Generator)]
             _DRAWN.update({id(each): (each, each.bit_generator.state) for each in generators if id(each) not in _DRAWN})
 

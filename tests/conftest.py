@@ -47,7 +47,7 @@ GRAVITY = 9.7946
 def shared() -> Path:
     """The folder of recordings that lies beside the repository."""
     folder = ROOT.parent / "shared"
-    if not (folder / "FORMATS.md").exists():
+    if not folder.is_dir():
         pytest.skip(f"no recordings: {folder} is not there")
     return folder
 

@@ -5,13 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 from conftest import GRAVITY, Table
-from public_files import mikov_text, write_euroc
 
-from session.annexes.public.__main__ import main as public
 from session.detect.accelerometer import attitudes_of, fit_lengths, from_stills, with_section
 from session.io.config import Accelerometer
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.io.units import MG
 
 MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
@@ -144,62 +141,6 @@ def tumbled():
 def test_stills_are_found_before_the_accelerometer_is_calibrated():
     found = from_stills([tumbled()], GRAVITY)
     assert left_mg(found, np.random.default_rng(0)) < 0.3
-
-
-def test_the_command_writes_what_the_stills_give(tmp_path, capsys):
-    samples = tumbled()
-    (tmp_path / "imu0.log").write_text(mikov_text(samples.accel, samples.gyro))
-    assert public(["mikov", str(tmp_path), "--out", str(tmp_path / "plain")]) == 0
-    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 0
-    plain, found = (read_session(tmp_path / name / "imu0") for name in ("plain", "sessions"))
-    assert "[accelerometer]" not in (tmp_path / "plain" / "imu0" / "session.toml").read_text()
-    expected = from_stills([plain.logs[0].samples])
-    np.testing.assert_allclose(found.config.accelerometer.matrix, expected.matrix, atol=1e-8)
-    np.testing.assert_allclose(found.config.accelerometer.bias_mps2, expected.bias_mps2, atol=1e-7)
-    assert found.config.unknown == ()
-
-
-def test_the_command_says_in_one_line_where_stills_are_missing(tmp_path, capsys):
-    samples = Table().rest(5).samples(100.0, registers=False)
-    (tmp_path / "imu0.log").write_text(mikov_text(samples.accel, samples.gyro))
-    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert "sessions/imu0: the stills lie in 1 attitude, too few" in err
-    assert not (tmp_path / "sessions").exists()
-
-
-def test_a_recording_that_cannot_be_calibrated_leaves_no_folder_that_looks_whole(tmp_path, capsys):
-    """The first is calibrated and printed, the second is refused, the third is not begun."""
-    still = Table().rest(5).samples(100.0, registers=False)
-    for number, samples in enumerate((tumbled(), still, tumbled())):
-        (tmp_path / f"imu{number}.log").write_text(mikov_text(samples.accel, samples.gyro))
-    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
-    out, err = capsys.readouterr()
-    assert out.splitlines() == [str(tmp_path / "sessions" / "imu0")]
-    assert "sessions/imu1: the stills" in err
-    assert [path.name for path in (tmp_path / "sessions").iterdir()] == ["imu0"]
-    assert {path.name for path in (tmp_path / "sessions" / "imu0").iterdir()} == {"session.toml", "log0001.csv.gz"}
-    assert "[accelerometer]" in (tmp_path / "sessions" / "imu0" / "session.toml").read_text()
-
-
-def test_what_was_written_before_stays_as_it_was_where_it_cannot_be_calibrated(tmp_path):
-    log, folder = tmp_path / "imu0.log", tmp_path / "sessions" / "imu0"
-    samples = tumbled()
-    log.write_text(mikov_text(samples.accel, samples.gyro))
-    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 0
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    still = Table().rest(5).samples(100.0, registers=False)
-    log.write_text(mikov_text(still.accel, still.gyro))
-    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_a_sequence_without_stills_leaves_no_folder_either(tmp_path, capsys):
-    write_euroc(tmp_path / "V1_01_easy")
-    assert public(["euroc", str(tmp_path), "--accelerometer", "stills"]) == 2
-    assert "sessions/V1_01: the stills" in capsys.readouterr().err
-    assert not (tmp_path / "sessions").exists()
 
 
 MULTILINE = """schema = "tinygc-session/1"  # [accelerometer] is below

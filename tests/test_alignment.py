@@ -11,13 +11,11 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
 
 import calibrate
-from session.annexes.public.euroc import write_sequences
 from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_folder
 from session.detect.truth_alignment import align
 from session.io.config import FRAMES, ORDERS, SENSES, TruthGiven, TruthReading, down_of, read_config
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.io.logfile import read_truth
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
@@ -262,24 +260,3 @@ def test_a_header_may_have_the_scalar_last(tmp_path):
     path = tmp_path / "truth0001.csv"
     path.write_text("t_s,qx,qy,qz,qw\n0,0.6,0,0,0.8\n1,0,0.6,0,0.8\n")
     np.testing.assert_allclose(read_truth(path).q_nb, [[0.8, 0.6, 0, 0], [0.8, 0, 0.6, 0]])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["MH_05", "V1_02"])
-def test_euroc_has_its_clock_and_gets_back_what_is_put_in(shared, tmp_path, name):
-    if not (shared / "euroc").is_dir():
-        pytest.skip(f"no recordings: {shared / 'euroc'} is not there")
-    session = read_session(write_sequences(shared / "euroc", [name], tmp_path, segment_s=2.0))
-    as_it_is = align(session).alignment
-    assert [part for part, source in as_it_is.source.items() if source == "found"] == ["frame"]
-    turn = Rotation.from_rotvec([0, 0, 90 * DEG]).as_matrix()
-    put = TruthReading("wxyz", "world_to_body", "enu", turn, 0.0)
-    (truth,) = session.truths
-    spoilt = replace(session, truths=(replace(truth, q_nb=put.written(truth.q_nb), t_ns=truth.t_ns + 4_060_000),))
-    alignment = align(spoilt).alignment
-    assert (alignment.reading.frame, alignment.reading.sense) == ("enu", "world_to_body")
-    assert alignment.offset_s - as_it_is.offset_s == pytest.approx(-0.00406, abs=0.3 * as_it_is.offset_sigma_s + 1e-6)
-    # The gyro's own small rotation goes into the mounting, and its matrix is without it.
-    held = [fit_least_squares(p.batch, p.floor.sigma, p.first) for p in (prepare(session).problem, prepare(spoilt).problem)]
-    # V1_02's own offset of -0.3 ms (2 sigmas) is taken off with what was put in.
-    assert np.abs(held[0].model.B - held[1].model.B).max() < 0.01 * DEG

@@ -17,10 +17,6 @@ def test_none_of_them_is_lost_and_each_has_its_own_name():
     assert all(name == effect.id for name, effect in catalogue().items())
 
 
-def test_the_list_of_ids_is_that_of_formats(shared):
-    assert set(re.findall(r"^\| `([a-z]+\.[a-z0-9_]+)` \|", (shared / "FORMATS.md").read_text(encoding="utf-8"), re.M)) == set(IDS)
-
-
 @pytest.mark.parametrize("name", IDS)
 def test_each_says_what_it_is(name):
     effect = catalogue()[name]

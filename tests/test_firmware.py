@@ -31,7 +31,14 @@ from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 
 MISSING = measure.tools_missing()
-needs_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)
+on_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)
+
+
+def needs_board(test):
+    """Built for the microcontroller, and run in its emulator."""
+    return pytest.mark.emulation(on_board(test))
+
+
 SENSOR = Registers()
 
 
@@ -129,6 +136,7 @@ def patience(monkeypatch):
     monkeypatch.setattr(play, "SILENCE_S", PATIENCE_S)
 
 
+@pytest.mark.emulation
 def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
     """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
     with emulator_of(elf) as board:
@@ -145,6 +153,7 @@ def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
     assert set(steps) <= {4807, 4808}
 
 
+@pytest.mark.emulation
 def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
     """A log is played to the board as if by its sensor, ``calibrate.py record`` guides and records what the board streams: the log is
     whole, and what the board calibrated is what the host makes of it."""
@@ -177,6 +186,7 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
     np.testing.assert_allclose(rates[:count], WHOLE(log.samples.gyro), atol=2e-6)
 
 
+@pytest.mark.emulation
 def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
     """Request and response on one port, among the samples that it streams."""
     registers = np.random.default_rng(0).integers(-20000, 20000, (50, 7)).astype(np.int16)
@@ -187,6 +197,7 @@ def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
 
 
+@pytest.mark.emulation
 def test_commands_are_answered_and_without_a_sensor_say_so(elf):
     """QEMU has no ASM330LHH: the board says so, and streams its stand-in.  Stopped, it is silent; asked, it says who it is."""
     with emulator_of(elf) as emulator, contextlib.closing(Board(emulator.ports[0])) as link:
@@ -212,6 +223,7 @@ def test_commands_are_answered_and_without_a_sensor_say_so(elf):
     assert said[0x02][3:] == struct.pack("<HHfI", 500, 4, 208.0, 4711)
 
 
+@pytest.mark.emulation
 def test_garbage_on_the_line_is_passed_over(board):
     """Broken frames, overlong ones, unknown types, and a sample whose CRC is wrong: none is answered, none breaks what follows."""
     rng = np.random.default_rng(1)
@@ -229,6 +241,7 @@ def test_garbage_on_the_line_is_passed_over(board):
 
 
 @pytest.mark.slow
+@pytest.mark.emulation
 def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
     """The command of docs/firmware.md, on the first second of a closure run."""
     t_us, registers = read_registers(ROOT / "data" / "session1" / "closure0001.csv.gz")

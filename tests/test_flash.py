@@ -91,6 +91,7 @@ def test_without_a_flasher_one_line_and_nothing_is_built(bench, words, says):
     assert not (build / "recorder.elf").exists()
 
 
+@pytest.mark.emulation
 def test_the_bytes_that_are_flashed_begin_with_stack_and_reset(tmp_path):
     """At 0x08000000 the core looks for its stack and its first instruction, a Thumb address in the flash."""
     if trouble := measure.tools_missing():

@@ -2,7 +2,6 @@
 
 import copy
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -201,23 +200,6 @@ def test_a_damaged_fit_is_said_in_one_line(text, says, tmp_path):
         read_fit(path, "run `calibrate.py fit` again")
     assert str(caught.value).startswith(f"{path}: {says}")
     assert str(caught.value).endswith("; run `calibrate.py fit` again")
-
-
-def test_nobody_reads_json_but_by_the_reader_that_holds_it_against_a_shape():
-    root = Path(tinygc.__file__).resolve().parent.parent
-    own = {
-        "session/io/results.py",
-        "tinygc/annexes/challenge/examination.py",
-        "tinygc/annexes/challenge/proofs.py",
-        "tinygc/annexes/lots/fleet_row.py",
-    }
-    readers = {
-        str(path.relative_to(root))
-        for place in ("session", "tinygc")
-        for path in (root / place).rglob("*.py")
-        if "json.load" in path.read_text("utf-8")
-    }
-    assert readers == own  # the reader, and what the tool says to itself
 
 
 def test_a_number_that_is_not_finite_is_written_as_null(tmp_path):

@@ -13,7 +13,10 @@ from session.bench.messages import Stage
 from session.bench.operator import OperatorCommand
 from session.bench.page.server import PageServer
 
-pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser"),
+]
 SPILLED = """[...document.querySelectorAll('main *')].filter(e => {
   const box = e.getBoundingClientRect(), own = getComputedStyle(e);
   return box.width && (box.right > innerWidth + 1 || box.left < -1 || (own.display !== 'inline' && e.scrollWidth > e.clientWidth + 2));

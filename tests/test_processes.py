@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import signal
 import sys
@@ -118,47 +117,3 @@ def test_a_command_has_no_terminal_to_read_from():
     """A person's who runs the tests in one: ``record`` would take the keys."""
     code = "import sys; print(sys.stdin.isatty(), repr(sys.stdin.read()))"
     assert run([sys.executable, "-c", code], text=True, stdout=PIPE).stdout == "False ''\n"
-
-
-# Nothing goes round it
-
-#: name of a module: what of it may not be used in tests, with where it is none the less, and why
-FORBIDDEN = {
-    "subprocess": {
-        "processes.py": "the one that starts commands",
-        "test_processes.py": "within a command that it starts",
-    },
-    "multiprocessing": {
-        "test_recording_survives.py": "a fork starts in no time, and ends when its parent has",
-        "test_recording_removed.py": "the same",
-    },
-    "time": {
-        "processes.py": "waits for what must happen",
-    },
-}
-
-
-def uses(text: str) -> set[str]:
-    """Modules of FORBIDDEN that a file imports, and arguments that wait for a time."""
-    found = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found.add((node.module or "").partition(".")[0])
-        elif isinstance(node, ast.keyword) and node.arg == "timeout" and isinstance(node.value, ast.Constant):
-            found.add("timeout")
-    return found & {*FORBIDDEN, "timeout"}
-
-
-@pytest.mark.parametrize("path", sorted(HERE.glob("*.py")), ids=lambda path: path.stem)
-def test_no_test_starts_a_command_by_itself_or_waits_for_a_time(path):
-    """Tests use ``processes``: ``run``, ``started``, ``calibrate``, ``until``, ``heard``; a board's time can be simulated."""
-    for name in uses(path.read_text(encoding="utf-8")):
-        assert path.name in FORBIDDEN.get(name, ()), f"{path.name} uses {name}: tests/processes.py has what it needs"
-
-
-def test_what_goes_round_is_found():
-    assert uses("import time\n") == uses("def f():\n    from time import sleep\n") == {"time"}
-    assert uses("import subprocess as s\nqueue.get(timeout=3)") == {"subprocess", "timeout"}
-    assert uses("import os, processes\nqueue.get(timeout=PATIENCE_S)") == set()

@@ -6,7 +6,10 @@ import pytest
 from browser import Browser, browser_path
 from html_pages import WHOLE, report_of
 
-pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the report is not looked at in a browser")
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the report is not looked at in a browser"),
+]
 
 #: what is seen of each picture: its size on the page, its own letters' size, and whether they stay inside it
 PICTURES = """[...document.querySelectorAll('figure svg')].filter(s => s.getClientRects().length).map(s => {

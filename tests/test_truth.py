@@ -8,7 +8,6 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table
 
 import calibrate
-from session.annexes.public.euroc import read_sequence, to_down, write_training_windows
 from session.detect.first_look import check_session
 from session.io.errors import DataError, FormatError, SegmentError
 from session.io.folder import read_session
@@ -157,31 +156,6 @@ def test_rates_of_stills_are_refused_where_there_is_no_still(folder, capsys):
     said = capsys.readouterr().err
     assert "--still-rates" in said
     assert said.count("\n") == 1
-
-
-def test_up_becomes_down():
-    """A level vehicle, z up, yawed by 30 deg: body z up is down's opposite, and the turn has the other sense."""
-    half = 15 * DEG
-    q = to_down(np.array([np.cos(half), 0, 0, np.sin(half)]))
-    w, x, y, z = q
-    down = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    assert np.allclose(down, [0, 0, -1], atol=1e-12)
-
-
-@pytest.mark.slow
-def test_euroc_comes_through_the_same_door(shared, tmp_path):
-    euroc = shared / "euroc"
-    if not euroc.is_dir():
-        pytest.skip(f"no recordings: {euroc} is not there")
-    problem = build_problem(read_session(write_training_windows(euroc, tmp_path)))
-    assert len(problem.used) == 243
-    fit = fit_least_squares(problem.batch, np.full(243, 1e-3), problem.first)
-    rms = np.sqrt(np.mean(np.sum(closure_angles(problem.batch, fit.model) ** 2, axis=1))) / DEG
-    assert 0.30 < rms < 0.33
-    _, gyro, accel, truth = read_sequence(euroc, "MH_02")
-    assert np.isfinite(gyro).all()
-    assert 0.2 < np.mean((accel == 0).all(axis=1)) < 0.3
-    assert np.allclose(np.linalg.norm(truth.q_nb, axis=1), 1)
 
 
 @pytest.mark.filterwarnings("error")

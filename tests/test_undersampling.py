@@ -1,6 +1,5 @@
 """What readings miss of motion that is faster than half their rate: the law against a fine integral, and the first look's line."""
 
-import shutil
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,18 +10,14 @@ import pytest
 from conftest import DEG, Table, config, session_of
 from looks import G, look, of
 
-from session.annexes.public.__main__ import main
 from session.detect.check_time import check_undersampling, missed_of_turns
 from session.detect.first_look import check_folder
 from session.detect.stills import Noise, Still
-from session.io.folder import read_session
 from session.io.logfile import Log
 from session.io.samples import Samples
 from tinygc import closure
-from tinygc.closure.build import build_problem
 from tinygc.closure.residual import Batch
 from tinygc.noise.components import undersampling
-from tinygc.noise.twin import Twin
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Hz of the fine grid, and fine samples of a turn and of the rest on either side of it
@@ -201,21 +196,3 @@ def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
     lines = [line for folder in folders for line in check_folder(folder) if line.what == "fast motion"]
     assert lines
     assert all(line.level == "ok" for line in lines)
-
-
-@pytest.mark.slow
-def test_eight_sensors_on_one_hand_miss_the_same(shared, tmp_path):
-    """62.5 Hz: nothing of the sensor is in it, and the sums in the table's axes agree."""
-    source = shared / "mimu" / "exp_2.npz"
-    if not source.exists():
-        pytest.skip(f"no recordings: {source} is not there")
-    shutil.copyfile(source, tmp_path / source.name)
-    assert main(["mimu", str(tmp_path)]) == 0
-    said = []
-    for unit in range(8):
-        line = of(check_folder(tmp_path / "sessions" / f"e2u{unit}"), "fast motion")
-        assert line.level == "warning"
-        said.append(float(line.says.split("about ")[1].split("°")[0]))
-    assert np.std(said) < 0.05 * np.mean(said)
-    told = undersampling(Twin(build_problem(read_session(tmp_path / "sessions" / "e2u1"))))
-    assert said[1] == pytest.approx(told.rms_rad / DEG, rel=0.2)

@@ -21,6 +21,8 @@ from session.io.logfile import Log
 from tinygc.annexes.emulated.readings import Fault, Still
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 
+pytestmark = pytest.mark.emulation
+
 
 def log(name: str, source: str | None) -> Log:
     samples = Table().rest(0.1).samples()

@@ -1,10 +1,8 @@
 """What is said of a discovery: its JSON, its page, the next movement, its files; with laws that stand in hand-made answers."""
 
-import ast
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -243,13 +241,6 @@ def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
     calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path / "explain"), "--no-pictures", "--quiet"])
     assert (effects / "discovered_dead_zone_rate.py").exists()
     assert not ran.exists()
-
-
-def test_nothing_of_the_search_is_loaded_where_nobody_asks():
-    tree = ast.parse(Path(explanations.__file__).read_text(encoding="utf-8"))
-    at_once = {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
-    assert "tinygc.explanation.engine" in at_once
-    assert not [name for name in at_once if name.startswith("tinygc.discovery")]
 
 
 def test_without_the_option_the_json_has_no_such_key(e):

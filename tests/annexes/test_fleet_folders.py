@@ -15,7 +15,7 @@ from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
 from tinygc.annexes.lots.fleet_summary import unit_results
 from tinygc.annexes.lots.fleet_table import open_table
 
-FOREIGN = Path(__file__).parent / "foreign_effects"
+FOREIGN = Path(__file__).parents[1] / "foreign_effects"
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ if MISSING := tools_missing():
 
 from tinygc.annexes.emulated.machine import Machine
 
+pytestmark = pytest.mark.emulation
+
 
 def numbers(kept) -> np.ndarray:
     return np.array([np.frombuffer(sample, "<i2") for _, sample in kept])

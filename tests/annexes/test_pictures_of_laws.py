@@ -24,7 +24,7 @@ from tinygc.reporting.pictures.values import at_constant, per_parameter, per_tur
 
 FS = 500.0  #: dps
 FIRST_C = 25.0
-FOREIGN = Path(__file__).parent / "foreign_effects"
+FOREIGN = Path(__file__).parents[1] / "foreign_effects"
 #: effect -> its size, what it makes of the scale (fraction) at x by the standard's formula, with the parameter k of the axis
 SCALES = {
     "gyro.scale_nonlinearity": (0.03, lambda k, x: k * (x / FS) ** 2),

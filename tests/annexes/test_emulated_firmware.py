@@ -23,6 +23,8 @@ import measure
 
 from tinygc.annexes.emulated.machine import Machine
 
+pytestmark = pytest.mark.emulation
+
 SENSOR = Registers()
 
 

@@ -21,6 +21,8 @@ import emulated_driver
 import measure
 from emulated_driver import NOMINAL_HZ, Driven
 
+pytestmark = pytest.mark.emulation
+
 if MISSING := measure.tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 

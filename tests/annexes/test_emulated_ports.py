@@ -13,6 +13,8 @@ if MISSING := tools_missing():
 
 from tinygc.annexes.emulated.machine import Machine
 
+pytestmark = pytest.mark.emulation
+
 
 def test_bytes_go_out_at_the_lines_speed(tmp_path):
     text = """

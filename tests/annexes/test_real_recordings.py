@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from test_explain_truth import write
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import real_recordings
 from real_recordings_page import HEADER, PREFACE, is_predicted, missed, page, row, said_wrongly, summary
@@ -111,7 +111,7 @@ def test_the_lines_below_the_table_count():
 
 def test_what_is_printed_is_the_page_s_table():
     printed = page([result("xsens", "xsens"), result("injected", "none")], TRUTH)
-    text = (Path(__file__).resolve().parent.parent / "docs" / "measured" / "real-recordings.md").read_text(encoding="utf-8")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "measured" / "real-recordings.md").read_text(encoding="utf-8")
     table = text.split("<!-- table -->\n", 1)[1]
     assert table.startswith(PREFACE + "\n\n| " + " | ".join(HEADER) + " |\n| --- | --- | --- | --- | --- | --- |\n| injected/case01 |")
     assert printed.startswith(table[: table.index("| injected/case01")] + "| injected/none |")

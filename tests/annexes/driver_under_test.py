@@ -39,7 +39,7 @@ def library() -> ctypes.CDLL:
     if shutil.which("gcc") is None:
         pytest.skip("not installed: gcc")
     built = Path(mkdtemp()) / "driver.so"
-    sources = [*(FIRMWARE / name for name in SOURCES), ROOT / "tests" / "driver_fake.c"]
+    sources = [*(FIRMWARE / name for name in SOURCES), ROOT / "tests" / "annexes" / "driver_fake.c"]
     run(["gcc", *FLAGS, "-O1", "-shared", "-fPIC", f"-I{FIRMWARE}", *sources, "-o", built], check=True)
     found = ctypes.CDLL(str(built))
     found.faults.restype = ctypes.POINTER(ctypes.c_uint32 * len(FAULTS))

@@ -21,6 +21,8 @@ if MISSING := tools_missing():
 
 from tinygc.annexes.emulated.machine import Machine
 
+pytestmark = pytest.mark.emulation
+
 #: 416 Hz; the stamps are those of INTERNAL_FREQ_FINE
 STREAMING = (
     SENSOR_ON.replace("0x09, 0x77", "0x09, 0x66").replace("0x78)", "0x68)").replace("0x74)", "0x64)")

@@ -34,6 +34,8 @@ import measure
 
 from tinygc.annexes.emulated.board import EmulatedBoard
 
+pytestmark = pytest.mark.emulation
+
 #: the FIFO of both sensors at 6667 Hz, 64 slots a burst; counts gyroscope words, adds up their first registers, and looks for gaps
 FAST = (
     SENSOR_ON.replace("0x07, 32", "0x07, 128").replace("0x09, 0x77", "0x09, 0xAA").replace("0x78)", "0xA8)").replace("0x74)", "0xA4)")

@@ -18,7 +18,7 @@ from tinygc.annexes.challenge.proof_sessions import SIZE, inject
 from tinygc.effects import load_folder, using
 from tinygc.effects.testing import check
 
-FOREIGN = Path(__file__).parent / "foreign_effects"
+FOREIGN = Path(__file__).parents[1] / "foreign_effects"
 IDS = ("gyro.rate_memory", "gyro.shock_recovery", "gyro.thermal_curvature")
 
 

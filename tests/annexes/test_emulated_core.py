@@ -14,6 +14,8 @@ if MISSING := tools_missing():
 
 from tinygc.annexes.emulated.machine import CYCLES_PER_INSTRUCTION, EXCEPTION_CYCLES, Machine
 
+pytestmark = pytest.mark.emulation
+
 
 def alone(text: str, folder, t_s: float = 0.05, **how) -> Machine:
     machine = Machine(compiled(text, folder), **how)

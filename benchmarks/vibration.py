@@ -22,7 +22,7 @@ from session.io.registers import accel_mps2_per_lsb
 from session.io.units import DEG, G
 from tinygc.annexes.challenge.rate_effects import Scene, vibration_rectification
 from tinygc.closure.build import build_problem
-from tinygc.estimation.physics import fit_physics
+from tinygc.explanation.physics import fit_physics
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import LOWEST_FINE_HZ, plan_of, simulate_session
 from tinygc.simulation.write import config_text, write_files

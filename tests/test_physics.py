@@ -9,7 +9,7 @@ import calibrate
 from session.io.folder import read_session
 from session.io.units import DEG, G
 from tinygc.closure.build import build_problem
-from tinygc.estimation.physics import fit_physics
+from tinygc.explanation.physics import fit_physics
 from tinygc.models.files import load
 from tinygc.models.linear import NAMES
 from tinygc.simulation.options import SimulationOptions

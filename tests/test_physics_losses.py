@@ -10,7 +10,8 @@ import calibrate
 from session.io.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation.physics import loss_words, lost_in
+from tinygc.estimation.physics import loss_words
+from tinygc.explanation.physics import lost_in
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

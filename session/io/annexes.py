@@ -21,6 +21,7 @@ SERVICES = {
     "reports of a discovery": "tinygc.annexes.discovery.report",
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
     "earlier discoveries": "tinygc.annexes.discovery.searched",
+    "models over temperature": "tinygc.annexes.temperature.model",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
 }

@@ -16,7 +16,7 @@ from session.io.folder import Session, input_hashes, read_session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.closure.runs import ClosureRun, read_closure_runs
+from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 from tinygc.estimation import results
 from tinygc.estimation.bias import choose
@@ -38,7 +38,7 @@ from tinygc.models.linear import LinearModel
 Progress = Callable[[str, int, int], None]
 
 if TYPE_CHECKING:
-    from tinygc.estimation.physics import PhysicsFit
+    from tinygc.estimation.physics import FitPhysics
 
 
 def fit_session(
@@ -47,11 +47,13 @@ def fit_session(
     progress: Progress = lambda what, done, of: None,
     saved: Path | None = None,
     prepared: Prepared | None = None,
+    physics: FitPhysics | None = None,
 ) -> FitResult:
     """Run the main job on a session, or on a session folder.
 
     progress is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are taken as they are where
-    they were made from the same files with the same options; prepared: the session, where somebody has it already.
+    they were made from the same files with the same options; prepared: the session, where somebody has it already; physics: fits what
+    ``options.physics`` names, and is needed for that.
     Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
     there are none.
     """
@@ -90,14 +92,15 @@ def fit_session(
     fits, reused = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
-    physics: PhysicsFit | None = None
-    lost: tuple[np.ndarray, ...] = ()
+    named = None
     if options.physics is not None:
+        if physics is None:
+            raise ValueError("options.physics is fitted by a function that is given as physics")
         # A given calibration is what `explain` weighs against reference.accelerometer.
         whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
-        physics, more, more_errors, lost = _run_physics(whole, options, runs, progress)
-        fits |= more
-        errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
+        named = physics(whole, options, runs, lambda what: progress(what, 0, 1))
+        fits |= named.methods
+        errors = [error | more for error, more in zip(errors, named.run_errors, strict=True)]
     model = linear.model
     assert isinstance(model, LinearModel)  # that is what least squares fits
     if given is None:
@@ -120,8 +123,7 @@ def fit_session(
         methods=fits,
         runs=runs,
         run_errors=errors,
-        physics=physics,
-        lost_s=lost,
+        physics=named,
         goodness=found,
         linear=linear,
         covariance=covariance,
@@ -170,16 +172,3 @@ def _run_methods(
         own = problem if name in RAW else level
         fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
     return fits, tuple(name for name in options.methods if name in known and known[name] is not linear)
-
-
-def _run_physics(
-    problem: Problem, options: FitOptions, runs: list[ClosureRun], progress: Progress
-) -> tuple[PhysicsFit, dict[str, MethodFit], list[dict[str, np.ndarray]], tuple[np.ndarray, ...]]:
-    """The physics that was asked for, or that ``explain`` names; the methods that carry it; of each closure run their errors, and the
-    moments after which samples seem to be lost in it."""
-    from tinygc.estimation.physics import lost_in, physics_methods, run_errors
-
-    ids = None if options.physics == ("auto",) else options.physics
-    physics, fits = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))
-    errors = [{name: run_errors(run, fit, physics) for name, fit in fits.items()} for run in runs]
-    return physics, fits, errors, tuple(lost_in(run) for run in runs)

@@ -24,7 +24,7 @@ class Method:
     """One way from a problem to a model.
 
     name: in the JSON and on the command line; title: in tables; module: whose ``run(problem, options, progress, before)`` gives the
-    ``MethodFit``, ``before`` being what was fitted already, by name; None for what ``tinygc/fitting/physics`` fits, above the methods;
+    ``MethodFit``, ``before`` being what was fitted already, by name; None for named physics, which ``fit_session`` is given;
     parameters: how many it fits, None for as many as its model has; chosen: whether ``--methods`` may name it (the others come with an
     option of their own); trained: whether AdamW can train it.
     """

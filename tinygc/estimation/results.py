@@ -90,10 +90,9 @@ class FitResult:
     that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
     opposite choice of still rates; against_raw: whether what was fitted is better than nothing; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
-    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own; joint_covariance (21, 21): of both sensors together
-    (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together; joint_shared
-    (21, 21): what of it comes from a calibration that was given; lot: what came from the prior of a lot, None without one.
+    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had
+    its own; joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they were
+    estimated together; joint_shared (21, 21): what of it comes from a calibration that was given; lot: what came from the prior of a lot, None without one.
     """
 
     problem: Problem
@@ -113,7 +112,6 @@ class FitResult:
     physics: PhysicsFit | None = None
     reused: tuple[str, ...] = ()
     bias_sigma_rps: np.ndarray | None = None
-    lost_s: tuple[np.ndarray, ...] = ()
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
@@ -254,7 +252,7 @@ def to_json(result: FitResult) -> dict:
                 "duration_s": run.duration_s,
                 "floor_rmse_deg": float(np.sqrt(np.mean(run.floor_rad**2))) / DEG,
                 "earth": run.earth.source,
-                **({} if result.physics is None else {"lost_at_s": np.round(result.lost_s[number], 3).tolist()}),
+                **({} if result.physics is None else {"lost_at_s": np.round(result.physics.lost_s[number], 3).tolist()}),
                 **{name: run_figures(error) for name, error in errors.items()},
             }
             for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))

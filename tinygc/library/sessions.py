@@ -219,7 +219,12 @@ def fit(
     ``FitOptions``; progress is told what is being done.  Raises CalibrationError, in one line, for what cannot be read or fitted.
     """
     where = session if isinstance(session, Session) else Path(session)
-    return Fit(fit_session(where, replace(options or FitOptions(), **choices), progress))
+    options = replace(options or FitOptions(), **choices)
+    if options.physics is None:
+        return Fit(fit_session(where, options, progress))
+    from tinygc.explanation.physics import physics_methods
+
+    return Fit(fit_session(where, options, progress, physics=physics_methods))
 
 
 # ``tinygc.simulate``: a session that the rest of the tool cannot tell from a recorded one, with its truth.

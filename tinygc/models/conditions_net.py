@@ -25,8 +25,8 @@ from tinygc.models.physics import CONDITIONS_TABLE, known_of
 # ``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
 # identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
 #
-# What `explain` names has an equation and a place in front of the net (``tinygc/fitting/physics``).  This is for what has no name yet: the
-# net finds by itself how its conditions matter, linearly, and no more.
+# What `explain` names has an equation and a place in front of the net (``CarriedNet``).  This is for what has no name yet: the net finds by
+# itself how its conditions matter, linearly, and no more.
 
 #: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from session.io.annexes import MissingAnnexError, need
 from session.io.errors import FormatError
 from session.io.results import read_json, require, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
@@ -27,13 +28,14 @@ KINDS = {
     "tinygc_denoised": "tinygc.models.denoiser",
     "physics": "tinygc.models.physics",
     "tinygc_physics": "tinygc.models.physics",
-    "thermal": "tinygc.annexes.temperature.model",
 }
+#: kinds that an annex brings -> what it serves them as
+ANNEX_KINDS = {"thermal": "models over temperature"}
 
 
 def to_dict(model: Model, **more: Any) -> dict:
     """JSON-ready, with schema, kind, equation and units; ``more`` is added as it is."""
-    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **more}
+    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind, "model").to_table(model, to_dict), **more}
 
 
 def from_dict(table: Any, where: str = "model") -> Model:
@@ -43,10 +45,10 @@ def from_dict(table: Any, where: str = "model") -> Model:
     if (units := table.get("units", UNITS)) != UNITS:
         raise FormatError(f'{where}: units are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join(KINDS)}; fit again")
+    if not isinstance(kind, str) or (kind not in KINDS and kind not in ANNEX_KINDS):
+        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join((*KINDS, *ANNEX_KINDS))}; fit again")
     require(table, MODEL, where)
-    return _module(kind).from_table(table, where, from_dict)
+    return _module(kind, where).from_table(table, where, from_dict)
 
 
 def load(path: Path | str) -> Model:
@@ -68,5 +70,10 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
     return model, table
 
 
-def _module(kind: str) -> ModuleType:
-    return importlib.import_module(KINDS[kind])
+def _module(kind: str, where: str) -> ModuleType:
+    if kind in KINDS:
+        return importlib.import_module(KINDS[kind])
+    try:
+        return need(ANNEX_KINDS[kind])
+    except MissingAnnexError as error:
+        raise FormatError(f"{where}: {error}") from None

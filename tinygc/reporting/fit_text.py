@@ -84,7 +84,7 @@ def remarks(result: FitResult) -> list[Text]:
     said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         said.append(Text(_physics_words(result.physics), "cyan"))
-        said += [one_line(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
+        said += [one_line(f"{run.file}: {words}.", "yellow") for run, words in _losses(result.runs, result.physics) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
         seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
@@ -140,11 +140,11 @@ def linear_of(fit: MethodFit) -> LinearModel:
     return fit.model
 
 
-def _losses(result: FitResult) -> list[tuple[ClosureRun, str]]:
+def _losses(runs: list[ClosureRun], physics: PhysicsFit) -> list[tuple[ClosureRun, str]]:
     """Each closure run, with what is to be said of samples lost in it."""
     from tinygc.estimation.physics import loss_words
 
-    return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
+    return [(run, loss_words(lost)) for run, lost in zip(runs, physics.lost_s, strict=True)]
 
 
 def _denoiser_words(figures: dict) -> str:

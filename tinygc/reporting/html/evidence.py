@@ -31,9 +31,10 @@ from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.physics import covariance_at_end, loss_words, lost_in, rate_covariance, rows_of_rates
+from tinygc.estimation.physics import covariance_at_end, loss_words, rate_covariance, rows_of_rates
 from tinygc.estimation.results import AT_END, FitResult, versions
 from tinygc.explanation.engine import Explanation, explain_session
+from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -464,7 +465,7 @@ def gather(
     )
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain else {}
     discovery = find("earlier discoveries") if explain else None
-    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
+    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared, physics=physics_methods)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and explain:  # what a fit leaves out is looked at all the same
         prepared = prepared.as_given()

@@ -1,0 +1,174 @@
+"""Fit named physics together with the linear model, as methods beside the others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from session.io.errors import FitError
+from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.residual import Batch, closure_angles
+from tinygc.closure.runs import ClosureRun
+from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.physics import PhysicsFit
+from tinygc.explanation import faulty_readings
+from tinygc.explanation.data_repair import mend
+from tinygc.explanation.decision import FOLD_STEPS, decide, fold_rows, folds_of
+from tinygc.explanation.evidence import Evidence, candidates
+from tinygc.explanation.truth_engine import without_wrong_moments
+from tinygc.explanation.truth_names import TruthTwin, beside_clock, name_beside_truth
+from tinygc.models.nets import CalibrationNet
+from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.noise.channels import in_gauge
+from tinygc.noise.refit import refit
+from tinygc.noise.twin import Twin
+
+
+def effect_of(twin: Twin, name: str) -> Effect:
+    """The effect of an id that was asked for.  FitError, in one line, for what cannot be fitted to this session."""
+    known = {effect.id: effect for effect in candidates(twin)}
+    if name not in catalogue():
+        raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
+    if catalogue()[name].kind == "motion":
+        raise FitError(f"--physics: {name} is motion that the readings miss: there is nothing to fit, and no model gives it back")
+    if name not in known:
+        raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
+    if (scan := known[name].scan) is not None:
+        raise FitError(f"--physics: {name} has a value ({scan.name}) that must be searched for; use --physics auto")
+    return known[name]
+
+
+# Named physics where the reference is a truth file: fitted to the closure between moments of truth alone, the truth's clock beside it.
+
+#: what a fit has left out before, as ``explain`` calls it
+WRONG_MOMENTS = "reference.truth_jump"
+
+
+def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Callable[[str], None]) -> PhysicsFit:
+    """Fit with these effects, or with what ``explain`` names beside the truth (None).  Raises FitError for an id that cannot be fitted."""
+    sound, jumps, _ = without_wrong_moments(problem)
+    refused = False
+    if ids is None:
+        names = name_beside_truth(sound, seed, progress)
+        evidence, effects, refused = names.evidence, names.named, names.decision.refused
+    else:
+        evidence = Evidence(TruthTwin(sound))
+        effects = tuple(_effect(evidence.twin, name) for name in ids)
+    twin = evidence.twin
+    # What wanders without a name is no part of a model: it is noise here.
+    weighed = evidence.of(effects, evidence.nothing)
+    fit = beside_clock(twin, weighed.whiten, weighed.fit)
+    rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
+    model = PhysicsModel(fit.state.model, rate_claims, conditions(sound))
+    return PhysicsFit(model, sound, twin, weighed.whiten, fit, (WRONG_MOMENTS,) if jumps else (), refused)
+
+
+def _effect(twin: Twin, name: str) -> Effect:
+    effect = effect_of(twin, name)
+    if effect.kind != "rate":
+        raise FitError(f"--physics: {name} cannot be fitted beside a truth file: it bends what stills show, and none is a reference there")
+    return effect
+
+
+# Fit the physics that `explain` names, or that was asked for, together with the linear model.
+
+
+def fit_physics(
+    problem: Problem, ids: tuple[str, ...] | None, seed: int = 0, progress: Callable[[str], None] = lambda what: None
+) -> PhysicsFit:
+    """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
+    if problem.session.truths is not None:
+        return fit_beside_truth(problem, ids, seed, progress)
+    mended = mend(problem, progress)
+    twin = Twin(mended.problem)
+    refused = False
+    if ids is None:
+        decision = decide(twin, seed, progress, mended.reference)
+        fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
+        if decision.beyond:  # what has no name is no part of a model
+            fit = refit(twin, whiten, [named.effect for named in decision.naming.named], twin.start())
+    else:
+        evidence = Evidence(twin)
+        asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
+        fit, whiten = asked.fit, asked.whiten
+    fit = in_gauge(twin, whiten, fit)
+    rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
+    model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
+    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused)
+
+
+# Samples lost in a closure run.  A log's losses are mended by its own closure; a run is never fitted, and so nothing in it is mended.
+
+
+def lost_in(run: ClosureRun) -> np.ndarray:
+    """Moments (L,) in seconds of the run's file after which samples seem to be missing, between its two stills."""
+    rows = faulty_readings.find_losses(faulty_readings.find_jumps(run.samples), run.samples.duration_s)
+    inside = rows[(rows >= run.rows.start) & (rows < run.rows.stop - 1)]
+    return run.samples.t_s[inside] - run.samples.t_s[0]
+
+
+# ``fit --physics``: the named physics as methods beside the others, closed on segments they never saw and on the closure runs.
+
+PHYSICS, NET = "physics", "tinygc_physics"
+
+
+def physics_methods(
+    problem: Problem, options: FitOptions, runs: Sequence[ClosureRun], progress: Callable[[str], None] = lambda what: None
+) -> PhysicsFit:
+    """Fit the physics of the options, and the net behind it if the net is among their methods; close both on the runs."""
+    began = time.perf_counter()
+    found = fit_physics(problem, None if options.physics == ("auto",) else options.physics, options.seed, progress)
+    seconds = time.perf_counter() - began
+    twin, with_net = found.twin, "tinygc" in options.methods
+    progress("physics, held out")
+    shape = (len(twin.segments), twin.batch.angles)
+    held_physics, held_net = np.zeros(shape), np.zeros(shape)
+    effects = [claim.effect for claim in found.fit.state.claims]
+    for held in folds_of(len(twin.segments), options.folds):
+        part = refit(twin, found.whiten, effects, found.fit.state, rows=fold_rows(twin, found.whiten, held), max_steps=FOLD_STEPS)
+        held_physics[held] = twin.residuals(part.state).closure[held]
+        if with_net:
+            model = PhysicsModel(part.state.model, _rate_claims(part.state.claims), found.model.known)
+            batch = _without_effects(found, model)
+            seen = np.ones(len(batch), dtype=bool)
+            seen[held] = False
+            net, _ = _train(batch.pick(seen), found.problem.floor.sigma[seen])
+            held_net[held] = closure_angles(batch.pick(~seen), net)
+    angles = twin.residuals(found.fit.state).closure
+    fits = {PHYSICS: MethodFit(PHYSICS, found.model, angles, held_physics, seconds)}
+    if with_net:
+        batch = _without_effects(found, found.model)
+        net, net_seconds = _train(batch, found.problem.floor.sigma)
+        carried = CarriedNet(found.model, net)
+        fits[NET] = MethodFit(NET, carried, closure_angles(batch, net), held_net, seconds + net_seconds)
+    errors = []
+    for run in runs:
+        # Physics needs the whole log, not only the turn; and with the effects known, the stills may show the Earth's heading better.
+        rates = {name: run.rates(fit.model) for name, fit in fits.items()}
+        errors.append({name: run.with_earth(found.fit.state.earth_t, rate).errors_at(rate) for name, rate in rates.items()})
+    return replace(found, methods=fits, run_errors=errors, lost_s=tuple(lost_in(run) for run in runs))
+
+
+def _rate_claims(claims: Iterable[AppliedEffect]) -> tuple[AppliedEffect, ...]:
+    return tuple(claim for claim in claims if claim.effect.kind == "rate")
+
+
+def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:
+    """The batch as the sensor would have measured it without the effects."""
+    twin = found.twin
+    began = [movement.t_s[0] for movement in twin.movements]
+    rates = [model.equivalent_rate(log.samples, start) for log, start in zip(twin.seen.logs, began, strict=True)]
+    return replace(twin.batch_at(found.fit.state), rate=twin.padded(rates))
+
+
+def _train(batch: Batch, sigma: np.ndarray) -> tuple[CalibrationNet, float]:
+    from tinygc.estimation.network_training import train_second_order
+
+    began = time.perf_counter()
+    net = train_second_order(batch, sigma).net
+    assert isinstance(net, CalibrationNet)  # the kind that training begins with
+    return net, time.perf_counter() - began

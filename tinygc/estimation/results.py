@@ -90,9 +90,10 @@ class FitResult:
     that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
     opposite choice of still rates; against_raw: whether what was fitted is better than nothing; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had
-    its own; joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they were
-    estimated together; joint_shared (21, 21): what of it comes from a calibration that was given; lot: what came from the prior of a lot, None without one.
+    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
+    joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated
+    together; joint_shared (21, 21): what of it comes from a calibration that was given; lot: the use that was made of a prior from
+    outside, None without one.
     """
 
     problem: Problem

@@ -16,8 +16,8 @@ from common import in_parallel, markdown, simulated
 
 from session.io.folder import read_session
 from session.io.units import DEG
-from tinygc.annexes.discovery.constants import sharpened
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.constants import refined
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact
 from tinygc.closure.build import build_problem
 from tinygc.explanation.search import rewhitened
@@ -48,10 +48,10 @@ def recovered(job: tuple[str, int]) -> tuple[float, ...]:
     options = SimulationOptions(segments=24, closure_s=0.0, seed=seed, odr_hz=104.0)
     with simulated(options, partial(hidden, law=name)) as folder:
         evidence = FormEvidence(Twin(build_problem(read_session(folder))))
-    law = evidence.effect_of(Form((factor,)))
+    law = evidence.effect_of(LawForm((factor,)))
     have = evidence.of((law,), evidence.nothing)
     fit = rewhitened(evidence.nothing, have.whiten)
-    sharp = sharpened(Form((factor,)), have.whiten, fit, Replay(evidence.twin, fit))
+    sharp = refined(LawForm((factor,)), have.whiten, fit, Replay(evidence.twin, fit))
     have, own = exact(evidence, have, law)
     form = evidence.forms[own.id]
     (constant,), (sigma,) = form.constants, Constants.of(evidence.twin, have, own, form).sigmas(form)

@@ -39,8 +39,8 @@ def best_of(options: SimulationOptions) -> tuple[float, float, str]:
         evidence = Evidence(Twin(build_problem(read_session(write_session(options, Path(parent) / "session")))))
     have = evidence.nothing
     forms = enumerated(largest_of(evidence.twin.movements))
-    looks = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
-    screening = screened(Replay(evidence.twin, have.fit), forms, np.array([bits(form) for form in forms]), looks, options.seed)
+    projections = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
+    screening = screened(Replay(evidence.twin, have.fit), forms, np.array([bits(form) for form in forms]), projections, options.seed)
     best = int(np.argmax(screening.tested))
     return screening.chance_p(screening.tested[best]), float(screening.tested[best]), equation(forms[best])
 

@@ -41,7 +41,7 @@ def distort(t_s, rate, force, temp_c):
 def forms_of(largest: dict[str, float], count: int) -> list:
     """The grammar's, and products beyond it until there are so many."""
     from tinygc.annexes.discovery.enumeration import enumerated
-    from tinygc.annexes.discovery.form import Factor, Form
+    from tinygc.annexes.discovery.form import Factor, LawForm
 
     forms = list(enumerated(largest))
     names = [name for name, size in largest.items() if size > 0]
@@ -51,12 +51,12 @@ def forms_of(largest: dict[str, float], count: int) -> list:
     generator = np.random.default_rng(0)
     while len(forms) < count:
         pair = plain[generator.integers(len(plain))], more[generator.integers(len(more))]
-        forms += [Form(pair, pattern) for pattern in ("each", "full") if pattern == "each" or any(factor.vector for factor in pair)]
+        forms += [LawForm(pair, pattern) for pattern in ("each", "full") if pattern == "each" or any(factor.vector for factor in pair)]
     order = generator.permutation(len(forms))[:count]
     return [forms[number] for number in order]
 
 
-def timed(folder: Path, count: int, looks: int) -> dict:
+def timed(folder: Path, count: int, projections: int) -> dict:
     """Seconds by step, and MB, of screening one folder in this process."""
     from session.io.folder import read_session
     from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
@@ -80,27 +80,27 @@ def timed(folder: Path, count: int, looks: int) -> dict:
         seconds[name] = time.process_time() - begun
         return found
 
-    whitens = [whiten for _, whiten in zip(range(looks), (nothing.whiten, evidence.first_whiten, nothing.whiten), strict=False)]
+    whitens = [whiten for _, whiten in zip(range(projections), (nothing.whiten, evidence.first_whiten, nothing.whiten), strict=False)]
     seen = [(whiten, rewhitened(nothing, whiten)) for whiten in whitens]
     bits = np.full(len(forms), np.log2(len(forms)))
     screening = step("screening", lambda: screened(replay, forms, bits, seen, 1))
     best = step("chance and order", lambda: screening.chance.level(0.05) and forms[screening.order[0]])
     distinct = step("forms that differ", lambda: screening.distinct)
     step("same as the best", lambda: screening.same_as(best))
-    step("sharpening five", lambda: [screening.sharpened(forms[number]) for number in screening.order[:5]])
+    step("sharpening five", lambda: [screening.refined(forms[number]) for number in screening.order[:5]])
     step("learnable", lambda: learnable(screening, 0.01))
     step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3), 0.01))
     more_mb = peak_memory_mb() - before_mb
     return {"seconds": seconds, "memory_mb": more_mb, "distinct": distinct, "products": int(screening.sizes.sum()), "best": repr(best)}
 
 
-def measured(segments: int, forms: int, looks: int) -> dict:
+def measured(segments: int, forms: int, projections: int) -> dict:
     """Simulate, and screen in a fresh process."""
     options = SimulationOptions(segments=segments, odr_hz=104.0, closure_s=0.0, warm_up_c=6.0, seed=1)
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
         folder = write_session(options, Path(parent) / "session", distort=distort)
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        command = [sys.executable, __file__, "--one", str(folder), "--forms", str(forms), "--looks", str(looks)]
+        command = [sys.executable, __file__, "--one", str(folder), "--forms", str(forms), "--looks", str(projections)]
         return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
 
 
@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.one:
-        print(json.dumps(timed(args.one, args.forms[0], args.looks)))
+        print(json.dumps(timed(args.one, args.forms[0], args.projections)))
         return
     for title, sizes, pairs in (
         ("forms, 40 segments: CPU seconds", args.forms, [(40, forms) for forms in args.forms]),
@@ -134,7 +134,7 @@ def main() -> None:
         results = []
         for segments, forms in pairs:
             progress(f"{segments} segments, {forms} forms")
-            results.append(measured(segments, forms, args.looks))
+            results.append(measured(segments, forms, args.projections))
         progress("")
         if results:
             print(growth(title, sizes, results), end="\n\n")

@@ -25,7 +25,7 @@ from tinygc.annexes.challenge.law_examination import SAME
 from tinygc.annexes.challenge.laws import BY_HAND
 from tinygc.annexes.discovery.enumeration import bits, enumerated
 from tinygc.annexes.discovery.equivalence import columns_of
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.words import equation
 from tinygc.effects import Movement
@@ -111,12 +111,12 @@ def nearest(truths: Sequence[tuple[str, AddedRate]]) -> list[Reach]:
     return [found[number] for number in range(len(truths))]
 
 
-def _shapes(forms: Sequence[Form], correlations: np.ndarray) -> list[Form]:
+def _shapes(forms: Sequence[LawForm], correlations: np.ndarray) -> list[LawForm]:
     """The nearest, each of another shape; of those that say the law exactly as they are the plainest alone."""
     exact = np.flatnonzero(correlations > EXACT)
     if len(exact):
         return [min((forms[number] for number in exact.tolist()), key=bits)]
-    shapes: dict[Form, Form] = {}
+    shapes: dict[LawForm, LawForm] = {}
     for number in np.argsort(-correlations, kind="stable").tolist():
         shapes.setdefault(forms[number].shape, forms[number])
         if len(shapes) == NEAREST:
@@ -140,7 +140,7 @@ def _beyond(held: np.ndarray, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _correlations(forms: Sequence[Form], movement: Movement, rows: np.ndarray, held: np.ndarray, targets: np.ndarray) -> np.ndarray:
+def _correlations(forms: Sequence[LawForm], movement: Movement, rows: np.ndarray, held: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """(F, T) with every coefficient free; targets (R, 3, T) are beyond a calibration already."""
 
     @cache
@@ -179,7 +179,7 @@ class _Fit:
         self.movement, self.rows, self.held = movement, rows, _held(movement, rows)
         self.target = _beyond(self.held, added[rows])
 
-    def correlation(self, form: Form) -> float:
+    def correlation(self, form: LawForm) -> float:
         """With every coefficient free."""
         columns = columns_of(form, self.movement)[self.rows]
         own = [columns[:, axis][:, np.abs(columns[:, axis]).max(axis=0) > 0] for axis in range(3)]
@@ -187,7 +187,7 @@ class _Fit:
         return float(np.sqrt(explained / np.sum(self.target**2)))
 
 
-def _sharpened(form: Form, fit: _Fit) -> tuple[Form, float]:
+def _sharpened(form: LawForm, fit: _Fit) -> tuple[LawForm, float]:
     """With its best constants, by the simplex method, and its correlation."""
     from scipy.optimize import minimize
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from session.io.units import DEG, G
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.search_state import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.annexes.discovery.words import equation, what
 from tinygc.effects import Movement
@@ -22,17 +22,17 @@ DRIFT = Beside("gyro.bias_drift", {"dps_over_log": [1.2, 0.4, 0.0]}, {"dps_over_
 
 #: name -> form and its coefficients, dps
 LAWS = {
-    "dead zone": (Form((Factor("rate", "dead_zone", 0.1),)), [0.9, -0.7, 0.5]),
-    "cross": (Form((Factor("force", "itself"), Factor("rate", "itself")), "next"), [1.2, -0.9, 1.1]),
-    "matrix": (Form((Factor("force", "size"),), "full"), [0.1, -0.06, 0.02, 0.05, 0.12, -0.08, -0.03, 0.09, -0.1]),
-    "warm": (Form((Factor("temperature", "root"),)), [0.06, -0.04, 0.05]),
-    "warm rate": (Form((Factor("rate", "size"), Factor("temperature", "itself"))), [0.12, -0.09, 0.1]),
-    "sense": (Form((Factor("sense", "itself"),)), [0.08, -0.05, 0.06]),
-    "lag": (Form((Factor("force", "square", None, 1.5),)), [0.12, -0.1, 0.07]),
+    "dead zone": (LawForm((Factor("rate", "dead_zone", 0.1),)), [0.9, -0.7, 0.5]),
+    "cross": (LawForm((Factor("force", "itself"), Factor("rate", "itself")), "next"), [1.2, -0.9, 1.1]),
+    "matrix": (LawForm((Factor("force", "size"),), "full"), [0.1, -0.06, 0.02, 0.05, 0.12, -0.08, -0.03, 0.09, -0.1]),
+    "warm": (LawForm((Factor("temperature", "root"),)), [0.06, -0.04, 0.05]),
+    "warm rate": (LawForm((Factor("rate", "size"), Factor("temperature", "itself"))), [0.12, -0.09, 0.1]),
+    "sense": (LawForm((Factor("sense", "itself"),)), [0.08, -0.05, 0.06]),
+    "lag": (LawForm((Factor("force", "square", None, 1.5),)), [0.12, -0.1, 0.07]),
 }
 
 
-def law_of(form: Form, dps, **changed) -> Law:
+def law_of(form: LawForm, dps, **changed) -> Law:
     """One law as a search would say it; its numbers are the true ones."""
     name = f"discovered.{what(form)}"
     effect = as_effect(form, name, 1.0, equation(form))
@@ -42,7 +42,7 @@ def law_of(form: Form, dps, **changed) -> Law:
     return replace(law, **{"learnable_from": 0.21, **changed})
 
 
-def runner_up(form: Form, worse: float = 4.2, correlation: float = 0.962) -> RunnerUp:
+def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962) -> RunnerUp:
     """A form that was weighed in a law's place."""
     effect = as_effect(form, "discovered.other", 1.0, equation(form))
     return RunnerUp(form, effect, worse, correlation, "turn slowly and quickly about the same axis")
@@ -63,7 +63,7 @@ def hidden(name: str, folder: Path, **options) -> Path:
     return write_session(SimulationOptions(**chosen), folder, distort=distorting(form, dps))
 
 
-def distorting(form: Form, dps):
+def distorting(form: LawForm, dps):
     """``distort`` of a simulated session: the rate with the law, and the movement it needs."""
 
     def distort(t_s, rate, force, temp_c):

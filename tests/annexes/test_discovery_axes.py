@@ -8,8 +8,8 @@ from simulated_twins import make_twin_of
 
 from session.io.units import DEG
 from tinygc.annexes.discovery.constants import by_axis
-from tinygc.annexes.discovery.form import Factor, Form
-from tinygc.annexes.discovery.projections import Look
+from tinygc.annexes.discovery.form import Factor, LawForm
+from tinygc.annexes.discovery.projections import Projection
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.search_state import differing
 from tinygc.annexes.discovery.selection import FormEvidence
@@ -34,14 +34,16 @@ def held_back(widths_dps):
 def searched_with(twin, width_dps):
     """As much of a search as the question needs: one law beside nothing else."""
     evidence = FormEvidence(twin)
-    form = Form((Factor("rate", "within", width_dps / FS_DPS),))
+    form = LawForm((Factor("rate", "within", width_dps / FS_DPS),))
     law = evidence.effect_of(form)
     best = evidence.of((law,), evidence.nothing)
     whiten = best.whiten
     screening = SimpleNamespace(all_responses=Responses(Replay(twin, evidence.nothing.fit)))
-    look = Look(twin, whiten, rewhitened(evidence.of((), best), whiten))
-    searched = SimpleNamespace(evidence=evidence, round_of=lambda _: SimpleNamespace(screening=screening), look_without=lambda _: look)
-    return searched, law, form, screening.all_responses, look
+    projection = Projection(twin, whiten, rewhitened(evidence.of((), best), whiten))
+    searched = SimpleNamespace(
+        evidence=evidence, round_of=lambda _: SimpleNamespace(screening=screening), projection_without=lambda _: projection
+    )
+    return searched, law, form, screening.all_responses, projection
 
 
 @pytest.mark.parametrize("seed", [3, 5])
@@ -55,18 +57,18 @@ def test_a_width_of_each_axis_is_seen(twin_of, seed):
 
 @pytest.mark.parametrize("seed", [3, 5])
 def test_one_width_for_all_axes_is_left_alone(twin_of, seed):
-    searched, law, form, responses, look = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=seed)[0], 8.0)
-    (found,) = by_axis(form, responses, look)
+    searched, law, form, responses, projection = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=seed)[0], 8.0)
+    (found,) = by_axis(form, responses, projection)
     assert found.more < 10
     assert differing(searched, law) is None
 
 
 def test_a_constant_of_what_has_no_axis_has_no_axes(twin_of):
-    _, _, _, responses, look = searched_with(twin_of(None)[0], 8.0)
-    assert by_axis(Form((Factor("time", "decay", 50.0),)), responses, look) == []
+    _, _, _, responses, projection = searched_with(twin_of(None)[0], 8.0)
+    assert by_axis(LawForm((Factor("time", "decay", 50.0),)), responses, projection) == []
 
 
 def test_a_constant_is_told_in_a_persons_unit():
-    form = Form((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
+    form = LawForm((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
     assert [constant_of(form, number)[0] for number in range(3)] == ["play (°)", "width (of full scale)", "lag (s)"]
     assert constant_of(form, 0)[1] == pytest.approx(180 / np.pi)

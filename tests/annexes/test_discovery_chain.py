@@ -10,15 +10,15 @@ from discovery_answers import LAWS, hidden
 import calibrate
 from session.io.units import DEG
 from tinygc.annexes.discovery import engine
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 
 #: the law, what is near it, and some that have nothing to do with it; benchmarks/discovered_files.py searches among all forms
 FORMS = [
     LAWS["cross"][0],
-    *(Form((Factor("rate", name),)) for name in ("square", "cube", "root_cube")),
-    *(Form((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
-    Form((Factor("force"), Factor("rate"))),
-    Form((Factor("rate"), Factor("rate")), "next"),
+    *(LawForm((Factor("rate", name),)) for name in ("square", "cube", "root_cube")),
+    *(LawForm((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
+    LawForm((Factor("force"), Factor("rate"))),
+    LawForm((Factor("rate"), Factor("rate")), "next"),
 ]
 ID = "discovered.force_rate_next"
 

@@ -6,7 +6,7 @@ from simulated_twins import make_twin_of
 
 from session.io.units import DEG
 from tinygc.annexes.discovery.equivalence import as_effect, columns_of, some_movement
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact, one_step
 from tinygc.noise.twin import claim_slice
 
@@ -35,9 +35,9 @@ def lagging(t_s, rate, force, temp_c):
 
 #: what is put in, the form that says it with a constant that is a third off, and the true one
 LAWS = {
-    "soft": (soft, Form((Factor("rate", "soft", 0.11),)), 0.08, SIZE),
-    "strong excess": (excess, Form((Factor("rate", "excess", 0.13),)), 0.1, 60 * SIZE),
-    "lag": (lagging, Form((Factor("rate_size", "itself", None, 1.0),)), 1.5, 5 * SIZE),
+    "soft": (soft, LawForm((Factor("rate", "soft", 0.11),)), 0.08, SIZE),
+    "strong excess": (excess, LawForm((Factor("rate", "excess", 0.13),)), 0.1, 60 * SIZE),
+    "lag": (lagging, LawForm((Factor("rate_size", "itself", None, 1.0),)), 1.5, 5 * SIZE),
 }
 
 
@@ -72,14 +72,14 @@ def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
 
 def test_a_law_without_constants_stays_as_it_is(twin_of):
     evidence = FormEvidence(twin_of(soft, segments=24)[0])
-    law = evidence.effect_of(Form((Factor("rate", "signed_root"),)))
+    law = evidence.effect_of(LawForm((Factor("rate", "signed_root"),)))
     have = evidence.of((law,), evidence.nothing)
     assert exact(evidence, have, law) == (have, law)
     assert one_step(evidence, have, law, 0.0) == (have, law)
 
 
 @pytest.mark.parametrize(
-    "form", [LAWS["soft"][1], Form((Factor("force", "size"),), "full"), Form((Factor("rate"), Factor("force")), "next")]
+    "form", [LAWS["soft"][1], LawForm((Factor("force", "size"),), "full"), LawForm((Factor("rate"), Factor("force")), "next")]
 )
 def test_the_rate_with_a_law_is_the_sum_of_its_columns(form):
     """Without the zeros of the columns, which cost most of the time."""

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, offered, places
-from tinygc.annexes.discovery.equivalence import Values, columns_of, projections, some_movement, told_apart
-from tinygc.annexes.discovery.form import PATTERNS, Factor, Form, patterns_of
+from tinygc.annexes.discovery.equivalence import FactorValues, columns_of, distinct_forms, some_movement, span_projections
+from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, patterns_of
 from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
 from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, splits, what
 from tinygc.effects import signals, without_vibration
@@ -29,7 +29,7 @@ def movement():
 
 @pytest.fixture(scope="module")
 def values(movement):
-    return Values(movement)
+    return FactorValues(movement)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +47,8 @@ def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
     # miss what another would show, such as what is beyond a high threshold, never the other way round.
     factors = dict.fromkeys(factor for form in forms for factor in form.factors)
     singles, products = [form for form in forms if len(form.factors) == 1], [form for form in forms if len(form.factors) == 2]
-    alone = [Form((factor,), pattern) for factor in factors for pattern in patterns_of((factor,))]
-    told = told_apart(list(dict.fromkeys([*singles, *alone, *products])), [movement, some_movement(FRESHER)])
+    alone = [LawForm((factor,), pattern) for factor in factors for pattern in patterns_of((factor,))]
+    told = distinct_forms(list(dict.fromkeys([*singles, *alone, *products])), [movement, some_movement(FRESHER)])
     assert set(forms) <= set(told)
 
 
@@ -90,21 +90,21 @@ def test_products_are_of_any_two_quantities(forms):
 
 def test_identities_are_one_form(movement):
     same = [
-        Form((Factor("rate", "square"),)),
-        Form((Factor("rate", "size"), Factor("rate", "size"))),
-        Form((Factor("rate", "signed_square"), Factor("rate", "sign"))),
+        LawForm((Factor("rate", "square"),)),
+        LawForm((Factor("rate", "size"), Factor("rate", "size"))),
+        LawForm((Factor("rate", "signed_square"), Factor("rate", "sign"))),
     ]
-    assert told_apart(same, [movement]) == same[:1]
+    assert distinct_forms(same, [movement]) == same[:1]
     # A bias and a matrix hold the rest: what is held within a limit is what is not beyond it.
-    limited = [Form((Factor("rate", function, 0.2),)) for function in ("dead_zone", "within")]
-    assert told_apart(limited, [movement]) == limited[:1]
-    assert told_apart([Form((Factor("rate"),), "full"), Form((Factor("sense"), Factor("sense")))], [movement]) == []
+    limited = [LawForm((Factor("rate", function, 0.2),)) for function in ("dead_zone", "within")]
+    assert distinct_forms(limited, [movement]) == limited[:1]
+    assert distinct_forms([LawForm((Factor("rate"),), "full"), LawForm((Factor("sense"), Factor("sense")))], [movement]) == []
 
 
 def test_a_small_difference_is_one(movement):
     # A limit that is passed in a few samples of four minutes, by little.
-    near = [Form((Factor("time"),)), Form((Factor("time", "excess", 2.0),))]
-    assert told_apart(near, [movement]) == near
+    near = [LawForm((Factor("time"),)), LawForm((Factor("time", "excess", 2.0),))]
+    assert distinct_forms(near, [movement]) == near
 
 
 def test_what_a_calibration_holds_is_no_form(forms):
@@ -133,9 +133,9 @@ def test_constants_are_those_of_the_recording(movement, forms):
 def test_bits_are_those_of_a_code(forms):
     lengths = np.array([bits(form) for form in forms])
     assert np.sum(2.0**-lengths) < 1
-    plain, product = Form((Factor("rate", "square"),)), Form((Factor("rate", "square"), Factor("vibration", "root")))
-    late = Form((Factor("rate", "square", None, 5.0),))
-    assert bits(Form((Factor("force"),))) < bits(plain) < bits(late) < bits(product)
+    plain, product = LawForm((Factor("rate", "square"),)), LawForm((Factor("rate", "square"), Factor("vibration", "root")))
+    late = LawForm((Factor("rate", "square", None, 5.0),))
+    assert bits(LawForm((Factor("force"),))) < bits(plain) < bits(late) < bits(product)
     assert bits(late) == bits(late.with_constants((7.0,)))
 
 
@@ -174,7 +174,7 @@ def _correlation(forms, values, law, every):
     taken, whole = np.zeros(len(forms)), 0.0
     for axis in range(3):
         left = law[rows, axis] - held @ (held.T @ law[rows, axis])
-        taken += np.sum(projections(forms, values, rows, axis, left) ** 2, axis=1)
+        taken += np.sum(span_projections(forms, values, rows, axis, left) ** 2, axis=1)
         whole += left @ left
     return np.sqrt(taken / whole)
 
@@ -281,10 +281,10 @@ def test_a_constant_between_two_places_is_found_from_the_nearer(quantity, functi
     largest = largest_of([movement])[quantity]
     if function is None:  # a lag
         grid = np.array(sorted({lag_s for _, _, lag_s in offered(quantity, few=False) if lag_s is not None}))
-        made = [Form((Factor(quantity, "size", None, lag_s),)) for lag_s in grid]
+        made = [LawForm((Factor(quantity, "size", None, lag_s),)) for lag_s in grid]
     else:
         grid = np.array(sorted(constant_at(quantity, function, place, largest) for place in places(quantity, function)))
-        made = [Form((Factor(quantity, function, constant),)) for constant in grid]
+        made = [LawForm((Factor(quantity, function, constant),)) for constant in grid]
     for at in (len(grid) // 3, len(grid) // 2, 2 * len(grid) // 3):
         true = made[0].with_constants((np.sqrt(grid[at] * grid[at + 1]),))
         law = columns_of(true, movement) @ np.linspace(1, 2, true.size)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tinygc.annexes.discovery.equivalence import as_effect, columns_of, some_movement
-from tinygc.annexes.discovery.form import PATTERNS, Factor, Form, UnitError, text_of, unit_of
+from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, UnitError, text_of, unit_of
 from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
 from tinygc.annexes.discovery.words import equation, in_words
 from tinygc.effects import signals
@@ -26,14 +26,14 @@ def movement():
 @pytest.mark.parametrize(
     ("form", "unit"),
     [
-        (Form((Factor("force"), Factor("temperature"))), "dps/(g·°C)"),
-        (Form((Factor("temperature_rate"),)), "dps·s/°C"),
-        (Form((Factor("force", "square"),), "full"), "dps/g²"),
-        (Form((Factor("rest", "root"), Factor("sense"))), "dps/√s"),
-        (Form((Factor("rest", "decay", 3.0), Factor("sense"))), "dps"),
-        (Form((Factor("jerk"), Factor("vibration"))), "dps·s²/g²"),
-        (Form((Factor("vibration", "root"), Factor("rate"))), "dps/g"),
-        (Form((Factor("turned", "root_cube"),)), "dps/rad^1.5"),
+        (LawForm((Factor("force"), Factor("temperature"))), "dps/(g·°C)"),
+        (LawForm((Factor("temperature_rate"),)), "dps·s/°C"),
+        (LawForm((Factor("force", "square"),), "full"), "dps/g²"),
+        (LawForm((Factor("rest", "root"), Factor("sense"))), "dps/√s"),
+        (LawForm((Factor("rest", "decay", 3.0), Factor("sense"))), "dps"),
+        (LawForm((Factor("jerk"), Factor("vibration"))), "dps·s²/g²"),
+        (LawForm((Factor("vibration", "root"), Factor("rate"))), "dps/g"),
+        (LawForm((Factor("turned", "root_cube"),)), "dps/rad^1.5"),
     ],
 )
 def test_a_coefficient_has_the_unit_that_its_factors_leave(form, unit):
@@ -65,22 +65,22 @@ def test_what_has_no_proper_unit_cannot_be_built(made, says):
 
 def test_a_pattern_that_the_factors_cannot_have_is_refused():
     with pytest.raises(ValueError, match=r"vibration \(scalar\) has no pattern 'full'"):
-        Form((Factor("vibration"),), "full")
+        LawForm((Factor("vibration"),), "full")
     with pytest.raises(ValueError, match="has no pattern 'next'"):
-        Form((Factor("rate"), Factor("vibration")), "next")
+        LawForm((Factor("rate"), Factor("vibration")), "next")
 
 
 # Words
 
 
 def test_words_are_those_of_a_person():
-    form = Form((Factor("sense"), Factor("rest", "decay", 12.0)))
+    form = LawForm((Factor("sense"), Factor("rest", "decay", 12.0)))
     assert equation(form) == "ω_i += c_i s_i exp(−t_r / 12 s), s the sense of the last turn, t_r since the last turn"
-    assert equation(Form((Factor("rate", "signed_root"),))) == "ω_i += c_i sign(u_i)√|u_i|, u = ω / FS"
-    assert equation(Form((Factor("rate"), Factor("force")), "leant")) == "ω_i += u_i Σ_j C_ij f_j, u = ω / FS, f in g"
-    assert "90°" in equation(Form((Factor("turned", "wave", np.pi / 2),)))
+    assert equation(LawForm((Factor("rate", "signed_root"),))) == "ω_i += c_i sign(u_i)√|u_i|, u = ω / FS"
+    assert equation(LawForm((Factor("rate"), Factor("force")), "leant")) == "ω_i += u_i Σ_j C_ij f_j, u = ω / FS, f in g"
+    assert "90°" in equation(LawForm((Factor("turned", "wave", np.pi / 2),)))
     assert "20 % " not in in_words(form)
-    assert in_words(Form((Factor("vibration", "root"), Factor("rate")))).startswith(
+    assert in_words(LawForm((Factor("vibration", "root"), Factor("rate")))).startswith(
         "The error of each axis is proportional to the square root"
     )
 
@@ -122,8 +122,8 @@ def _expected(form, movement):
 
 def test_columns_are_those_of_the_pattern(movement):
     level, wave, late = Factor("level"), Factor("time", "wave", 7.0), Factor("rate", "size", None, 0.5)
-    forms = [Form((Factor("rate", "cube"), Factor("force")), pattern) for pattern in PATTERNS]
-    forms += [Form((level,), "full"), Form((late, wave)), Form((late, Factor("temperature")), "cross"), Form((wave,))]
+    forms = [LawForm((Factor("rate", "cube"), Factor("force")), pattern) for pattern in PATTERNS]
+    forms += [LawForm((level,), "full"), LawForm((late, wave)), LawForm((late, Factor("temperature")), "cross"), LawForm((wave,))]
     for form in forms:
         np.testing.assert_allclose(columns_of(form, movement), _expected(form, movement), rtol=1e-12, atol=1e-15)
 
@@ -131,10 +131,10 @@ def test_columns_are_those_of_the_pattern(movement):
 def test_a_form_is_an_effect_that_reads_no_more_than_it_declares(movement):
     rng = np.random.default_rng(3)
     for form in (
-        Form((Factor("rate", "play", 0.1),), "full"),
-        Form((Factor("temperature", "itself", None, 5.0), Factor("rate"))),
-        Form((Factor("world"),)),
-        Form((Factor("jerk"), Factor("vibration", "root"))),
+        LawForm((Factor("rate", "play", 0.1),), "full"),
+        LawForm((Factor("temperature", "itself", None, 5.0), Factor("rate"))),
+        LawForm((Factor("world"),)),
+        LawForm((Factor("jerk"), Factor("vibration", "root"))),
     ):
         effect = as_effect(form)
         added = effect.distort(movement, rng.standard_normal(form.size) * 1e-3) - movement.rate

@@ -11,7 +11,7 @@ from simulated_twins import make_twin_of
 from session.io.folder import read_session
 from session.io.units import DEG
 from tinygc.annexes.discovery import engine, search_state
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import pairs_of
 from tinygc.annexes.discovery.search_state import FEWEST, RUN, Unseen, beside_calibration, correlation, parted, without
 from tinygc.annexes.discovery.selection import FormEvidence
@@ -23,17 +23,17 @@ from tinygc.simulation.options import SimulationOptions
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG
-PRODUCT = Form((Factor("rate"), Factor("rate")), "next")
-ROOT = Form((Factor("rate", "root_cube"),))
-FORCE = Form((Factor("force", "square"),), "full")
+PRODUCT = LawForm((Factor("rate"), Factor("rate")), "next")
+ROOT = LawForm((Factor("rate", "root_cube"),))
+FORCE = LawForm((Factor("force", "square"),), "full")
 #: forms for a search of a second or so: the law, what is near it, and some that have nothing to do with it
 FORMS = [
-    *(Form((Factor("rate", name),)) for name in ("signed_square", "cube", "root_cube", "square", "size", "signed_root")),
-    *(Form((Factor(name, "square"),)) for name in ("acceleration", "force", "temperature", "time")),
+    *(LawForm((Factor("rate", name),)) for name in ("signed_square", "cube", "root_cube", "square", "size", "signed_root")),
+    *(LawForm((Factor(name, "square"),)) for name in ("acceleration", "force", "temperature", "time")),
     PRODUCT,
     FORCE,
-    Form((Factor("temperature"), Factor("rate"))),
-    Form((Factor("rate", "sign"),)),
+    LawForm((Factor("temperature"), Factor("rate"))),
+    LawForm((Factor("rate", "sign"),)),
 ]
 
 
@@ -156,18 +156,18 @@ def weighed(twin_of):
 def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(weighed):
     evidence, unseen, split = weighed
     right, wrong = (evidence.of((evidence.effect_of(form),), evidence.nothing) for form in (PRODUCT, FORCE))
-    held = unseen.judged(evidence.nothing, right, split.parts)
+    held = unseen.assessed(evidence.nothing, right, split.parts)
     assert held.p_value < 0.01
     assert held.removed > 0.97
     assert held.after_rad < 1.5 * held.floor_rad < held.before_rad
-    worse = unseen.judged(evidence.nothing, wrong, split.parts)
+    worse = unseen.assessed(evidence.nothing, wrong, split.parts)
     assert worse.p_value > 0.05
     assert worse.removed < 0.5
 
 
 def test_a_form_pays_for_its_bits(weighed):
     evidence = weighed[0]
-    plain, sharp = (evidence.effect_of(Form((factor,))) for factor in (Factor("rate", "cube"), Factor("rate", "dead_zone", 0.1)))
+    plain, sharp = (evidence.effect_of(LawForm((factor,))) for factor in (Factor("rate", "cube"), Factor("rate", "dead_zone", 0.1)))
     assert evidence.price(sharp) > evidence.price(plain)
     assert evidence.unpriced(evidence.of((plain,), evidence.nothing)) < evidence.of((plain,), evidence.nothing).score
 
@@ -209,7 +209,7 @@ def test_a_law_that_no_catalogue_has_is_found(discovered):
     assert law.held_out[0].removed > 0.97
 
 
-LEAKS = Form((Factor("acceleration", "square"),), "full")
+LEAKS = LawForm((Factor("acceleration", "square"),), "full")
 MATRIX = 6e-4 * np.array([[1.0, -0.6, 0.4], [0.5, -1.2, 0.3], [-0.4, 0.7, 0.9]])  #: rad/s per (rad/s²)²
 
 

@@ -5,13 +5,13 @@ import pytest
 from discovery_answers import LAWS, found, hidden, law_of, runner_up
 
 from session.io.units import DEG
-from tinygc.annexes.discovery.form import Factor, Form
-from tinygc.annexes.discovery.law_fits import Series, curve, main_of, other_curve, pairs_of, series_of
+from tinygc.annexes.discovery.form import Factor, LawForm
+from tinygc.annexes.discovery.law_fits import LawSeries, curve, main_of, other_curve, pairs_of, series_of
 from tinygc.annexes.discovery.pictures import figure_of, of_stills, of_turns
 from tinygc.explanation.engine import explain_session
 from tinygc.reporting.pictures.canvas import save
 
-WARMER = Form((Factor("temperature", "itself"),))
+WARMER = LawForm((Factor("temperature", "itself"),))
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def test_terms_that_one_axis_has_from_one_component_are_one_series():
     assert [(each.axis, each.component, each.entries) for each in of["cross"]] == [(0, 1, (0,)), (1, 2, (1,)), (2, 0, (2,))]
     assert len(of["matrix"]) == 9
     assert (of["matrix"][5].axis, of["matrix"][5].component) == (1, 2)
-    wave = series_of(Form((Factor("turned", "wave", 6.0),)))
+    wave = series_of(LawForm((Factor("turned", "wave", 6.0),)))
     assert [(each.axis, each.entries) for each in wave] == [(0, (0, 1)), (1, (2, 3)), (2, (4, 5))]
     assert [each.axis for each in series_of(WARMER)] == [0, 1, 2]
 
@@ -58,9 +58,9 @@ def test_the_runner_up_is_drawn_with_its_own_calibration(warm):
 
 def test_what_follows_another_quantity_has_no_curve(warm):
     e, _, (pair,) = warm
-    force = law_of(Form((Factor("force", "itself"),)), [0.1, 0.1, 0.1])
+    force = law_of(LawForm((Factor("force", "itself"),)), [0.1, 0.1, 0.1])
     (other,) = pairs_of(e, found(force))
-    assert other_curve(e, pair.own, other.own, Series(0, 0, (0,))) is None
+    assert other_curve(e, pair.own, other.own, LawSeries(0, 0, (0,))) is None
 
 
 def readable(axes) -> None:

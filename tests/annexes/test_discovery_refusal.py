@@ -90,19 +90,19 @@ def test_what_was_put_away_does_not_ask_for_a_further_law():
     assert leaves_something(Answered(unusual=True))
 
 
-def judged(*others, axes=None):
+def assessed(*others, axes=None):
     return SimpleNamespace(form=FORM, others=list(others), axes=axes)
 
 
 def test_a_law_is_found_where_nothing_is_undecided():
     law = law_of(*LAWS["matrix"])
     assert law.gain > DECISIVE
-    assert engine._undecided([judged()], (law,), ALL_OF_IT) == ""
-    assert engine._undecided([judged()], (law,), ALL_OF_IT - 0.001).startswith("98.9 % of the excess goes with it")
+    assert engine._undecided([assessed()], (law,), ALL_OF_IT) == ""
+    assert engine._undecided([assessed()], (law,), ALL_OF_IT - 0.001).startswith("98.9 % of the excess goes with it")
     faint = law_of(*LAWS["matrix"], gain=DECISIVE - 1)
-    assert engine._undecided([judged()], (law, faint), 1.0).startswith("too little is seen of it")
+    assert engine._undecided([assessed()], (law, faint), 1.0).startswith("too little is seen of it")
     rival = Rival(OTHER, None, 3.0, 3.0, 0.5)
-    assert engine._undecided([judged(rival, rival)], (law,), 1.0) == "3 forms of equal worth add different rates"
+    assert engine._undecided([assessed(rival, rival)], (law,), 1.0) == "3 forms of equal worth add different rates"
 
 
 def test_a_constant_of_each_axis_is_said():
@@ -114,12 +114,15 @@ def test_a_constant_of_each_axis_is_said():
 
 def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     """Of a rival that came near, and was not refitted, nobody knows whether it adds the same rate."""
-    same, unknown, far = (Rival(OTHER, None, worse, worse, alike) for worse, alike in ((1.0, EQUAL + 0.001), (5.0, 0.0), (STAND_IN, 0.3)))
+    same, unknown, far = (
+        Rival(OTHER, None, worse, worse, equivalent_forms)
+        for worse, equivalent_forms in ((1.0, EQUAL + 0.001), (5.0, 0.0), (STAND_IN, 0.3))
+    )
     monkeypatch.setattr(engine, "rivals", lambda *_: [same, unknown, far])
     monkeypatch.setattr(engine, "differing", lambda *_: None)
     searched = Answered()
     searched.round_of, searched.tried = lambda law: None, []
-    found = engine._judged(searched, LAW)
+    found = engine._assessed(searched, LAW)
     assert found.others == [unknown]
     assert found.same == [same]
 

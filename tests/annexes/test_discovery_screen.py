@@ -12,12 +12,12 @@ from simulated_twins import make_twin_of
 from session.io.units import DEG
 from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery import screening as spread
-from tinygc.annexes.discovery.constants import sharpened
+from tinygc.annexes.discovery.constants import refined
 from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
 from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, places
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import PATTERNS, Factor, Form
-from tinygc.annexes.discovery.projections import FAINT, Look, basis_of
+from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm
+from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of
 from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.screening import Chance, beside_calibration, screened
@@ -34,8 +34,8 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
-ROOT_CUBE = Form((Factor("rate", "root_cube"),))
-DEAD_ZONE = Form((Factor("rate", "dead_zone", 0.13),))
+ROOT_CUBE = LawForm((Factor("rate", "root_cube"),))
+DEAD_ZONE = LawForm((Factor("rate", "dead_zone", 0.13),))
 
 
 class Seen:
@@ -75,12 +75,12 @@ def null(seen):
 def of_every_pattern():
     plain, lagged = Factor("rate", "size"), Factor("acceleration", "itself", None, 0.15)
     yield from (
-        Form((factor,), pattern) for factor in (plain, lagged, Factor("force", "wave", 0.7)) for pattern in ("each", "full", "cross")
+        LawForm((factor,), pattern) for factor in (plain, lagged, Factor("force", "wave", 0.7)) for pattern in ("each", "full", "cross")
     )
-    yield from (Form((Factor("rate"), Factor("force", "square")), pattern) for pattern in PATTERNS)
-    yield from (Form(pair) for pair in combinations([Factor("temperature", "root"), Factor("sense"), Factor("level", "wave", 0.4)], 2))
-    yield Form((Factor("rate"), Factor("rate")), "next")
-    yield Form((Factor("time", "decay", 20.0),))
+    yield from (LawForm((Factor("rate"), Factor("force", "square")), pattern) for pattern in PATTERNS)
+    yield from (LawForm(pair) for pair in combinations([Factor("temperature", "root"), Factor("sense"), Factor("level", "wave", 0.4)], 2))
+    yield LawForm((Factor("rate"), Factor("rate")), "next")
+    yield LawForm((Factor("time", "decay", 20.0),))
 
 
 @pytest.mark.parametrize("form", list(of_every_pattern()), ids=repr)
@@ -99,9 +99,9 @@ def test_columns_are_the_twins(seen, form):
 
 def test_products_of_two_rates_that_sum_to_nothing_close_as_a_skew_of_the_axes_does(seen):
     """By parts, delays d close as w x (d w): the product of the two other rates, d_z - d_y on x and so on.  No closure tells them apart."""
-    look = Look(seen.twin, seen.whiten, seen.fit)
-    skews = look.seen(seen.replay.columns(catalogue()["timing.axis_skew"]).stacked())
-    products = look.seen(seen.responses.columns(Form((Factor("rate"), Factor("rate")), "next")))
+    projection = Projection(seen.twin, seen.whiten, seen.fit)
+    skews = projection.seen(seen.replay.columns(catalogue()["timing.axis_skew"]).stacked())
+    products = projection.seen(seen.responses.columns(LawForm((Factor("rate"), Factor("rate")), "next")))
     by_products = np.linalg.lstsq(products, skews, rcond=None)[0]
     left = np.linalg.norm(skews - products @ by_products, axis=0) / np.linalg.norm(skews, axis=0)
     assert left.max() < 0.005
@@ -125,24 +125,24 @@ def test_gains_are_those_of_the_catalogues_ranking(seen):
 def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
     """Whitening by a full matrix, and the nuisance taken out by I - q q': lengths and scalar products are the same to rounding."""
     fit = seen.law(8)
-    look = Look(seen.twin, seen.whiten, fit, rows)
+    projection = Projection(seen.twin, seen.whiten, fit, rows)
     rows = np.arange(len(fit.r)) if rows is None else rows
     whitening = np.linalg.inv(np.linalg.cholesky(seen.whiten.covariance[np.ix_(rows, rows)]))
     q = orthonormal(whitening @ seen.whiten.back(fit.J)[rows])
     project = (np.eye(len(rows)) - q @ q.T) @ whitening
-    columns = seen.responses.columns(Form((Factor("rate", "size"),), "full"))[rows]
+    columns = seen.responses.columns(LawForm((Factor("rate", "size"),), "full"))[rows]
     columns = columns / np.linalg.norm(columns, axis=0)
     recorded = seen.whiten.back(fit.r)[rows]
-    expected, free = project @ columns, look.seen(columns)
-    assert look.free == len(rows) - q.shape[1] == len(free)
+    expected, free = project @ columns, projection.seen(columns)
+    assert projection.free == len(rows) - q.shape[1] == len(free)
     largest = np.abs(expected.T @ expected).max()
     assert np.allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * largest)
-    assert np.allclose(free.T @ look.residual, expected.T @ (project @ recorded), rtol=1e-9)
+    assert np.allclose(free.T @ projection.residual, expected.T @ (project @ recorded), rtol=1e-9)
     # As one matrix, single precision: those rows first, then those along the nuisance, which have the rest of the length.
-    dense = look.matrix()
+    dense = projection.matrix()
     assert dense.dtype == np.float32
-    assert np.allclose(dense[: look.free] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
-    assert np.allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(look.whitened(columns), axis=0), rtol=1e-5)
+    assert np.allclose(dense[: projection.free] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
+    assert np.allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(projection.whitened(columns), axis=0), rtol=1e-5)
 
 
 def test_a_law_that_is_put_in_promises_most(seen):
@@ -188,9 +188,9 @@ def test_noise_that_is_larger_than_stated_raises_no_alarm(seen, null):
 
 
 def test_forms_that_are_the_same_here_are_said(seen):
-    wide = Form((Factor("temperature", "within", 1e3),))
-    twice = Form((Factor("temperature"), Factor("temperature")))
-    plain, square = Form((Factor("temperature"),)), Form((Factor("temperature", "square"),))
+    wide = LawForm((Factor("temperature", "within", 1e3),))
+    twice = LawForm((Factor("temperature"), Factor("temperature")))
+    plain, square = LawForm((Factor("temperature"),)), LawForm((Factor("temperature", "square"),))
     others = [form for form in seen.forms if "temperature" not in repr(form)][:200]
     forms = [wide, twice, square, plain, *others]
     bits = np.array([8.0, 9.0, 6.0, 5.0, *[10.0] * len(others)])
@@ -204,12 +204,12 @@ def test_forms_that_are_the_same_here_are_said(seen):
 
 def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
     """What one turn alone has is said by the rate of all the others, and a scale factor that makes up for it."""
-    first = Form((Factor("rate"), Factor("time", "beyond", 6.0)))
+    first = LawForm((Factor("rate"), Factor("time", "beyond", 6.0)))
     fit = seen.law(4, first, np.array([0.5, 0.5, -0.5]) * seen.twin.movements[0].fs_rps)
-    look = Look(seen.twin, seen.whiten, fit)
-    assert takes_calibration(first, seen.responses, look, fit)
+    projection = Projection(seen.twin, seen.whiten, fit)
+    assert takes_calibration(first, seen.responses, projection, fit)
     fit = seen.law(4, ROOT_CUBE, np.array([3.0, -2.0, 2.5]) * DEG)
-    assert not takes_calibration(ROOT_CUBE, seen.responses, Look(seen.twin, seen.whiten, fit), fit)
+    assert not takes_calibration(ROOT_CUBE, seen.responses, Projection(seen.twin, seen.whiten, fit), fit)
 
 
 def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
@@ -218,22 +218,22 @@ def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
     theta = np.array([2.0, -1.5, 1.0]) * DEG
     for below, above in pairwise(grid[8:12]):
         for share in (0.25, 0.5, 0.75):
-            law = Form((Factor("rate", "latch", float(below * (above / below) ** share)),))
+            law = LawForm((Factor("rate", "latch", float(below * (above / below) ** share)),))
             fit = seen.law(5, law, theta)
-            look = Look(seen.twin, seen.whiten, fit)
-            basis = basis_of(law, seen.responses, look)
-            found = sharpened(law.with_constants((below if share < 0.5 else above,)), seen.whiten, fit, seen.replay)
-            assert found.gain > np.sum((basis.T @ look.residual) ** 2) - 20
+            projection = Projection(seen.twin, seen.whiten, fit)
+            basis = basis_of(law, seen.responses, projection)
+            found = refined(law.with_constants((below if share < 0.5 else above,)), seen.whiten, fit, seen.replay)
+            assert found.gain > np.sum((basis.T @ projection.residual) ** 2) - 20
 
 
 def test_constants_are_sharpened_within_their_sigma(seen):
     theta = np.array([4.0, -4.0, 4.0]) * DEG
     z = []
     for seed in range(12):
-        found = sharpened(DEAD_ZONE.with_constants((0.1,)), seen.whiten, seen.law(seed, DEAD_ZONE, theta), seen.replay)
+        found = refined(DEAD_ZONE.with_constants((0.1,)), seen.whiten, seen.law(seed, DEAD_ZONE, theta), seen.replay)
         z.append((found.form.constants[0] - 0.13) / found.constants_sigma[0])
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6  # chi-square of 12: 0.1 % on either side
-    assert Form((Factor("rate", "dead_zone", found.form.constants[0]),)) == found.form
+    assert LawForm((Factor("rate", "dead_zone", found.form.constants[0]),)) == found.form
 
 
 def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
@@ -258,11 +258,11 @@ def test_what_is_said_to_be_learnable_is(seen, null):
 
 #: few enough for a whole search in a second or so; one plain law of the rate, which is then the probe
 FEW = [
-    Form((Factor("rate", "square"),)),
-    Form((Factor("rate"), Factor("rate")), "next"),
-    *(Form((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
-    Form((Factor("force", "square"),), "full"),
-    Form((Factor("rate_size"), Factor("rate"))),
+    LawForm((Factor("rate", "square"),)),
+    LawForm((Factor("rate"), Factor("rate")), "next"),
+    *(LawForm((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
+    LawForm((Factor("force", "square"),), "full"),
+    LawForm((Factor("rate_size"), Factor("rate"))),
 ]
 
 
@@ -293,9 +293,9 @@ def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monk
 
 
 def _says(seen, form, theta):
-    look = Look(seen.twin, seen.whiten, seen.fit)
-    law = look.seen(seen.responses.columns(ROOT_CUBE) @ theta)
-    basis = orthonormal(look.seen(seen.responses.columns(form)))
+    projection = Projection(seen.twin, seen.whiten, seen.fit)
+    law = projection.seen(seen.responses.columns(ROOT_CUBE) @ theta)
+    basis = orthonormal(projection.seen(seen.responses.columns(form)))
     return np.sum((basis.T @ law) ** 2) > 0.98 * law @ law
 
 
@@ -324,7 +324,7 @@ def test_what_could_have_been_found_of_each_quantity(seen, null):
     assert min(grown) > 0.97
     assert np.median(grown) > 1.2
     # A bias and a scale are a calibration's: nothing of them is left but what is slower than a hand.
-    assert beside_calibration(Form((Factor("rate"),)), np.full(3, DEG), seen.responses.values) < 1e-3 * DEG
+    assert beside_calibration(LawForm((Factor("rate"),)), np.full(3, DEG), seen.responses.values) < 1e-3 * DEG
 
 
 def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
@@ -369,7 +369,7 @@ def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
 
 def test_a_sign_of_the_rate_says_nothing_of_rests(seen):
     """At rest a reading's sign is that of its noise, whose mean is the very residual of the still: a law of it would be found in noise."""
-    columns = seen.responses.columns(Form((Factor("rate", "sign"),)))
+    columns = seen.responses.columns(LawForm((Factor("rate", "sign"),)))
     stills = columns[seen.whiten.parts["still"]]
     assert np.any(columns[seen.whiten.parts["closure"]])
     # What a hand still does as a rest begins and ends is left of it.

@@ -17,10 +17,10 @@ from session.io.results import json_text
 from session.io.units import DEG
 from tinygc import closure, explain
 from tinygc.annexes.discovery import engine, law_fits
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import best_trial, pairs_of
 from tinygc.annexes.discovery.law_words import terms_of
-from tinygc.annexes.discovery.report import Told
+from tinygc.annexes.discovery.report import DiscoveryReport
 from tinygc.annexes.discovery.result import discovery_page
 from tinygc.annexes.discovery.words import in_words
 from tinygc.closure.residual import Batch
@@ -30,7 +30,7 @@ from tinygc.library.sessions import as_text
 from tinygc.planning.proposals import requested_by_explain
 from tinygc.planning.turns import trials
 
-ZONE, CUBE = LAWS["dead zone"], Form((Factor("rate", "cube"),))
+ZONE, CUBE = LAWS["dead zone"], LawForm((Factor("rate", "cube"),))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def told_law(**changed):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_key_is_on_the_page_and_survives_json(e, name):
     law = law_of(*LAWS[name], same=(CUBE,), held_out=(OTHER_LOG, OTHER_LOG))
-    table = Told(e, found(law, beside=(DRIFT,))).table
+    table = DiscoveryReport(e, found(law, beside=(DRIFT,))).table
     assert not strangers(table)
     assert json.loads(json_text(table))["discovery"] == table["discovery"]
     (said,) = table["discovery"]["laws"]
@@ -69,7 +69,7 @@ def test_every_key_is_on_the_page_and_survives_json(e, name):
 
 
 def test_what_has_no_laws_has_the_limits(e):
-    table = Told(e, NOTHING).table
+    table = DiscoveryReport(e, NOTHING).table
     assert not strangers(table)
     assert table["discovery"]["laws"] == []
     assert table["discovery"]["learnable"] == {"rate": {"size_dps": pytest.approx(0.011)}, "force": {"size_dps": pytest.approx(0.0042)}} | {
@@ -78,8 +78,8 @@ def test_what_has_no_laws_has_the_limits(e):
 
 
 def test_the_page_of_a_law_says_what_a_bench_needs(e):
-    law = told_law(runners_up=(runner_up(CUBE),), same=(Form((Factor("rate", "root"),)),), held_out=(DECIDED, OTHER_LOG))
-    lines = lines_of(Told(e, found(law, verdict="ambiguous", beside=(DRIFT,))).table)
+    law = told_law(runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate", "root"),)),), held_out=(DECIDED, OTHER_LOG))
+    lines = lines_of(DiscoveryReport(e, found(law, verdict="ambiguous", beside=(DRIFT,))).table)
     text = "\n".join(lines)
     assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
     assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
@@ -93,11 +93,11 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     assert "beside it: gyro.bias_drift  dps_over_log: 1.20 ± 0.10   0.40 ± 0.10   0.00 ± 0.10" in text
     assert "from 0.21 of its size on" in text
     assert "a search finds as much with p = 0.0005" in text
-    assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(Told(e, found(told_law(chance_p=0.0))).table))
+    assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(DiscoveryReport(e, found(told_law(chance_p=0.0))).table))
 
 
 def test_the_page_of_nothing_says_how_much_that_is_worth(e):
-    lines = lines_of(Told(e, NOTHING).table)
+    lines = lines_of(DiscoveryReport(e, NOTHING).table)
     assert lines[0] == "Beyond the catalogue: no equation of this grammar   (41234 forms tried, 10987 of them distinct here)"
     text = " ".join(lines)
     assert "promises 812 in −2 log evidence" in text
@@ -106,20 +106,20 @@ def test_the_page_of_nothing_says_how_much_that_is_worth(e):
 
 
 def test_there_is_one_next_step_and_the_search_says_it(e):
-    told = Told(e, found(told_law(runners_up=(runner_up(CUBE),)), verdict="ambiguous"))
+    told = DiscoveryReport(e, found(told_law(runners_up=(runner_up(CUBE),)), verdict="ambiguous"))
     page = [part.plain for part in told.page.renderables[0].renderables if isinstance(part, Text)]
     assert not [line for line in page if line.startswith("next: ")]
     assert sum(line.startswith("next: ") for line in lines_of(told.table)) == 1
     assert told.table["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
     for rivals in ((), (runner_up(CUBE, worse=40.0),)):  # what is so much worse is drawn, and asks for nothing
-        assert Told(e, found(told_law(runners_up=rivals))).table["next"].startswith("record a second session")
+        assert DiscoveryReport(e, found(told_law(runners_up=rivals))).table["next"].startswith("record a second session")
 
 
 def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
-    same = runner_up(Form((Factor("rate", "dead_zone", 0.1001),)))
-    warm = law_of(*LAWS["warm"], runners_up=(runner_up(Form((Factor("temperature", "square"),))),))
+    same = runner_up(LawForm((Factor("rate", "dead_zone", 0.1001),)))
+    warm = law_of(*LAWS["warm"], runners_up=(runner_up(LawForm((Factor("temperature", "square"),))),))
     for law in (told_law(runners_up=(same,)), warm):
-        assert Told(e, found(law, verdict="ambiguous")).table["next"].endswith(f": {same.splits}")
+        assert DiscoveryReport(e, found(law, verdict="ambiguous")).table["next"].endswith(f": {same.splits}")
 
 
 def test_of_two_laws_each_has_its_own_numbers(e):
@@ -269,20 +269,20 @@ def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
 
 def test_what_is_left_beyond_noise_is_said(e):
     more = replace(DECIDED, noise_p=2e-5)
-    lines = lines_of(Told(e, found(told_law(held_out=(DECIDED, more)))).table)
+    lines = lines_of(DiscoveryReport(e, found(told_law(held_out=(DECIDED, more)))).table)
     assert " ".join(lines).count("the rest is more than the sensor's own noise") == 1
     assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
-    (law,) = Told(e, found(told_law(held_out=(more,)))).table["discovery"]["laws"]
+    (law,) = DiscoveryReport(e, found(told_law(held_out=(more,)))).table["discovery"]["laws"]
     assert law["held_out"][0]["noise_p"] == 2e-5
 
 
 def test_degrees_and_radians(e):
-    (law,) = Told(e, found(told_law())).table["discovery"]["laws"]
+    (law,) = DiscoveryReport(e, found(told_law())).table["discovery"]["laws"]
     assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
 
 
 def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
-    lines = lines_of(Told(e, found(law_of(*LAWS["matrix"]))).table)
+    lines = lines_of(DiscoveryReport(e, found(law_of(*LAWS["matrix"]))).table)
     rows = [line.split(": ")[-1].strip() for line in lines if " ← " in line]
     assert [row.split(" ± ")[0] for row in rows] == ["x ← x 0.1000", "y ← x 0.0500", "z ← x -0.03000"]
     assert all("   y " in row and "   z " in row for row in rows)
@@ -291,11 +291,11 @@ def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows
 @pytest.mark.parametrize(
     ("form", "some"),
     [
-        (Form((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
-        (Form((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
-        (Form((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
-        (Form((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
-        (Form((Factor("rate"),)), {0: "x", 2: "z"}),
+        (LawForm((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
+        (LawForm((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
+        (LawForm((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
+        (LawForm((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
+        (LawForm((Factor("rate"),)), {0: "x", 2: "z"}),
     ],
 )
 def test_terms_stand_in_the_order_of_the_numbers(form, some):
@@ -305,16 +305,16 @@ def test_terms_stand_in_the_order_of_the_numbers(form, some):
 
 
 def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_else(e):
-    clipped = runner_up(Form((Factor("rate", "within", 0.1),)))
-    lines = lines_of(Told(e, found(told_law(runners_up=(clipped,)))).table)
+    clipped = runner_up(LawForm((Factor("rate", "within", 0.1),)))
+    lines = lines_of(DiscoveryReport(e, found(told_law(runners_up=(clipped,)))).table)
     (said,) = [line for line in lines if line.startswith("in these equations: ")]
     assert said == "in these equations: clip(x, ±c) = x held within ±c"
     assert "dz(x, c) = x beyond ±c" in next(line for line in lines if line.startswith("discovered."))
-    assert not [line for line in lines_of(Told(e, found(law_of(*LAWS["cross"]))).table) if line.startswith("in these equations")]
+    assert not [line for line in lines_of(DiscoveryReport(e, found(law_of(*LAWS["cross"]))).table) if line.startswith("in these equations")]
 
 
 def test_a_lag_of_a_neighbour_is_said_beside_it():
-    words = in_words(Form((Factor("rate", "itself", None, 0.124), Factor("force")), "next"))
+    words = in_words(LawForm((Factor("rate", "itself", None, 0.124), Factor("force")), "next"))
     assert words == (
         "The error of each axis is proportional to the rate of the next axis (through a first-order lag of 0.124 s), "
         "times the specific force of the one after that (after x comes y, after y z, after z x)."

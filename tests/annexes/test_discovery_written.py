@@ -10,7 +10,7 @@ from discovery_answers import LAWS, law_of
 from session.io.units import DEG
 from tinygc.annexes.discovery.effect_file import Where, written
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_code import device_code
 from tinygc.annexes.discovery.law_words import constants_of
 from tinygc.effects import FoundAt, StageC, load_folder, using
@@ -20,12 +20,12 @@ from tinygc.effects.testing import check
 RATE, WARMTH = Factor("rate"), Factor("temperature")
 #: laws that a device can undo: of each axis, with constants of two quantities, of neighbours, and matrices
 ON_A_DEVICE = {
-    "temperature": Form((WARMTH,)),
-    "beyond both": Form((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
-    "two clippings": Form((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
-    "another threshold": Form((Factor("rate", "excess", 0.3),)),
-    "next": Form((Factor("rate", "size_cube"), RATE), "next"),
-    "matrix": Form((Factor("rate", "size"), WARMTH), "full"),
+    "temperature": LawForm((WARMTH,)),
+    "beyond both": LawForm((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
+    "two clippings": LawForm((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
+    "another threshold": LawForm((Factor("rate", "excess", 0.3),)),
+    "next": LawForm((Factor("rate", "size_cube"), RATE), "next"),
+    "matrix": LawForm((Factor("rate", "size"), WARMTH), "full"),
 }
 
 
@@ -45,11 +45,11 @@ def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(name, tmp_
 @pytest.mark.parametrize(
     ("form", "why"),
     [
-        (Form((Factor("force"), RATE)), "samples belong that are yet to come"),
-        (Form((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
-        (Form((Factor("rate", "root"),)), "last bits differ"),
-        (Form((Factor("temperature", "itself", None, 2.0),)), "lag"),
-        (Form((Factor("sense"),)), "from the beginning"),
+        (LawForm((Factor("force"), RATE)), "samples belong that are yet to come"),
+        (LawForm((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
+        (LawForm((Factor("rate", "root"),)), "last bits differ"),
+        (LawForm((Factor("temperature", "itself", None, 2.0),)), "lag"),
+        (LawForm((Factor("sense"),)), "from the beginning"),
     ],
 )
 def test_a_law_without_c_says_why(form, why):
@@ -85,7 +85,7 @@ def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_beg
 @pytest.mark.parametrize("full_scale", [125.0, 2000.0])
 def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_found(full_scale, tmp_path):
     """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""
-    form = Form((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))
+    form = LawForm((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))
     effect = loaded(written(law_of(form, [0.9, -0.8, 0.7]), Where("here", full_scale_dps=full_scale, first_temp_c=61.0)), tmp_path)
     assert effect.found_at == FoundAt(full_scale * DEG, 61.0)
     assert check(effect, parts=("columns", "undo", "live")).ok
@@ -93,7 +93,7 @@ def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_fo
 
 def test_a_strong_law_passes_the_proof_as_it_is_written(tmp_path):
     """Clipped rates through a full matrix: a third of the rate in sum; its C takes as many passes as that needs."""
-    form = Form((Factor("rate", "within", 0.2),), "full")
+    form = LawForm((Factor("rate", "within", 0.2),), "full")
     text = written(law_of(form, [40, -30, 20, 25, 45, -30, 20, 30, -50]), Where("here", full_scale_dps=500.0))
     report = check(loaded(text, tmp_path), parts=("undo", "c"))
     assert report.ok, str(report)
@@ -101,7 +101,7 @@ def test_a_strong_law_passes_the_proof_as_it_is_written(tmp_path):
 
 
 def test_a_law_too_strong_to_be_undone_says_so_in_its_file():
-    form = Form((Factor("acceleration", "size"),))
+    form = LawForm((Factor("acceleration", "size"),))
     assert "Undoing" in (text := written(law_of(form, [9.0, -8.0, 9.0]), Where("here", full_scale_dps=500.0)))
     assert "30 passes of substitution do not take it off" in " ".join(text.split())
     assert "Undoing" not in written(law_of(form, [0.5, -0.4, 0.6]), Where("here", full_scale_dps=500.0))

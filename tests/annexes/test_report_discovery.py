@@ -10,13 +10,13 @@ from html_pages import parsed
 from session.io.errors import FormatError
 from session.io.folder import sha256_of
 from session.io.results import json_text
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.report_section import section
 from tinygc.annexes.discovery.result import to_json
 from tinygc.annexes.discovery.searched import PNG, searched
 from tinygc.reporting.html.page import document
 
-CLIPPED = runner_up(Form((Factor("rate", "within", 0.1),)))
+CLIPPED = runner_up(LawForm((Factor("rate", "within", 0.1),)))
 
 
 class Evidence:
@@ -44,7 +44,7 @@ def html_of(folder) -> str:
 
 @pytest.mark.parametrize("name", ["dead zone", "matrix"])
 def test_a_law_is_said_with_its_equation_its_evidence_its_picture_and_how_to_use_it(name, tmp_path):
-    law = law_of(*LAWS[name], same=(Form((Factor("rate", "root"),)),), runners_up=(CLIPPED,))
+    law = law_of(*LAWS[name], same=(LawForm((Factor("rate", "root"),)),), runners_up=(CLIPPED,))
     folder = explained(tmp_path, found(law), ["effects/discovered_law.py"])
     (folder / "explain" / "discover.png").write_bytes(PNG + b"and so on")
     text = html_of(folder)

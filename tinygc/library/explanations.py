@@ -77,7 +77,7 @@ class Why:
         """What is made of the discovery, where there is one; nothing of it is loaded where there is none."""
         if self.discovery is None or isinstance(self.explanation, TruthExplanation):
             return None
-        return need("reports of a discovery").Told(self.explanation, self.discovery)
+        return need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
 
     @property
     def verdict(self) -> str:

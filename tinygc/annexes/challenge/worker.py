@@ -43,9 +43,9 @@ def discovered(explanation: Explanation) -> dict:
     This is the one place where the examination and the search meet.
     """
     from tinygc.annexes.discovery.engine import discover
-    from tinygc.annexes.discovery.report import Told
+    from tinygc.annexes.discovery.report import DiscoveryReport
 
-    told = Told(explanation, discover(explanation, seed=SEED))
+    told = DiscoveryReport(explanation, discover(explanation, seed=SEED))
     told.save(pictures=False)
     return {"discovery": told.table["discovery"]}
 

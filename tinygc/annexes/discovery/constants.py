@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import Form
-from tinygc.annexes.discovery.projections import Look, basis_of, seen_basis
+from tinygc.annexes.discovery.form import LawForm
+from tinygc.annexes.discovery.projections import Projection, basis_of, seen_basis
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.effects import Movement
 from tinygc.noise.refit import Refit, Replay
@@ -32,34 +32,34 @@ FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sharpened:
+class RefinedForm:
     """form with its best constants; gain: chi-square; constants_sigma: of each, in its unit, one sigma with all others free; inf where the
     gain does not tell."""
 
-    form: Form
+    form: LawForm
     gain: float
     constants_sigma: tuple[float, ...]
 
 
-def sharpened(form: Form, whiten: Whitener, fit: Refit, replay: Replay, reach: float | np.ndarray = REACH) -> Sharpened:
+def refined(form: LawForm, whiten: Whitener, fit: Refit, replay: Replay, reach: float | np.ndarray = REACH) -> RefinedForm:
     """Beside one hypothesis; reach (constants,): how far each may go, as a factor either way: to its neighbours on a grid."""
-    return sharpened_in(form, Responses(replay), Look(replay.twin, whiten, fit), reach)
+    return refined_in(form, Responses(replay), Projection(replay.twin, whiten, fit), reach)
 
 
-def sharpened_in(form: Form, responses: Responses, look: Look, reach: float | np.ndarray = REACH) -> Sharpened:
+def refined_in(form: LawForm, responses: Responses, projection: Projection, reach: float | np.ndarray = REACH) -> RefinedForm:
     """The same, of a look that is there already."""
     begin = np.log(form.constants)
 
     def gain(logs: np.ndarray) -> float:
-        basis = basis_of(form.with_constants(np.exp(logs)), responses, look)
-        return float(np.sum((basis.T @ look.residual) ** 2))
+        basis = basis_of(form.with_constants(np.exp(logs)), responses, projection)
+        return float(np.sum((basis.T @ projection.residual) ** 2))
 
     if not len(begin):
-        return Sharpened(form, gain(begin), ())
+        return RefinedForm(form, gain(begin), ())
     scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
     at = _highest(gain, begin, np.broadcast_to(np.log(reach), begin.shape), scanned)
     sigma = _sigmas(gain, at) * np.exp(at)
-    return Sharpened(form.with_constants(np.exp(at)), gain(at), tuple(sigma.tolist()))
+    return RefinedForm(form.with_constants(np.exp(at)), gain(at), tuple(sigma.tolist()))
 
 
 def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
@@ -135,7 +135,7 @@ class ByAxis:
     constant: int
     values: np.ndarray
     more: float
-    forms: tuple[Form, Form, Form]
+    forms: tuple[LawForm, LawForm, LawForm]
     axes: np.ndarray
     theta: np.ndarray
 
@@ -145,39 +145,39 @@ class ByAxis:
         return np.sum(own, axis=0)
 
 
-def by_axis(form: Form, responses: Responses, look: Look) -> list[ByAxis]:
+def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list[ByAxis]:
     """Each of a form's constants in its turn, the others as they are; none of a quantity without an axis."""
     return [
-        _best(form, number, axes, responses, look)
+        _best(form, number, axes, responses, projection)
         for number, factor in enumerate(_factors(form))
         if form.factors[factor].vector and len(np.unique(axes := _axes(form, factor))) > 1
     ]
 
 
-def linear(form: Form, responses: Responses, look: Look) -> np.ndarray:
+def linear(form: LawForm, responses: Responses, projection: Projection) -> np.ndarray:
     """(P,) the coefficients of a form, as a look sees them linearly."""
-    return _theta(responses.columns(form), look)
+    return _theta(responses.columns(form), projection)
 
 
-def added_by(form: Form, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
+def added_by(form: LawForm, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
     """(N, 3) rad/s that a form adds over all logs."""
     effect = as_effect(form)
     return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
 
 
-def _factors(form: Form) -> list[int]:
+def _factors(form: LawForm) -> list[int]:
     """Number of the factor of each of a form's constants."""
     pairs = ((number, value) for number, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s))
     return [number for number, value in pairs if value is not None]
 
 
-def _axes(form: Form, factor: int) -> np.ndarray:
+def _axes(form: LawForm, factor: int) -> np.ndarray:
     """(P,) the axis of a factor's component in each term."""
     return np.array([term.parts[factor][1] // form.factors[factor].each for term in form.terms()])
 
 
-def _best(form: Form, number: int, axes: np.ndarray, responses: Responses, look: Look) -> ByAxis:
-    def of(ln: float) -> Form:
+def _best(form: LawForm, number: int, axes: np.ndarray, responses: Responses, projection: Projection) -> ByAxis:
+    def of(ln: float) -> LawForm:
         values = list(form.constants)
         values[number] = float(np.exp(ln))
         return form.with_constants(tuple(values))
@@ -186,10 +186,10 @@ def _best(form: Form, number: int, axes: np.ndarray, responses: Responses, look:
         return np.where(of_these, responses.columns(of(ln)), columns)
 
     def highest(of_these: np.ndarray) -> tuple[float, float]:
-        return _highest_of_one(lambda ln: _gain(with_axes(of_these, ln), look), begin)
+        return _highest_of_one(lambda ln: _gain(with_axes(of_these, ln), projection), begin)
 
     begin, columns = float(np.log(form.constants[number])), responses.columns(form)
-    alone = _gain(columns, look)
+    alone = _gain(columns, projection)
     # The one for all is as good as it can be seen here, or what it lacks would count for the axes.
     ln, found = highest(axes >= 0)
     if found > alone:
@@ -200,7 +200,7 @@ def _best(form: Form, number: int, axes: np.ndarray, responses: Responses, look:
             ln, found = highest(axes == axis)
             if found > top:
                 at[axis], top, columns = ln, found, with_axes(axes == axis, ln)
-    return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, _theta(columns, look))
+    return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, _theta(columns, projection))
 
 
 def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float, float]:
@@ -212,9 +212,9 @@ def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float
     return float(found.x), -float(found.fun)
 
 
-def _gain(columns: np.ndarray, look: Look) -> float:
-    return float(np.sum((seen_basis(columns, look).T @ look.residual) ** 2))
+def _gain(columns: np.ndarray, projection: Projection) -> float:
+    return float(np.sum((seen_basis(columns, projection).T @ projection.residual) ** 2))
 
 
-def _theta(columns: np.ndarray, look: Look) -> np.ndarray:
-    return np.linalg.lstsq(look.seen(columns), look.residual, rcond=None)[0]
+def _theta(columns: np.ndarray, projection: Projection) -> np.ndarray:
+    return np.linalg.lstsq(projection.seen(columns), projection.residual, rcond=None)[0]

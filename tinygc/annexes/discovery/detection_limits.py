@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.io.units import DEG
-from tinygc.annexes.discovery.form import Form
-from tinygc.annexes.discovery.projections import Look, basis_of, promise, seen_directions
+from tinygc.annexes.discovery.form import LawForm
+from tinygc.annexes.discovery.projections import Projection, basis_of, promise, seen_directions
 from tinygc.annexes.discovery.quantities import QUANTITIES
 from tinygc.annexes.discovery.responses import Responses, planned
 from tinygc.annexes.discovery.screening import Screening, passed
@@ -40,23 +40,23 @@ class _Form:
     own: bool = False
 
 
-def learnable_from(screening: Screening, form: Form, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
+def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
     Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and noise alone does as much in no
     more than the share ``chance`` of searches.  Linear, beside the last look; whiten: the noise as it is where the law is named: without
     the name it stands in for the law.  The form has the price of those of the screening that differ from it by constants alone.
     """
-    responses, look = screening.all_responses, screening.all_looks[-1]
-    look = look if whiten is None else look.with_noise(whiten)
-    basis = basis_of(form, responses, look)
+    responses, projection = screening.all_responses, screening.all_projections[-1]
+    projection = projection if whiten is None else projection.with_noise(whiten)
+    basis = basis_of(form, responses, projection)
     if not basis.shape[1]:
         return None
     response = responses.columns(form) @ theta
     near = np.union1d(screening.order[:NEAR_LAW], _kin(screening, form))
     own = _Form(basis, screening.price_of(form), own=True)
-    forms = [own, *_forms(screening, near, responses, look).values()]
-    trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0, chance)
+    forms = [own, *_forms(screening, near, responses, projection).values()]
+    trial = _Trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
     return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
 
 
@@ -65,20 +65,20 @@ def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[s
     up ``least`` of chi-square: rad/s rms of what it adds beside a calibration.  None: at no plausible size, as of a quantity that is not
     there.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
     found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
-    responses, look = screening.responses, screening.looks[-1]
+    responses, projection = screening.responses, screening.projections[-1]
     near = [_rivals(screening, number) for number in range(len(screening.probes))]
     if not near:
         return found
-    forms = _forms(screening, np.unique(np.concatenate(near)), responses, look)
+    forms = _forms(screening, np.unique(np.concatenate(near)), responses, projection)
     for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
         some = [forms[rival] for rival in own.tolist() if rival in forms]
-        trial = _Trial(screening, look, probe.whitened, probe.unit, some, 1 + number, chance, least)
+        trial = _Trial(screening, projection, probe.whitened, probe.unit, some, 1 + number, chance, least)
         factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
 
 
-def _kin(screening: Screening, form: Form) -> np.ndarray:
+def _kin(screening: Screening, form: LawForm) -> np.ndarray:
     """Numbers of the cheapest forms of the same quantities."""
     own = {factor.quantity for factor in form.factors}
     kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= own]
@@ -93,10 +93,10 @@ def _rivals(screening: Screening, probe: int) -> np.ndarray:
     return np.argsort(-expected, kind="stable")[:NEAR_PROBE]
 
 
-def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look: Look) -> dict[int, _Form]:
+def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, projection: Projection) -> dict[int, _Form]:
     """Of some of the forms, by number."""
     found = {}
-    for some in passed(planned([screening.forms[number] for number in numbers]), responses, [look], [np.zeros((look.free, 0))]):
+    for some in passed(planned([screening.forms[number] for number in numbers]), responses, [projection], [np.zeros((projection.free, 0))]):
         weights, rank, _ = seen_directions(some.free, some.length)
         for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
             found[form] = _Form(basis[:r].T, float(screening.price[form]))
@@ -109,7 +109,7 @@ class _Trial:
     def __init__(
         self,
         screening: Screening,
-        look: Look,
+        projection: Projection,
         whitened: np.ndarray,
         free: np.ndarray,
         forms: Sequence[_Form],
@@ -118,15 +118,15 @@ class _Trial:
         least: float = 0.0,
     ):
         generator = np.random.default_rng([screening.seed, number])
-        self._look, self._level, self._least = look, max(screening.chance.level(chance), 0.0), least
-        self._law, self._noise = look.beside(whitened), look.beside(generator.standard_normal((len(whitened), DRAWS)))
+        self._look, self._level, self._least = projection, max(screening.chance.level(chance), 0.0), least
+        self._law, self._noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
         # What all other forms would have made of noise.
         self._others = generator.choice(screening.drawn, DRAWS)
         self._rank = np.array([form.basis.shape[1] for form in forms])
         self._price = np.array([form.price for form in forms])
         self._starts = np.concatenate([[0], np.cumsum(self._rank)[:-1]]).astype(int)
         basis = np.concatenate([form.basis for form in forms], axis=1)
-        self._along_law, self._along_noise = basis.T @ free, basis.T @ look.free_of(self._noise)
+        self._along_law, self._along_noise = basis.T @ free, basis.T @ projection.free_of(self._noise)
         said = np.add.reduceat(self._along_law**2, self._starts) / float(free @ free)
         self._says = (said > SAID) | np.array([form.own for form in forms])
 

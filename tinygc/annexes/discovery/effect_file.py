@@ -14,7 +14,7 @@ from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.equivalence import FULL_SCALE, columns_of, some_movement
-from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not
 from tinygc.annexes.discovery.law_words import Constant, constants_of, rounded
 from tinygc.annexes.discovery.search_state import HeldOut, Law, RunnerUp
@@ -120,7 +120,7 @@ LEFT, ASTRAY = 1e-3, 0.01
 LEFT_IN_C = 2e-6
 
 
-def passes_of(form: Form, theta: np.ndarray, jumps: bool, full_scale: float = FULL_SCALE) -> int | None:
+def passes_of(form: LawForm, theta: np.ndarray, jumps: bool, full_scale: float = FULL_SCALE) -> int | None:
     """Passes of all rows alike that take off what a law adds, theta (P,) SI; None where ``MOST_PASSES`` do not."""
     moved = _movement(full_scale)
 
@@ -137,7 +137,7 @@ def passes_of(form: Form, theta: np.ndarray, jumps: bool, full_scale: float = FU
     return _least(theta, left)
 
 
-def passes_in_c(form: Form, theta: np.ndarray, full_scale: float = FULL_SCALE) -> int | None:
+def passes_in_c(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE) -> int | None:
     """The same of single precision, to full scale; rows are alone."""
     rng, moved = np.random.default_rng(0), _movement(full_scale)
     moved = replace(moved, rate=rng.uniform(-full_scale, full_scale, np.shape(moved.rate)))
@@ -204,7 +204,7 @@ def written(law: Law, where: Where, name: str | None = None) -> str:
 class _File:
     """The parts of one file."""
 
-    def __init__(self, law: Law, form: Form, constants: list[Constant], name: str, where: Where):
+    def __init__(self, law: Law, form: LawForm, constants: list[Constant], name: str, where: Where):
         self.law, self.form, self.constants, self.name = law, form, constants, name
         self.scanned = constants[0] if len(constants) == 1 else None
         used = " ".join(factor.of.source for factor in form.factors)
@@ -414,14 +414,14 @@ def _tuple(names: Sequence[str]) -> str:
     return f"({inside}{',' if len(names) == 1 else ''})"
 
 
-def inputs_of(form: Form) -> tuple[str, ...]:
+def inputs_of(form: LawForm) -> tuple[str, ...]:
     """What an effect of it declares."""
     found = [name for factor in form.factors for name in factor.of.inputs]
     found += ["time"] if any(getattr(factor.through, "memory", False) for factor in form.factors) else []
     return tuple(dict.fromkeys(found))
 
 
-def reaches_of(form: Form) -> list[Reach]:
+def reaches_of(form: LawForm) -> list[Reach]:
     """Of its quantities and functions, but for its lags."""
     found = [factor.of.reach for factor in form.factors if factor.of.reach]
     return found + ([signals.WHOLE] if any(getattr(factor.through, "memory", False) for factor in form.factors) else [])
@@ -436,7 +436,7 @@ def _source(reach: Reach) -> str:
     return named.get(reach) or f"{call}({', '.join(f'{name}={value!r}' for name, value in given.items() if value)})"
 
 
-def _is_scale_law(form: Form) -> bool:
+def _is_scale_law(form: LawForm) -> bool:
     """Whether each axis has one coefficient that multiplies its own rate, without a memory."""
     if form.pattern != "each" or form.size != 3 or reaches_of(form) or any(factor.lag_s is not None for factor in form.factors):
         return False

@@ -12,7 +12,7 @@ from tinygc.annexes.discovery.constants import ByAxis
 from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
 from tinygc.annexes.discovery.enumeration import bits, enumerated
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.search_state import (
     ALL_OF_IT,
@@ -26,7 +26,7 @@ from tinygc.annexes.discovery.search_state import (
     Law,
     Rival,
     RunnerUp,
-    Searched,
+    SearchState,
     Unseen,
     differing,
     leaves_something,
@@ -35,7 +35,7 @@ from tinygc.annexes.discovery.search_state import (
     rivals,
     taken,
 )
-from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, Found, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, exact, rms_of, with_a_form
 from tinygc.annexes.discovery.words import constant_of, equation, splits, what
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import readable
@@ -57,13 +57,13 @@ MOST_RUNNERS_UP = 4
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _AssessedLaw:
     """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same; axes: its constants, where
     those of the axes differ."""
 
     law: Effect
-    form: Form
-    round: Found
+    form: LawForm
+    round: SearchRound
     better: float
     chance_p: float
     held_out: tuple[HeldOut, ...]
@@ -72,7 +72,7 @@ class _Judged:
     axes: ByAxis | None
 
 
-def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
+def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
     first = searched.rounds[0].screening
     common: dict[str, Any] = {
@@ -93,30 +93,30 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         limits = learnable(first, CHANCE, DECISIVE * screened)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
-    judged = [_judged(searched, law) for law in searched.laws]
+    assessed = [_assessed(searched, law) for law in searched.laws]
     whole = _on_all(explanation, searched)
     names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
     ids = list[str]()
-    for each in judged:
+    for each in assessed:
         ids.append(_free_id(each.form, ids))
-    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(judged))
-    why = _undecided(judged, laws, share)
+    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(assessed))
+    why = _undecided(assessed, laws, share)
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
 
 
-def _too_little(searched: Searched, share: float) -> str:
+def _too_little(searched: SearchState, share: float) -> str:
     """Why the laws that stand are not said, if there are any."""
     said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
     return f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
 
 
-def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> str:
+def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float) -> str:
     """Why the laws are not found and no more is said than which they could be; empty where they are."""
-    several = next((each for each in judged if each.others), None)
+    several = next((each for each in assessed if each.others), None)
     if several is not None:
         return f"{len(several.others) + 1} forms of equal worth add different rates"
-    for each in judged:
+    for each in assessed:
         if each.axes is not None:
             return _by_axis(each.form, each.axes)
     faint = min(laws, key=lambda law: law.gain)
@@ -131,18 +131,18 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> st
     return ""
 
 
-def _by_axis(form: Form, axes: ByAxis) -> str:
+def _by_axis(form: LawForm, axes: ByAxis) -> str:
     word, own = constant_of(form, axes.constant)
     values = ", ".join(f"{value:.3g}" for value in axes.values * own)
     return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
 
 
-def _judged(searched: Searched, law: Effect) -> _Judged:
+def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
     weighed = sorted(rivals(evidence, best, law, searched.tried), key=lambda rival: rival.nearest)
     near = [rival for rival in weighed if rival.nearest < STAND_IN]
-    return _Judged(
+    return _AssessedLaw(
         law,
         evidence.forms[law.id],
         round_,
@@ -164,7 +164,7 @@ class _Whole:
     laws: list[Effect]
 
 
-def _on_all(explanation: Explanation, searched: Searched) -> _Whole:
+def _on_all(explanation: Explanation, searched: SearchState) -> _Whole:
     evidence = FormEvidence(explanation.twin)
     laws = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
     names = [effect for effect in searched.best.effects if effect not in searched.laws]
@@ -180,7 +180,7 @@ def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Besid
     return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
 
 
-def _free_id(form: Form, taken: Sequence[str]) -> str:
+def _free_id(form: LawForm, taken: Sequence[str]) -> str:
     """``discovered.…``, with the first number that no other has, where the name alone is one of the catalogue's or of those taken."""
     name, number, others = f"{FORM}{what(form)}", 1, {*catalogue(), *taken}
     while (found := name if number == 1 else f"{name}_{number}") in others:
@@ -188,7 +188,7 @@ def _free_id(form: Form, taken: Sequence[str]) -> str:
     return found
 
 
-def _law(searched: Searched, judged: _Judged, whole: _Whole, ids: list[str], number: int) -> Law:
+def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list[str], number: int) -> Law:
     evidence, own = searched.evidence, whole.laws[number]
     form, fit = whole.evidence.forms[own.id], whole.have.fit
     at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
@@ -197,7 +197,7 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, ids: list[str], num
     covariance = (held if constants is None else constants.widened(held))[part, part]
     sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
-    shown = learnable_from(judged.round.screening, form, theta, CHANCE, searched.best.whiten)
+    shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
     effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
     return Law(
         form,
@@ -207,21 +207,21 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, ids: list[str], num
         sigmas,
         bits(form),
         gain,
-        judged.better,
-        judged.chance_p,
-        judged.held_out,
-        _same(judged, evidence),
-        tuple(_runner_up(evidence, rival, ids) for rival in judged.others[:MOST_RUNNERS_UP]),
+        assessed.better,
+        assessed.chance_p,
+        assessed.held_out,
+        _same(assessed, evidence),
+        tuple(_runner_up(evidence, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
     )
 
 
-def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
+def _same(assessed: _AssessedLaw, evidence: FormEvidence) -> tuple[LawForm, ...]:
     """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
-    weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
-    found: dict[Form, Form] = {}  # of those that differ by their constants alone the first
-    for form in [*judged.round.screening.same_as(judged.form), *weighed]:
-        if form.shape != judged.form.shape:
+    weighed = [evidence.forms[rival.effect.id] for rival in assessed.same if rival.effect.id in evidence.forms]
+    found: dict[LawForm, LawForm] = {}  # of those that differ by their constants alone the first
+    for form in [*assessed.round.screening.same_as(assessed.form), *weighed]:
+        if form.shape != assessed.form.shape:
             found.setdefault(form.shape, form)
     return tuple(found.values())
 
@@ -282,11 +282,11 @@ def discover(
     shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
     forms = enumerated(largest_of(twin.movements))
     bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
-    rounds: list[Found] = []
-    searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
+    rounds: list[SearchRound] = []
+    searched = SearchState(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
-        found = with_a_form(evidence, forms, bases, seed, _told(progress, step))
+        found = with_a_form(evidence, forms, bases, seed, _reported(progress, step))
         rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
             break
@@ -303,11 +303,11 @@ def discover(
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
 
 
-def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str], None]:
+def _reported(progress: Callable[[str, int, int], None], step: int) -> Callable[[str], None]:
     return lambda what: progress(f"discover: {what}", step, STEPS)
 
 
-def _exactly(searched: Searched, have: Hypothesis) -> Searched:
+def _exactly(searched: SearchState, have: Hypothesis) -> SearchState:
     """With all laws of a hypothesis, their constants where it is most probable; what is new among them the last round has brought."""
     evidence, last, entered = searched.evidence, len(searched.rounds) - 1, dict[str, int]()
     for law in [effect for effect in have.effects if effect.id in evidence.forms]:
@@ -316,7 +316,7 @@ def _exactly(searched: Searched, have: Hypothesis) -> Searched:
     return replace(searched, best=have, entered=entered)
 
 
-def _settled(evidence: FormEvidence, tried: list[Effect], found: Found, before: list[Effect]) -> Hypothesis:
+def _settled(evidence: FormEvidence, tried: list[Effect], found: SearchRound, before: list[Effect]) -> Hypothesis:
     """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
     forms that linear columns have misjudged the best takes the law's place; before: laws of earlier rounds, which stay."""
     assert found.best is not None

@@ -8,8 +8,8 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from tinygc.annexes.discovery.equivalence import some_movement, told_apart
-from tinygc.annexes.discovery.form import Factor, Form, patterns_of
+from tinygc.annexes.discovery.equivalence import distinct_forms, some_movement
+from tinygc.annexes.discovery.form import Factor, LawForm, patterns_of
 from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
 
 # The constants that are tried before they are sharpened: of functions by the quantity's own size in the recording, and of lags.
@@ -175,7 +175,7 @@ def offered(quantity: str, few: bool) -> list[tuple[str, float | None, float | N
 # over all forms, is below one, as of any code.
 
 
-def bits(form: Form) -> float:
+def bits(form: LawForm) -> float:
     """Of a form, whatever its constants are."""
     factors = sum(_of_factor(f.quantity, f.function, f.constant is not None, f.lag_s is not None) for f in form.factors)
     return 1.0 + factors + float(np.log2(len(patterns_of(form.factors))))
@@ -208,11 +208,11 @@ Place = tuple[str, str, float | None, float | None]
 Plan = tuple[tuple[Place, ...], str]
 
 
-def enumerated(largest: Mapping[str, float]) -> list[Form]:
+def enumerated(largest: Mapping[str, float]) -> list[LawForm]:
     """Every form over these quantities, by name, each with its largest size in the recording; 0 where it does not vary."""
     names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
     factors = _Factors(largest)
-    return [Form(tuple(factors[place] for place in places), pattern) for places, pattern in _plans(names)]
+    return [LawForm(tuple(factors[place] for place in places), pattern) for places, pattern in _plans(names)]
 
 
 class _Factors(dict[Place, Factor]):
@@ -234,16 +234,16 @@ def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
     """Of all forms over these quantities, each once, the simplest first; told apart on a movement that is drawn."""
     movement = some_movement(SEED)
     factors = _Factors(largest_of([movement]))
-    plans: dict[Form, Plan | None] = {}
+    plans: dict[LawForm, Plan | None] = {}
     products = list(_products(names))
     for plan in [*_singles(names), *products]:
-        plans.setdefault(Form(tuple(factors[place] for place in plan[0]), plan[1]), plan)
+        plans.setdefault(LawForm(tuple(factors[place] for place in plan[0]), plan[1]), plan)
     # A product whose one factor is 1 wherever the other is not 0 is no product: it is left out for that other alone, a single law near one
     # of the singles' own places.
     for place in dict.fromkeys(place for places, _ in products for place in places):
         for pattern in patterns_of((_any(*place[:2]),)):
-            plans.setdefault(Form((factors[place],), pattern), None)
-    found = (plans[form] for form in told_apart(sorted(plans, key=bits), [movement]))
+            plans.setdefault(LawForm((factors[place],), pattern), None)
+    found = (plans[form] for form in distinct_forms(sorted(plans, key=bits), [movement]))
     return tuple(plan for plan in found if plan is not None)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from session.io.units import DEG
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.words import equation as equation_of
 from tinygc.annexes.discovery.words import regime, splits
 from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
@@ -81,32 +81,32 @@ FIRST, EVERY = (0,), (0, 1, 2)
 MOST_NUMBERS = 2_000_000
 
 
-def told_apart(forms: Sequence[Form], movements: Sequence[Movement]) -> list[Form]:
+def distinct_forms(forms: Sequence[LawForm], movements: Sequence[Movement]) -> list[LawForm]:
     """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out.
 
     All are looked at in some rows of the first movement, on one axis.  Those that are there like others, or like nothing, are looked at in
     every row of every movement, on all three: few samples pass a high threshold, and what they have in common may be chance.
     """
-    values = [Values(movement) for movement in movements]
-    groups = _groups(looked_at(forms, values[0], ROWS, FIRST))
+    values = [FactorValues(movement) for movement in movements]
+    groups = _groups(drawn_projections(forms, values[0], ROWS, FIRST))
     found = [group[0] for group in groups if len(group) == 1]
     doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
     left = [forms[number] for number in doubtful]
-    again = np.concatenate([looked_at(left, every, len(every.calibration), EVERY) for every in values], axis=1)
+    again = np.concatenate([drawn_projections(left, every, len(every.calibration), EVERY) for every in values], axis=1)
     found += [int(doubtful[group[0]]) for group in _groups(again)]
     return [forms[number] for number in sorted(found)]
 
 
-def _groups(looks: np.ndarray) -> list[list[int]]:
+def _groups(projections: np.ndarray) -> list[list[int]]:
     """Numbers, rising, of looks (F, R) that are the same; those that are nothing are in none."""
-    there = np.flatnonzero(np.linalg.norm(looks, axis=1) > SAME)
-    order = there[np.argsort(looks[there, 0], kind="stable")]
-    edges = np.flatnonzero(np.diff(looks[order, 0]) > SAME) + 1
+    there = np.flatnonzero(np.linalg.norm(projections, axis=1) > SAME)
+    order = there[np.argsort(projections[there, 0], kind="stable")]
+    edges = np.flatnonzero(np.diff(projections[order, 0]) > SAME) + 1
     found: list[list[int]] = []
     for near in np.split(order, edges):
         own: list[list[int]] = []
         for number in np.sort(near).tolist():
-            home = next((group for group in own if np.abs(looks[group[0]] - looks[number]).max() < SAME), None)
+            home = next((group for group in own if np.abs(projections[group[0]] - projections[number]).max() < SAME), None)
             if home is None:
                 own.append([number])
             else:
@@ -115,7 +115,7 @@ def _groups(looks: np.ndarray) -> list[list[int]]:
     return found
 
 
-class Values:
+class FactorValues:
     """Of factors in a movement, each computed once."""
 
     def __init__(self, movement: Movement):
@@ -132,7 +132,7 @@ class Values:
         return self._values[factor]
 
 
-def looked_at(forms: Sequence[Form], values: Values, count: int, axes: Sequence[int]) -> np.ndarray:
+def drawn_projections(forms: Sequence[LawForm], values: FactorValues, count: int, axes: Sequence[int]) -> np.ndarray:
     """(F, axes · count): a drawn vector, in so many rows, as the span of each axis' columns projects it.
 
     It is zero where a calibration holds all.
@@ -140,15 +140,15 @@ def looked_at(forms: Sequence[Form], values: Values, count: int, axes: Sequence[
     rng = np.random.default_rng(count)
     rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
     drawn = rng.standard_normal(count) * np.sqrt(count)
-    return np.concatenate([projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
+    return np.concatenate([span_projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
 
 
-def projections(forms: Sequence[Form], values: Values, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+def span_projections(forms: Sequence[LawForm], values: FactorValues, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
     """(F, R): drawn (R,), in these rows (R,) of a movement, as the span of an axis' columns projects it beside what a calibration holds."""
     held = np.linalg.qr(values.calibration[rows])[0]
     own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
     found = np.zeros((len(forms), len(rows)))
-    for members, parts in _alike_built(forms, axis):
+    for members, parts in _same_components(forms, axis):
         at_once = max(MOST_NUMBERS // (len(parts[0]) * len(rows)), 1)
         for first in range(0, len(members), at_once):
             some = members[first : first + at_once]
@@ -159,7 +159,7 @@ def projections(forms: Sequence[Form], values: Values, rows: np.ndarray, axis: i
     return found
 
 
-def _alike_built(forms: Sequence[Form], axis: int) -> list[tuple[list[int], list[list[int]]]]:
+def _same_components(forms: Sequence[LawForm], axis: int) -> list[tuple[list[int], list[list[int]]]]:
     """Numbers of forms whose terms are the same components, and these of each factor, of one axis."""
     groups: dict[tuple, list[int]] = {}
     for number, form in enumerate(forms):
@@ -193,7 +193,7 @@ def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.n
 PLAUSIBLE_RPS = 5 * DEG
 
 
-def columns_of(form: Form, movement: Movement) -> np.ndarray:
+def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
     """(N, 3, P): what one rad/s of each coefficient adds."""
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
@@ -206,7 +206,7 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
     return found
 
 
-def distorted(form: Form, movement: Movement, theta: np.ndarray) -> np.ndarray:
+def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarray:
     """(N, 3) rad/s: the rate with the law; as ``columns_of`` times theta (P,), without the zeros."""
     values = {factor: factor.values(movement) for factor in form.factors}
     found = movement.rate.copy()
@@ -218,7 +218,7 @@ def distorted(form: Form, movement: Movement, theta: np.ndarray) -> np.ndarray:
     return found
 
 
-def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
+def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
     reach = sum((factor.reach for factor in form.factors), Reach())
     inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.inputs))

@@ -9,7 +9,7 @@ from math import isfinite
 
 import numpy as np
 
-from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, Function, Quantity
+from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, Function, SignalQuantity
 from tinygc.effects import Movement, Reach, signals
 
 # Units of quantities and of what is made of them: powers of g, °C, s and rad, and the text that a person reads.
@@ -112,7 +112,7 @@ class Factor:
         return self.of.reach + late + (signals.WHOLE if self.through.memory else Reach())
 
     @property
-    def of(self) -> Quantity:
+    def of(self) -> SignalQuantity:
         """Its quantity."""
         return QUANTITIES[self.quantity]
 
@@ -158,7 +158,7 @@ def patterns_of(factors: tuple[Factor, ...]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Form:
+class LawForm:
     """One or two factors and a pattern of axes.  ValueError for a pattern that the factors cannot have."""
 
     factors: tuple[Factor, ...]
@@ -206,7 +206,7 @@ class Form:
         """Of its factors: each constant and each lag that there is."""
         return tuple(value for factor in self.factors for value in (factor.constant, factor.lag_s) if value is not None)
 
-    def with_constants(self, values: tuple[float, ...] | np.ndarray) -> Form:
+    def with_constants(self, values: tuple[float, ...] | np.ndarray) -> LawForm:
         """The same with other constants, in the same order."""
         left = [float(value) for value in values][::-1]
         factors = []
@@ -217,7 +217,7 @@ class Form:
         return replace(self, factors=tuple(factors))
 
     @property
-    def shape(self) -> Form:
+    def shape(self) -> LawForm:
         """The same whatever its constants are: what forms that differ by them alone have in common."""
         return self.with_constants(np.ones(len(self.constants)))
 

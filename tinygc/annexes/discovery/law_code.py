@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from textwrap import indent
 
 from tinygc.annexes.discovery import law_words
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_words import Constant, constants_of
 from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES
@@ -33,7 +33,7 @@ class LawCode:
 SESSIONS_OWN = {"m.fs_rps": "FULL_SCALE_RPS", "m.first_temp_c": "FIRST_TEMP_C"}
 
 
-def law_code(form: Form, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> LawCode:
+def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> LawCode:
     """scanned: the constant that is an argument of the function, by its word, and no constant of the module; fixed: which of
     ``SESSIONS_OWN`` are constants of the module."""
     constants = constants_of(form)
@@ -83,7 +83,7 @@ def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:
     return lines, columns
 
 
-def _one(form: Form) -> str:
+def _one(form: LawForm) -> str:
     (factor,) = form.factors
     if factor.each == 1:
         return {"each": "diagonal(law)", "full": "full(law)", "cross": "cross(law)"}[form.pattern]
@@ -112,7 +112,7 @@ def _by_axis(factor: Factor, name: str) -> str:
     return f"{name}[:, None]"
 
 
-def _two(form: Form) -> tuple[list[str], str]:
+def _two(form: LawForm) -> tuple[list[str], str]:
     """Lines before the last, and the columns."""
     one, other = form.factors
     if one.each == other.each == 1:
@@ -139,7 +139,7 @@ def _two(form: Form) -> tuple[list[str], str]:
 PLAIN = {"each": "diagonal", "full": "full", "cross": "cross"}
 
 
-def _neighbour(form: Form, number: int, name: str) -> str:
+def _neighbour(form: LawForm, number: int, name: str) -> str:
     first = (form.pattern == "next") == (number == 0)
     return f"{'behind' if first else 'before'}({name})"
 
@@ -190,7 +190,7 @@ class DeviceCode:
     functions: str = ""
 
 
-def why_not(form: Form) -> str:
+def why_not(form: LawForm) -> str:
     """Why a device cannot undo it, or nothing."""
     for factor in form.factors:
         if factor.quantity in WHY_NOT:
@@ -206,7 +206,9 @@ def why_not(form: Form) -> str:
     return ""
 
 
-def device_code(form: Form, constants: Sequence[Constant], name: str, passes: int | None = PASSES, fixed: Sequence[str] = ()) -> DeviceCode:
+def device_code(
+    form: LawForm, constants: Sequence[Constant], name: str, passes: int | None = PASSES, fixed: Sequence[str] = ()
+) -> DeviceCode:
     """Of a form whose constants have these names; name: of the law; passes: that undo it, None: none do; fixed: as of ``law_code``."""
     if why := why_not(form):
         return DeviceCode(f'NoC("{why}")')
@@ -225,7 +227,7 @@ class _Code:
     x and y are the factors, k the coefficients, w the rate without the law, which is found in passes where the law follows it.
     """
 
-    def __init__(self, form: Form, constants: Sequence[Constant], name: str, passes: int, fixed: Sequence[str]):
+    def __init__(self, form: LawForm, constants: Sequence[Constant], name: str, passes: int, fixed: Sequence[str]):
         #: other stages of a program have constants of their own: none begins like this
         self.form, self.name, self.c = form, name, f"LAW_{name.upper()}"
         self.own = {constant.of: constant for constant in constants}

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.io.units import DEG
 from tinygc.annexes.discovery.engine import DECISIVE
-from tinygc.annexes.discovery.form import Factor, Form, Term
+from tinygc.annexes.discovery.form import Factor, LawForm, Term
 from tinygc.annexes.discovery.result import briefly, other_equation
 from tinygc.annexes.discovery.search_state import Discovery, Law
 from tinygc.annexes.discovery.words import equation, splits
@@ -42,7 +42,7 @@ SHOWN: dict[str, tuple[float, bool, str, str]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class LawSeries:
     """axis that the terms add to; component of the main factor's quantity; entries: the terms' places in theta."""
 
     axis: int
@@ -50,35 +50,35 @@ class Series:
     entries: tuple[int, ...]
 
 
-def main_of(form: Form) -> Factor:
+def main_of(form: LawForm) -> Factor:
     """The factor that is drawn along: the one that bends; of two alike the first."""
     return next((factor for factor in form.factors if factor.through.name != "itself"), form.factors[0])
 
 
-def other_of(form: Form) -> Factor | None:
+def other_of(form: LawForm) -> Factor | None:
     """The factor beside the main one, which may be the same function of the same quantity once more."""
     return form.factors[_beside(form)] if len(form.factors) == 2 else None
 
 
-def component_beside(form: Form, term: Term) -> int:
+def component_beside(form: LawForm, term: Term) -> int:
     """Of the other factor, in a term."""
     return term.parts[_beside(form)][1]
 
 
-def _beside(form: Form) -> int:
+def _beside(form: LawForm) -> int:
     return 1 - form.factors.index(main_of(form))
 
 
-def series_of(form: Form) -> list[Series]:
+def series_of(form: LawForm) -> list[LawSeries]:
     """Every axis with every component of the main factor that it has, in the order of the form's terms."""
     main, found = main_of(form), dict[tuple[int, int], list[int]]()
     for entry, term in enumerate(form.terms()):
         component = next(part // main.through.phases for factor, part in term.parts if factor is main)
         found.setdefault((term.axis, component), []).append(entry)
-    return [Series(axis, component, tuple(entries)) for (axis, component), entries in found.items()]
+    return [LawSeries(axis, component, tuple(entries)) for (axis, component), entries in found.items()]
 
 
-def has_curve(form: Form) -> bool:
+def has_curve(form: LawForm) -> bool:
     """Whether the main factor can be drawn along its own quantity: nothing that remembers, and no direction fixed in the world."""
     main = main_of(form)
     remembers = any(factor.lag_s is not None or factor.through.memory for factor in form.factors)
@@ -116,7 +116,7 @@ class Fitted:
     """effect, and its form, None of a name; fit with it and all that stands beside it, whiten with the noise as it then is; theta (P,) of
     the effect; left: what the fit leaves of each channel; adds: what one SI unit of each parameter adds to each."""
 
-    form: Form | None
+    form: LawForm | None
     effect: Effect
     fit: Refit
     whiten: Whitener
@@ -149,7 +149,7 @@ def pairs_of(e: Explanation, discovery: Discovery) -> list[Pair]:
     return found
 
 
-def _fitted(evidence: Evidence, beside: list[Effect], form: Form | None, effect: Effect) -> Fitted:
+def _fitted(evidence: Evidence, beside: list[Effect], form: LawForm | None, effect: Effect) -> Fitted:
     hypothesis = evidence.of((*(each for each in beside if each.id != effect.id), effect), evidence.nothing)
     fit, twin = hypothesis.fit, evidence.twin
     replay = Replay(twin, fit)
@@ -164,18 +164,18 @@ def _fitted(evidence: Evidence, beside: list[Effect], form: Form | None, effect:
 # The runner-up as a curve along the law's own quantity.
 
 
-def other_curve(e: Explanation, own: Fitted, other: Fitted, series: Series) -> Callable[[np.ndarray], np.ndarray] | None:
+def other_curve(e: Explanation, own: Fitted, other: Fitted, series: LawSeries) -> Callable[[np.ndarray], np.ndarray] | None:
     """(K,) of the quantity -> (K,) rad/s that the runner-up says, with what its calibration changes; None where it follows another."""
     if own.form is None or other.form is None or len(other.form.factors) != 1 or not has_curve(other.form):
         return None
     main, theirs = main_of(own.form), main_of(other.form)
-    alike = next((each for each in series_of(other.form) if (each.axis, each.component) == (series.axis, series.component)), None)
-    if theirs.quantity != main.quantity or alike is None:
+    matching = next((each for each in series_of(other.form) if (each.axis, each.component) == (series.axis, series.component)), None)
+    if theirs.quantity != main.quantity or matching is None:
         return None
     before, after = own.fit.state.model, other.fit.state.model
     zero = before.B[series.axis] - after.B[series.axis]
     per_rate = (before.E - after.E)[series.axis, series.component] if main.quantity == "rate" else 0.0
-    theta, full_scale = other.theta[list(alike.entries)], e.twin.movements[0].fs_rps
+    theta, full_scale = other.theta[list(matching.entries)], e.twin.movements[0].fs_rps
 
     def said(at: np.ndarray) -> np.ndarray:
         return curve(theirs, at, theta) + zero + per_rate * full_scale * at

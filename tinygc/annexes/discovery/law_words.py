@@ -10,7 +10,7 @@ from math import floor, isfinite, log10
 import numpy as np
 
 from session.io.units import DEG
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import FUNCTIONS
 from tinygc.annexes.discovery.words import equation, in_words
 
@@ -21,7 +21,7 @@ PHASES = {2: ("cos", "sin"), 6: ("cos", "sin", "cos 3", "sin 3", "cos 5", "sin 5
 ARROW = " ← "
 
 
-def terms_of(form: Form) -> list[str]:
+def terms_of(form: LawForm) -> list[str]:
     """Of each coefficient, in order: the axis that it adds to, and, of more than one for each axis, what it is of."""
     terms = form.terms()
     if form.size == 3:
@@ -29,7 +29,7 @@ def terms_of(form: Form) -> list[str]:
     return ["xyz"[term.axis] + ARROW + _followed(form, term.parts) for term in terms]
 
 
-def _followed(form: Form, parts: tuple[tuple[Factor, int], ...]) -> str:
+def _followed(form: LawForm, parts: tuple[tuple[Factor, int], ...]) -> str:
     words = [_component(factor, component) for factor, component in parts]
     if form.pattern == "leant":  # the first is of the axis itself
         words[0] = words[0][1:].strip()
@@ -95,7 +95,7 @@ class Constant:
         return f"{self.number!r}{self.times}"
 
 
-def constants_of(form: Form, sigmas: Sequence[float] = ()) -> list[Constant]:
+def constants_of(form: LawForm, sigmas: Sequence[float] = ()) -> list[Constant]:
     """In the order of ``form.constants``; sigmas: theirs, in the quantities' own units."""
     known = list(sigmas) or [float("nan")] * len(form.constants)
     given = iter(known)
@@ -124,7 +124,7 @@ def _rounded(value: float, sigma: float | None) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def rounded(form: Form, sigmas: Sequence[float] = ()) -> Form:
+def rounded(form: LawForm, sigmas: Sequence[float] = ()) -> LawForm:
     """The form with its constants as a file has them."""
     return form.with_constants(tuple(constant.value for constant in constants_of(form, sigmas)))
 
@@ -160,7 +160,7 @@ LETTERS = (
 LONGEST = 230
 
 
-def unit_of(form: Form) -> tuple[str, str]:
+def unit_of(form: LawForm) -> tuple[str, str]:
     """Of a coefficient, as a person reads it, and the coefficients' name in the JSON: dps/°C, ``dps_per_c``."""
     unit = name = form.coefficient_unit
     for sign, letters in LETTERS:
@@ -168,14 +168,14 @@ def unit_of(form: Form) -> tuple[str, str]:
     return unit, name.replace(".", "_")
 
 
-def follows(form: Form) -> str:
+def follows(form: LawForm) -> str:
     """What the error does, in a part of a sentence."""
     words = in_words(form).rstrip(".")
     words = words if len(words) <= LONGEST else equation(form).split(", ")[0]
     return words.replace("The error of", "the error of", 1)
 
 
-def seen_in(form: Form) -> tuple[str, ...]:
+def seen_in(form: LawForm) -> tuple[str, ...]:
     """Turns alone, where a factor is zero at rest and remembers nothing."""
     of_turns = any(
         f.quantity in OF_TURNS and f.lag_s is None and not f.through.memory and f.function not in NOT_AT_ZERO for f in form.factors
@@ -183,12 +183,12 @@ def seen_in(form: Form) -> tuple[str, ...]:
     return ("turn",) if of_turns else ("still", "turn")
 
 
-def known_to(form: Form) -> float:
+def known_to(form: LawForm) -> float:
     """Share to which what it follows can be known, which no residual shows."""
     return round(sum(VIBRATION_KNOWN_TO * float(factor.through.power) for factor in form.factors if factor.quantity == "vibration"), 3)
 
 
-def jumps(form: Form) -> bool:
+def jumps(form: LawForm) -> bool:
     """Whether a rate that changes a little may change what it adds by much."""
     return any(_jumps(factor) for factor in form.factors)
 

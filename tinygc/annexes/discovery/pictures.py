@@ -13,8 +13,8 @@ from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.form import Factor
 from tinygc.annexes.discovery.law_fits import (
     Fitted,
+    LawSeries,
     Pair,
-    Series,
     component_beside,
     component_name,
     curve,
@@ -63,7 +63,7 @@ class Points:
     factor, None where there is none.  In dps, or of turns that are drawn along the law in degrees of closure.
     """
 
-    series: Series
+    series: LawSeries
     x: np.ndarray
     without: np.ndarray
     left: np.ndarray
@@ -85,7 +85,7 @@ class Points:
         return Points(self.series, x, without, left, other_left, sigma, level, self.along_law, self.still)
 
 
-def of_stills(e: Explanation, pair: Pair, series: Series) -> Points:
+def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
     """Mean rates of the stills, dps."""
     law, other, form = pair.own, pair.other, pair.law.form
     entries, movements = list(series.entries), _movements(e, law)
@@ -106,7 +106,7 @@ def of_stills(e: Explanation, pair: Pair, series: Series) -> Points:
     return Points(series, x, (said + left) / DEG, left / DEG, other_left, sigma / DEG, level, along, still=True)
 
 
-def of_turns(e: Explanation, pair: Pair, series: Series) -> Points:
+def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
     """What turns ask for: dps about the axis, or degrees along what the law makes of their closure."""
     law, other, form = pair.own, pair.other, pair.law.form
     entries, beside = list(series.entries), other_of(form)
@@ -136,7 +136,7 @@ def of_turns(e: Explanation, pair: Pair, series: Series) -> Points:
     return Points(series, x, without, left, more[0] if more else None, sigma / DEG, level, along_law=False, still=False).some(keep)
 
 
-def _along_law(series: Series, said: np.ndarray, angles: list[np.ndarray], sigma: np.ndarray) -> Points:
+def _along_law(series: LawSeries, said: np.ndarray, angles: list[np.ndarray], sigma: np.ndarray) -> Points:
     """Each turn along the direction in which the law moves its closure: a line of slope one, if it is the cause."""
     size = np.linalg.norm(said, axis=1)
     largest = said[np.arange(len(said)), np.argmax(np.abs(said), axis=1)]
@@ -150,7 +150,7 @@ def _movements(e: Explanation, law: Fitted) -> list[Movement]:
     return [movement.with_rate(rate) for movement, rate in zip(e.twin.movements, law.replay.rates, strict=True)]
 
 
-def _level(pair: Pair, series: Series, mean: Callable[[Callable[[Movement], np.ndarray]], np.ndarray]) -> np.ndarray | None:
+def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], np.ndarray]], np.ndarray]) -> np.ndarray | None:
     """(n,) of the other factor through its function, as it stands in the series' first term; None where there is none."""
     form = pair.law.form
     beside: Factor | None = other_of(form)
@@ -160,7 +160,7 @@ def _level(pair: Pair, series: Series, mean: Callable[[Callable[[Movement], np.n
     return mean(lambda movement: beside.values(movement)[:, component])
 
 
-def _placed(pair: Pair, series: Series, x: np.ndarray, said: np.ndarray, keep: np.ndarray) -> np.ndarray:
+def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """(n,) where on the curve what the law says stands, on the side of zero on which x is; x itself where the curve does not tell."""
     form = pair.law.form
     found = x.copy()
@@ -236,7 +236,7 @@ def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, righ
         legend(axes)
 
 
-def _name(law: Law, series: Series) -> str:
+def _name(law: Law, series: LawSeries) -> str:
     """The axis, and what it follows where that is another: ``x from y``, ``x from y and z``."""
     own, other = "xyz"[series.axis], other_of(law.form)
     parts = [component_name(main_of(law.form), series.component)]
@@ -247,7 +247,7 @@ def _name(law: Law, series: Series) -> str:
     return own + (f" from {' and '.join(follows)}" if follows not in ([], [own]) else "")
 
 
-def _number(law: Law, series: Series) -> str:
+def _number(law: Law, series: LawSeries) -> str:
     """The coefficient with its sigma, as the page says it, where the series has one."""
     if len(series.entries) != 1:
         return ""
@@ -311,7 +311,7 @@ def _levels(e: Explanation, law: Law, own: Fitted, points: Points, times: float,
     right.plot([], [], "o", color=colours(0.5), label=f"{_name(law, points.series)}, with the law")
 
 
-def _level_words(law: Law, series: Series) -> str:
+def _level_words(law: Law, series: LawSeries) -> str:
     """The second quantity through its function, with its unit."""
     other = other_of(law.form)
     assert other is not None

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tinygc.annexes.discovery.form import Form
+from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, UNSEEN, orthonormal
 from tinygc.noise.refit import Refit
@@ -23,7 +23,7 @@ from tinygc.noise.whitening import Whitener
 LEAST_LEFT = 1e-2
 
 
-class Look:
+class Projection:
     """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all.
 
     n rows in all, m of them free: beside the nuisance, which is what the fit has already.
@@ -51,10 +51,10 @@ class Look:
         #: (free,) of the recording, and its scatter
         self.residual, (self.scatter,) = self.free_of(r[:, None])[:, 0], self.scatters(r[:, None])
 
-    def with_noise(self, whiten: Whitener) -> Look:
+    def with_noise(self, whiten: Whitener) -> Projection:
         """The same hypothesis under other noise."""
         twin, own, fit, rows = self._made_of
-        return Look(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
+        return Projection(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
 
     def matrix(self) -> np.ndarray:
         """(n, rows) single precision: whitening and turning as one, for many columns; the first ``free`` rows see what the nuisance leaves.
@@ -203,30 +203,36 @@ def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return (squares - 2 * one @ other.T) / one.shape[1]
 
 
-def basis_of(form: Form, responses: Responses, look: Look) -> np.ndarray:
+def basis_of(form: LawForm, responses: Responses, projection: Projection) -> np.ndarray:
     """(m, r) orthonormal: what a look sees of a form."""
-    return seen_basis(responses.columns(form), look)
+    return seen_basis(responses.columns(form), projection)
 
 
-def seen_basis(columns: np.ndarray, look: Look) -> np.ndarray:
+def seen_basis(columns: np.ndarray, projection: Projection) -> np.ndarray:
     """(m, r) orthonormal, of stacked columns (n, P)."""
-    whitened = look.whitened(columns)
+    whitened = projection.whitened(columns)
     length = np.linalg.norm(whitened, axis=0)
-    return orthonormal(look.free_of(whitened[:, length > 0] / length[length > 0]), FAINT, scaled=False)
+    return orthonormal(projection.free_of(whitened[:, length > 0] / length[length > 0]), FAINT, scaled=False)
 
 
-def alike(
-    form: Form, responses: Responses, look: Look, noise: np.ndarray, marks: np.ndarray, rank: np.ndarray, forms: Sequence[Form]
+def equivalent_forms(
+    form: LawForm,
+    responses: Responses,
+    projection: Projection,
+    noise: np.ndarray,
+    marks: np.ndarray,
+    rank: np.ndarray,
+    forms: Sequence[LawForm],
 ) -> list[int]:
     """Numbers of the forms that span what this one does; noise (n, D): of which marks (F, ≤ D) are the gains."""
-    basis = basis_of(form, responses, look)
+    basis = basis_of(form, responses, projection)
     if not basis.shape[1]:
         return []
-    own = np.sum((basis.T @ look.free_of(noise[:, : marks.shape[1]])) ** 2, axis=0)
+    own = np.sum((basis.T @ projection.free_of(noise[:, : marks.shape[1]])) ** 2, axis=0)
     distance = np.mean((marks - own) ** 2, axis=1)
     near = np.flatnonzero((rank == basis.shape[1]) & (distance < SLACK * NEAR))
     near = near[np.argsort(distance[near], kind="stable")][:MOST_CLOSE]
-    return [number for number in near.tolist() if overlap(basis, basis_of(forms[number], responses, look)) > SAME]
+    return [number for number in near.tolist() if overlap(basis, basis_of(forms[number], responses, projection)) > SAME]
 
 
 def overlap(one: np.ndarray, other: np.ndarray) -> float:

@@ -129,7 +129,7 @@ def _digest(text: str) -> str:
 # An explanation and the discovery beside it, told: one table, the page of the terminal, the picture, the files.
 
 
-class Told:
+class DiscoveryReport:
     """What is made of both, each once."""
 
     def __init__(self, explanation: Explanation, discovery: Discovery):

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import QUANTITIES
 from tinygc.effects import signals
 from tinygc.noise.refit import Replay
@@ -39,7 +39,7 @@ class Wiring:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class ColumnPlan:
     """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which
     of the wirings it has; wirings."""
 
@@ -73,7 +73,7 @@ class Plan:
         return np.array(sorted(hubs, key=lambda partner: (sorted(hubs[partner]), partner)), dtype=int)
 
 
-def planned(forms: Sequence[Form]) -> Plan:
+def planned(forms: Sequence[LawForm]) -> ColumnPlan:
     """Of these forms.  ValueError for one of more than two factors."""
     numbers: dict[Factor | None, int] = {None: ONE}
     pairs = np.empty((len(forms), 2), dtype=int)
@@ -97,7 +97,7 @@ def planned(forms: Sequence[Form]) -> Plan:
     hub = np.where(first_is_hub, pairs[:, 0], pairs[:, 1])
     partner = np.where(first_is_hub, pairs[:, 1], pairs[:, 0])
     width = np.array([1 if factor is None else factor.of.components * factor.through.phases for factor in factors])
-    return Plan(factors, width, hub, partner, which, tuple(wirings))
+    return ColumnPlan(factors, width, hub, partner, which, tuple(wirings))
 
 
 def _first_is_hub(pairs: np.ndarray, factors: int) -> np.ndarray:
@@ -110,7 +110,7 @@ def _first_is_hub(pairs: np.ndarray, factors: int) -> np.ndarray:
     return ahead & (second != ONE)
 
 
-def _wiring(form: Form, first_is_hub: bool) -> Wiring:
+def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
     terms = form.terms()
     axis = np.array([term.axis for term in terms])
     if len(form.factors) == 1:
@@ -126,7 +126,7 @@ def _wiring(form: Form, first_is_hub: bool) -> Wiring:
 # Values of factors over all samples of a recording, each quantity computed once.
 
 
-class Values:
+class SessionValues:
     """Of a replay's movement: its logs one behind the other, as the twin sees them."""
 
     def __init__(self, replay: Replay):
@@ -175,7 +175,7 @@ class Values:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ResponseBlock:
     """Responses of a hub's components times partners' components: closure (S, d, 3, H, K), the third the axis that is added to; still
     (Q, H, K), which is the same for whatever axis."""
 
@@ -186,9 +186,11 @@ class Block:
 class Responses:
     """Of one replay; segments, stills: numbers of those that are looked at, all where None; values: of the replay, where they are known."""
 
-    def __init__(self, replay: Replay, segments: np.ndarray | None = None, stills: np.ndarray | None = None, values: Values | None = None):
+    def __init__(
+        self, replay: Replay, segments: np.ndarray | None = None, stills: np.ndarray | None = None, values: SessionValues | None = None
+    ):
         twin = self.twin = replay.twin
-        self.values = Values(replay) if values is None else values
+        self.values = SessionValues(replay) if values is None else values
         self.angles = twin.batch.angles
         self.segments = np.arange(len(twin.segments)) if segments is None else segments
         self.stills = np.arange(len(twin.stills)) if stills is None else stills
@@ -215,7 +217,7 @@ class Responses:
         """Rows of the stacked channels that are looked at."""
         return len(self.segments) * self.angles + 4 * len(self.stills)
 
-    def block(self, hub: np.ndarray, partners: np.ndarray) -> Block:
+    def block(self, hub: np.ndarray, partners: np.ndarray) -> ResponseBlock:
         """Of every product of hub (H, N) and partners (K, N), in their precision."""
         sensitivity, weights = self._single if partners.dtype == np.float32 else (self._sensitivity, self._weights)
         closure = np.empty((len(self._turns), 3 * self.angles * len(hub), len(partners)), dtype=partners.dtype)
@@ -225,9 +227,9 @@ class Responses:
         still = np.empty((len(self._rests), len(hub), len(partners)), dtype=partners.dtype)
         for row, rows, weight in zip(still, self._rests, weights, strict=True):
             np.matmul(hub[:, rows] * weight, partners[:, rows].T, out=row)
-        return Block(closure.reshape(-1, self.angles, 3, len(hub), len(partners)), still)
+        return ResponseBlock(closure.reshape(-1, self.angles, 3, len(hub), len(partners)), still)
 
-    def columns(self, form: Form) -> np.ndarray:
+    def columns(self, form: LawForm) -> np.ndarray:
         """(n, P) stacked, in double precision, of one form."""
         plan = planned([form])
         (wiring,) = plan.wirings

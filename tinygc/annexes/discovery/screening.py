@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from tinygc.annexes.discovery.constants import Sharpened, sharpened_in
-from tinygc.annexes.discovery.form import Form
-from tinygc.annexes.discovery.projections import FAINT, Look, alike, basis_of, leaders, price, promise, seen_directions
-from tinygc.annexes.discovery.responses import Block, Plan, Responses, Values, planned
+from tinygc.annexes.discovery.constants import RefinedForm, refined_in
+from tinygc.annexes.discovery.form import LawForm
+from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
+from tinygc.annexes.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -25,13 +25,13 @@ class Probe:
     beside the nuisance, of length one, at the size rms: rad/s of the rate that it adds beside what a calibration takes up."""
 
     quantity: str
-    form: Form
+    form: LawForm
     whitened: np.ndarray
     unit: np.ndarray
     rms: float
 
 
-def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[Probe, ...]:
+def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projection) -> tuple[Probe, ...]:
     """Of each quantity, that law of one function of it, without a constant, the same for each axis, which shows at the smallest rate."""
     best: dict[str, Probe] = {}
     for form in forms:
@@ -39,8 +39,8 @@ def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[
         if others or form.constants or form.pattern != "each":
             continue
         response = responses.columns(form).sum(axis=1)
-        whitened = look.whitened(response)
-        free = look.free_of(whitened)
+        whitened = projection.whitened(response)
+        free = projection.free_of(whitened)
         length = float(np.linalg.norm(free))
         if not length > FAINT * float(np.linalg.norm(whitened)):  # or no number
             continue
@@ -50,7 +50,7 @@ def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[
     return tuple(best.values())
 
 
-def beside_calibration(form: Form, theta: np.ndarray, values: Values) -> float:
+def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) -> float:
     """rad/s rms over samples and axes: the rate that a law of coefficients theta (P,) adds, less what a bias and a matrix take up."""
     found = {factor: values.of(factor) for factor in form.factors}
     added = np.zeros((3, values.samples))
@@ -72,7 +72,7 @@ TURN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class TurnSample:
     """Numbers of segments and of stills, and where they are (n,) among the stacked channels."""
 
     segments: np.ndarray
@@ -80,7 +80,7 @@ class Part:
     rows: np.ndarray
 
 
-def spread(twin: Twin) -> Part | None:
+def spread(twin: Twin) -> TurnSample | None:
     """Groups of neighbouring turns, evenly over the session, with the stills beside them; None where there are few enough for all."""
     count, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
     if count <= MOST_TURNS:
@@ -95,7 +95,7 @@ def spread(twin: Twin) -> Part | None:
         count * d + (stills[:, None] * 3 + np.arange(3)).ravel(),
         count * d + 3 * q + stills,
     ]
-    return Part(segments, stills, np.concatenate(rows))
+    return TurnSample(segments, stills, np.concatenate(rows))
 
 
 # What the best of all forms promises in noise alone, for this very recording.
@@ -151,7 +151,7 @@ class Passed:
     """Some forms of one size P beside one look, single precision, each column of an arbitrary length: forms (F,), their numbers; free
     (F, P, m): columns beside the nuisance; length (F, P): with it; along (F, P, T): free times the look's targets."""
 
-    look: int
+    projection: int
     forms: np.ndarray
     free: np.ndarray
     length: np.ndarray
@@ -159,10 +159,14 @@ class Passed:
 
 
 def passed(
-    plan: Plan, responses: Responses, looks: Sequence[Look], targets: Sequence[np.ndarray], progress: Progress = lambda what, done, of: None
+    plan: ColumnPlan,
+    responses: Responses,
+    projections: Sequence[Projection],
+    targets: Sequence[np.ndarray],
+    progress: Progress = lambda what, done, of: None,
 ) -> Iterator[Passed]:
     """Every form that is not zero or no number throughout, beside each look; targets (m, T): of each look."""
-    matrices = [look.matrix() for look in looks]
+    matrices = [projection.matrix() for projection in projections]
     goals = [each.astype(np.float32) for each in targets]
     order = np.lexsort([plan.wiring, plan.partner, plan.hub])
     keys = plan.hub[order] * len(plan.factors) + plan.partner[order]
@@ -178,7 +182,7 @@ def passed(
             progress("screening forms", done, len(keys))
 
 
-def _blocks(plan: Plan, responses: Responses, tile: np.ndarray) -> Iterator[tuple[int, np.ndarray, Block, np.ndarray]]:
+def _blocks(plan: ColumnPlan, responses: Responses, tile: np.ndarray) -> Iterator[tuple[int, np.ndarray, ResponseBlock, np.ndarray]]:
     """hub, partners of this tile (K,), their block, and whether it is other than zero (K,)."""
     parts = [responses.values.single(plan.factors[partner]) for partner in tile]
     values = np.concatenate([part for part, _ in parts])
@@ -208,7 +212,7 @@ def _runs(wanted: np.ndarray, ends: np.ndarray, width: np.ndarray, most: int) ->
 
 
 def _rows(
-    plan: Plan, forms: list[np.ndarray], partners: np.ndarray, block: Block, alive: np.ndarray
+    plan: ColumnPlan, forms: list[np.ndarray], partners: np.ndarray, block: ResponseBlock, alive: np.ndarray
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
     """By size P: numbers (F,) of the forms of each partner, and where their columns (F, P) are among ``axis * products + product``."""
     _, _, _, h, k = block.closure.shape
@@ -224,19 +228,19 @@ def _rows(
 
 
 def _through(
-    block: Block, forms: dict[int, np.ndarray], rows: dict[int, np.ndarray], matrices: list[np.ndarray], targets: list[np.ndarray]
+    block: ResponseBlock, forms: dict[int, np.ndarray], rows: dict[int, np.ndarray], matrices: list[np.ndarray], targets: list[np.ndarray]
 ) -> Iterator[Passed]:
     s, d, _, h, k = block.closure.shape
     used = np.unique(np.concatenate([each.ravel() for each in rows.values()]))
     closure = [block.closure[:, :, axis].reshape(s * d, h * k) for axis in range(3)]
     still = block.still.reshape(len(block.still), h * k)
-    for look, (matrix, goal) in enumerate(zip(matrices, targets, strict=True)):
+    for projection, (matrix, goal) in enumerate(zip(matrices, targets, strict=True)):
         seen = _seen(matrix, closure, still, used)
         free = np.ascontiguousarray(seen[:, : len(goal)])
         length, along = np.linalg.norm(seen, axis=1), free @ goal
         for size, each in rows.items():
             at = np.searchsorted(used, each)
-            yield Passed(look, forms[size], free[at], length[at], along[at])
+            yield Passed(projection, forms[size], free[at], length[at], along[at])
 
 
 def _seen(matrix: np.ndarray, closure: list[np.ndarray], still: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -276,7 +280,7 @@ class Screening:
     all_responses, all_looks: of all turns; seed: of whatever else is drawn.
     """
 
-    forms: Sequence[Form]
+    forms: Sequence[LawForm]
     bits: np.ndarray
     sizes: np.ndarray
     price: np.ndarray
@@ -291,10 +295,10 @@ class Screening:
     probes: tuple[Probe, ...]
     shares: np.ndarray
     responses: Responses
-    looks: tuple[Look, ...]
+    projections: tuple[Projection, ...]
     noise: np.ndarray
     all_responses: Responses
-    all_looks: tuple[Look, ...]
+    all_projections: tuple[Projection, ...]
     seed: int
 
     @cached_property
@@ -311,29 +315,29 @@ class Screening:
         """Probability that noise alone gives the best of all forms such a studentised promise."""
         return self.chance.p(promise)
 
-    def price_of(self, form: Form) -> float:
+    def price_of(self, form: LawForm) -> float:
         """As ``price``, of any form: that of those which differ from it by their constants alone, the dearest's where there are none."""
         return self._prices.get(form.shape, float(self.price.max()))
 
     @cached_property
-    def _prices(self) -> dict[Form, float]:
+    def _prices(self) -> dict[LawForm, float]:
         return {form.shape: float(cost) for form, cost in zip(self.forms, self.price, strict=True)}
 
-    def neighbours(self, form: Form, most: int = NEIGHBOURS) -> list[Form]:
+    def neighbours(self, form: LawForm, most: int = NEIGHBOURS) -> list[LawForm]:
         """Forms that differ from one by their constants alone, the nearest first; itself where there are none."""
         own = np.log(form.constants)
         return sorted(self._shapes.get(form.shape, [form]), key=lambda other: np.sum((np.log(other.constants) - own) ** 2))[:most]
 
     @cached_property
-    def _shapes(self) -> dict[Form, list[Form]]:
-        found: dict[Form, list[Form]] = {}
+    def _shapes(self) -> dict[LawForm, list[LawForm]]:
+        found: dict[LawForm, list[LawForm]] = {}
         for form in self.forms:
             found.setdefault(form.shape, []).append(form)
         return found
 
-    def sharpened(self, form: Form, look: int = -1) -> Sharpened:
+    def refined(self, form: LawForm, projection: int = -1) -> RefinedForm:
         """Its constants at their best beside one of the looks."""
-        return sharpened_in(form, self.all_responses, self.all_looks[look])
+        return refined_in(form, self.all_responses, self.all_projections[projection])
 
     @cached_property
     def leaders(self) -> np.ndarray:
@@ -345,18 +349,18 @@ class Screening:
         """How many of the forms differ in this recording."""
         return len(np.unique(self.leaders[self.leaders >= 0]))
 
-    def same_as(self, form: Form, most: int = 8) -> list[Form]:
+    def same_as(self, form: LawForm, most: int = 8) -> list[LawForm]:
         """Forms whose columns span what this one's do (cosine of every principal angle above ``alike.SAME``), the simplest first."""
-        numbers = alike(form, self.responses, self.looks[-1], self.noise, self.marks, self.rank[-1], self.forms)
+        numbers = equivalent_forms(form, self.responses, self.projections[-1], self.noise, self.marks, self.rank[-1], self.forms)
         numbers = sorted(numbers, key=lambda number: (self.bits[number], self.sizes[number], number))
         return [self.forms[number] for number in numbers if self.forms[number] != form][:most]
 
 
 def screened(
     replay: Replay,
-    forms: Sequence[Form],
+    forms: Sequence[LawForm],
     bits: np.ndarray,
-    looks: Sequence[tuple[Whitener, Refit]],
+    projections: Sequence[tuple[Whitener, Refit]],
     seed: int,
     draws: int = DRAWS,
     progress: Progress = lambda what, done, of: None,
@@ -369,12 +373,12 @@ def screened(
     """
     bits, plan = np.asarray(bits, dtype=float), planned(forms)
     every = Responses(replay)
-    all_looks = tuple(Look(replay.twin, whiten, fit) for whiten, fit in looks)
+    all_projections = tuple(Projection(replay.twin, whiten, fit) for whiten, fit in projections)
     part = spread(replay.twin)
-    responses, seen = every, all_looks
+    responses, seen = every, all_projections
     if part is not None:
         responses = Responses(replay, part.segments, part.stills, every.values)
-        seen = tuple(Look(replay.twin, whiten, fit, part.rows) for whiten, fit in looks)
+        seen = tuple(Projection(replay.twin, whiten, fit, part.rows) for whiten, fit in projections)
     noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
     probes = probes_of(forms, responses, seen[-1])
     work = _Work(plan, price(bits, plan.sizes), seen, noise, probes)
@@ -382,7 +386,7 @@ def screened(
     if part is not None:
         best = np.argsort(-work.promise.max(axis=0), kind="stable")[:FINALISTS]
         some = planned([forms[number] for number in best])
-        final = _Work(some, work.price[best], all_looks, np.zeros((every.channels, 0)), ())
+        final = _Work(some, work.price[best], all_projections, np.zeros((every.channels, 0)), ())
         final.over(some, every, progress)
         for name in ("gain", "promise", "rank", "left", "tested"):
             getattr(work, name)[:, best] = getattr(final, name)
@@ -402,10 +406,10 @@ def screened(
         probes=probes,
         shares=work.shares,
         responses=responses,
-        looks=seen,
+        projections=seen,
         noise=noise,
         all_responses=every,
-        all_looks=all_looks,
+        all_projections=all_projections,
         seed=seed,
     )
 
@@ -413,38 +417,40 @@ def screened(
 class _Work:
     """What is gathered of forms of these prices (F,), beside each look."""
 
-    def __init__(self, plan: Plan, price: np.ndarray, looks: tuple[Look, ...], noise: np.ndarray, probes: tuple[Probe, ...]):
-        shape, draws = (len(looks), len(price)), noise.shape[1]
-        self.price, self.looks = price, looks
+    def __init__(
+        self, plan: ColumnPlan, price: np.ndarray, projections: tuple[Projection, ...], noise: np.ndarray, probes: tuple[Probe, ...]
+    ):
+        shape, draws = (len(projections), len(price)), noise.shape[1]
+        self.price, self.projections = price, projections
         self.gain, self.left, self.rank = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
         self.promise, self.tested = np.full(shape, -np.inf), np.full(shape, -np.inf)
-        self.best = np.full((len(looks), draws), -np.inf)
+        self.best = np.full((len(projections), draws), -np.inf)
         self.marks = np.zeros((len(price), min(MARKS, draws)), dtype=np.float32)
         self.shares = np.zeros((len(price), len(probes)), dtype=np.float32)
         self._draws = slice(1, 1 + draws)
         # A column for the recording, one for each draw, and one for each probe.
-        responses = np.stack([probe.unit for probe in probes], axis=1) if probes else np.zeros((looks[-1].free, 0))
+        responses = np.stack([probe.unit for probe in probes], axis=1) if probes else np.zeros((projections[-1].free, 0))
         self._targets, self._scatter = [], []
-        for look in looks:
-            asked = responses if look is looks[-1] else np.zeros((look.free, 0))
-            self._targets.append(np.concatenate([look.residual[:, None], look.free_of(noise), asked], axis=1))
-            self._scatter.append(np.concatenate([[look.scatter], look.scatters(look.beside(noise))]))
+        for projection in projections:
+            asked = responses if projection is projections[-1] else np.zeros((projection.free, 0))
+            self._targets.append(np.concatenate([projection.residual[:, None], projection.free_of(noise), asked], axis=1))
+            self._scatter.append(np.concatenate([[projection.scatter], projection.scatters(projection.beside(noise))]))
 
-    def over(self, plan: Plan, responses: Responses, progress: Progress) -> None:
+    def over(self, plan: ColumnPlan, responses: Responses, progress: Progress) -> None:
         """One pass."""
-        for some in passed(plan, responses, self.looks, self._targets, progress):
-            look, forms = some.look, some.forms
+        for some in passed(plan, responses, self.projections, self._targets, progress):
+            projection, forms = some.projection, some.forms
             weights, rank, left = seen_directions(some.free, some.length)
             gains = np.sum((weights.astype(np.float32) @ some.along) ** 2, axis=1)
             cost, unseen = self.price[forms], rank == 0
-            self.gain[look, forms], self.rank[look, forms], self.left[look, forms] = gains[:, 0], rank, left
-            self.promise[look, forms] = np.where(unseen, -np.inf, promise(gains[:, 0].astype(float), rank, cost))
+            self.gain[projection, forms], self.rank[projection, forms], self.left[projection, forms] = gains[:, 0], rank, left
+            self.promise[projection, forms] = np.where(unseen, -np.inf, promise(gains[:, 0].astype(float), rank, cost))
             own = gains[:, : self._draws.stop]
-            tested = promise(self.looks[look].studentised(own, rank, self._scatter[look]), rank, cost)
+            tested = promise(self.projections[projection].studentised(own, rank, self._scatter[projection]), rank, cost)
             tested[unseen] = -np.inf
-            self.tested[look, forms] = tested[:, 0]
-            np.maximum(self.best[look], tested[:, self._draws].max(axis=0), out=self.best[look])
-            if look == len(self.looks) - 1:
+            self.tested[projection, forms] = tested[:, 0]
+            np.maximum(self.best[projection], tested[:, self._draws].max(axis=0), out=self.best[projection])
+            if projection == len(self.projections) - 1:
                 self.marks[forms] = gains[:, 1 : 1 + self.marks.shape[1]]
                 self.shares[forms] = gains[:, self._draws.stop :]
 
@@ -452,10 +458,10 @@ class _Work:
 # What one form promises beside a hypothesis that was not screened: the rest of what stands, in the noise as it is with the form.
 
 
-def promised_beside(screening: Screening, form: Form, look: Look) -> float:
+def promised_beside(screening: Screening, form: LawForm, projection: Projection) -> float:
     """Studentised, as ``Screening.tested``; -inf where nothing of it is seen.  look: of all turns, at the rest."""
-    basis = basis_of(form, screening.all_responses, look)
+    basis = basis_of(form, screening.all_responses, projection)
     if not basis.shape[1]:
         return -np.inf
-    gain, rank = np.array([np.sum((basis.T @ look.residual) ** 2)]), np.array([basis.shape[1]])
-    return float(promise(look.studentised(gain, rank, look.scatter), rank, np.array([screening.price_of(form)]))[0])
+    gain, rank = np.array([np.sum((basis.T @ projection.residual) ** 2)]), np.array([basis.shape[1]])
+    return float(promise(projection.studentised(gain, rank, projection.scatter), rank, np.array([screening.price_of(form)]))[0])

@@ -11,10 +11,10 @@ from scipy import stats
 from session.detect.segments import Segment
 from session.detect.stills import Still
 from tinygc.annexes.discovery.constants import ByAxis, added_by, by_axis, linear
-from tinygc.annexes.discovery.form import Form
-from tinygc.annexes.discovery.projections import Look
+from tinygc.annexes.discovery.form import LawForm
+from tinygc.annexes.discovery.projections import Projection
 from tinygc.annexes.discovery.screening import promised_beside
-from tinygc.annexes.discovery.selection import FormEvidence, Found, believable, one_step
+from tinygc.annexes.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.annexes.discovery.words import equation
 from tinygc.closure.floor import Floor
 from tinygc.closure.problem import LEFT_OUT, Problem
@@ -41,7 +41,7 @@ FEWEST = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Split:
     """seen: the problem that is searched; parts, recording: used segments (indices) of the whole problem that are left out, in runs and
     with one whole log, whose number is ``log``; None where there is one log."""
 
@@ -51,7 +51,7 @@ class Parts:
     log: int | None
 
 
-def parted(problem: Problem, seed: int) -> Parts:
+def parted(problem: Problem, seed: int) -> Split:
     """Of a problem's used segments; which third is left out is drawn, in runs that are counted through all logs, or, where there are so
     few that a third of runs may be too few to judge by, as one piece.  Of several recordings the smallest that is enough to judge by is
     left out whole, where the others are enough to search."""
@@ -67,7 +67,7 @@ def parted(problem: Problem, seed: int) -> Parts:
         thirds = [np.isin(np.arange(len(rest)), piece) for piece in np.array_split(np.arange(len(rest)), SEEN + 1)]
     held = np.zeros(len(used), dtype=bool)
     held[rest[thirds[first]]] = True
-    return Parts(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
+    return Split(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
 
 
 def without(problem: Problem, held: np.ndarray) -> Problem:
@@ -139,7 +139,7 @@ class RunnerUp:
     the price of descriptions or without, whichever is less; correlation of the rate that it adds with the law's, beside what a
     calibration takes up; splits: what would tell them apart."""
 
-    form: Form | None
+    form: LawForm | None
     effect: Effect
     worse: float
     correlation: float
@@ -154,7 +154,7 @@ class Law:
     recording that was left out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
     learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any."""
 
-    form: Form
+    form: LawForm
     effect: Effect
     theta: np.ndarray
     covariance: np.ndarray
@@ -164,7 +164,7 @@ class Law:
     better: float
     chance_p: float
     held_out: tuple[HeldOut, ...]
-    same: tuple[Form, ...] = ()
+    same: tuple[LawForm, ...] = ()
     runners_up: tuple[RunnerUp, ...] = ()
     learnable_from: float | None = None
 
@@ -226,7 +226,7 @@ class Unseen:
         s = np.array([noise.size(component.name) for component in self._first.components])
         return self.white.with_more(replace(self._first, s=s).covariance).sigma
 
-    def judged(self, without: Hypothesis, law: Hypothesis, held: np.ndarray, recording: str | None = None) -> HeldOut | None:
+    def assessed(self, without: Hypothesis, law: Hypothesis, held: np.ndarray, recording: str | None = None) -> HeldOut | None:
         """How the law predicts the used segments ``held`` (indices); None where there are none."""
         if not len(held):
             return None
@@ -264,21 +264,21 @@ NOISE_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SearchState:
     """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
     that have none; best: with laws; rounds of the search; entered: of each law's id, the number of the round that brought it; forms that
     were tried; why: a law was refused."""
 
     evidence: FormEvidence
     unseen: Unseen
-    split: Parts
+    split: Split
     names: list[Effect]
     catalogue: Hypothesis
     shapes: Hypothesis
     best: Hypothesis
-    rounds: list[Found]
+    rounds: list[SearchRound]
     entered: dict[str, int]
-    forms: list[Form]
+    forms: list[LawForm]
     why: str = ""
 
     @property
@@ -295,7 +295,7 @@ class Searched:
         """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
         split, unseen, without = self.split, self.unseen, self.without(law)
         log = None if split.log is None else unseen.whole.problem.session.logs[split.log].path.name
-        tests = (unseen.judged(without, self.best, split.parts), unseen.judged(without, self.best, split.recording, log))
+        tests = (unseen.assessed(without, self.best, split.parts), unseen.assessed(without, self.best, split.recording, log))
         return tuple(test for test in tests if test is not None)
 
     def without(self, law: Effect) -> Hypothesis:
@@ -307,14 +307,14 @@ class Searched:
 
         Noise was asked with the constants of the grid; so is the law, by the best of its neighbours there.
         """
-        screening, look = self.round_of(law).screening, self.look_without(law)
+        screening, projection = self.round_of(law).screening, self.projection_without(law)
         on_grid = screening.neighbours(self.evidence.forms[law.id])
-        return screening.chance_p(max(promised_beside(screening, form, look) for form in on_grid))
+        return screening.chance_p(max(promised_beside(screening, form, projection) for form in on_grid))
 
-    def look_without(self, law: Effect) -> Look:
+    def projection_without(self, law: Effect) -> Projection:
         """At all that stands but one of the laws, in the noise as it is with all."""
         whiten = self.best.whiten
-        return Look(self.evidence.twin, whiten, rewhitened(self.without(law), whiten))
+        return Projection(self.evidence.twin, whiten, rewhitened(self.without(law), whiten))
 
     @property
     def closes_to_noise(self) -> bool:
@@ -323,7 +323,7 @@ class Searched:
         closure = (twin.residuals(self.best.fit.state).stacked() / whiten.sigma)[whiten.parts["closure"]]
         return chi_square_above(float(closure @ closure), closure.size) > NOISE_P
 
-    def round_of(self, law: Effect) -> Found:
+    def round_of(self, law: Effect) -> SearchRound:
         """That in which a law was found: a later one has it as known, and nothing in its place."""
         return self.rounds[self.entered[law.id]]
 
@@ -360,14 +360,14 @@ def correlation(first: np.ndarray, second: np.ndarray) -> float:
 # Whether a law's constant differs by axis, so that the one that is said for all makes another law of it.
 
 
-def differing(searched: Searched, law: Effect) -> ByAxis | None:
+def differing(searched: SearchState, law: Effect) -> ByAxis | None:
     """The constants of each axis that take up most, where they are as much better as a rival must be and add another rate; else None."""
     form, movements = searched.evidence.forms[law.id], searched.evidence.twin.movements
-    responses, look = searched.round_of(law).screening.all_responses, searched.look_without(law)
-    found = max(by_axis(form, responses, look), key=lambda each: each.more, default=None)
+    responses, projection = searched.round_of(law).screening.all_responses, searched.projection_without(law)
+    found = max(by_axis(form, responses, projection), key=lambda each: each.more, default=None)
     if found is None or found.more < STAND_IN:
         return None
-    rates = added_by(form, linear(form, responses, look), movements), found.added(movements)
+    rates = added_by(form, linear(form, responses, projection), movements), found.added(movements)
     one, other = (beside_calibration(rate, movements) for rate in rates)
     return None if correlation(one, other) > EQUAL else found
 
@@ -406,7 +406,7 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
     nearest = [min(guess.score - best.score, evidence.unpriced(guess) - fits) for guess in guessed]
     own, found = whole_added(evidence.twin, best), list[Rival]()
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
-        other, weighed, hypothesis, alike = rest[number], guessed[number], None, 0.0
+        other, weighed, hypothesis, correlated = rest[number], guessed[number], None, 0.0
         if place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN:
             effects = (*(effect for effect in best.effects if effect is not law), other)
             weighed = evidence.of(effects, best)
@@ -416,8 +416,8 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
                 lacking = min(weighed.score - best.score, evidence.unpriced(weighed) - fits) - STAND_IN
                 weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
-            alike = correlation(own, whole_added(evidence.twin, hypothesis))
-        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, alike))
+            correlated = correlation(own, whole_added(evidence.twin, hypothesis))
+        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated))
     return sorted(found, key=lambda rival: rival.worse)
 
 
@@ -444,7 +444,7 @@ MOST_OF_IT = 0.9
 ALL_OF_IT = 1 - (1 - EQUAL**2) / 2
 
 
-def refused(searched: Searched, law: Effect) -> str | None:
+def refused(searched: SearchState, law: Effect) -> str | None:
     """Why a law of the best hypothesis is not said, or None."""
     best, evidence = searched.best, searched.evidence
     chance_p, said = searched.chance_p(law), equation(evidence.forms[law.id])
@@ -468,12 +468,12 @@ def refused(searched: Searched, law: Effect) -> str | None:
     return None
 
 
-def leaves_something(searched: Searched) -> bool:
+def leaves_something(searched: SearchState) -> bool:
     """Whether a further law is asked for; what was put away has no part in it, as it is to judge that law, too."""
     return searched.best.noise.unusual or not searched.closes_to_noise
 
 
-def taken(searched: Searched) -> float:
+def taken(searched: SearchState) -> float:
     """The least share of the excess that a law takes away of what was put away; one where what is left is the sensor's own noise."""
     tests = [test.removed for test in searched.held_out if test.removed is not None and test.noise_p < NOISE_P]
     return min(tests, default=1.0)

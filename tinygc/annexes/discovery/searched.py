@@ -53,7 +53,7 @@ SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "l
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class SavedDiscovery:
     """folder of the explanation; table: its ``discovery``; following: what to do next, or nothing; picture: discover.png, or None."""
 
     folder: Path
@@ -62,7 +62,7 @@ class Searched:
     picture: bytes | None
 
 
-def searched(folder: Path, logs: Mapping[str, str]) -> Searched | None:
+def searched(folder: Path, logs: Mapping[str, str]) -> SavedDiscovery | None:
     """Of ``explain`` in a session's folder; logs: the hashes of the session's logs by name.
 
     None where nothing was searched, or in other logs.  FormatError for an explanation that cannot be read.
@@ -77,7 +77,7 @@ def searched(folder: Path, logs: Mapping[str, str]) -> Searched | None:
         return None
     for number, law in enumerate(table["laws"]):
         _require_numbers(law, f"{path.name}: discovery.laws[{number}]")
-    return Searched(where, table, explained.get("next") or "", _picture(where / "discover.png") if table["laws"] else None)
+    return SavedDiscovery(where, table, explained.get("next") or "", _picture(where / "discover.png") if table["laws"] else None)
 
 
 def _require_numbers(law: dict, where: str) -> None:

@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.annexes.discovery.constants import sharpened_in
+from tinygc.annexes.discovery.constants import refined_in
 from tinygc.annexes.discovery.enumeration import bits
 from tinygc.annexes.discovery.equivalence import as_effect
-from tinygc.annexes.discovery.form import Form
-from tinygc.annexes.discovery.projections import Look, price
+from tinygc.annexes.discovery.form import LawForm
+from tinygc.annexes.discovery.projections import Projection, price
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.screening import Screening, screened
 from tinygc.effects import Effect, Movement
@@ -39,11 +39,11 @@ class FormEvidence(Evidence):
     """Evidence in which forms are weighed, too; each is known by an id of its own while the search lasts."""
 
     def __init__(self, twin: Twin):
-        self.forms: dict[str, Form] = {}
-        self._ids: dict[Form, Effect] = {}
+        self.forms: dict[str, LawForm] = {}
+        self._ids: dict[LawForm, Effect] = {}
         super().__init__(twin)
 
-    def effect_of(self, form: Form) -> Effect:
+    def effect_of(self, form: LawForm) -> Effect:
         """The form as an effect, always the same one."""
         if form not in self._ids:
             name = f"{FORM}n{len(self._ids)}"
@@ -60,12 +60,12 @@ class FormEvidence(Evidence):
         """The score of a hypothesis as if nothing had been paid for its description but its coefficients: how well it fits."""
         return have.score - sum(self.price(effect) - effect.parameter.size for effect in have.effects)
 
-    def form_in(self, have: tuple[Effect, ...]) -> list[Form]:
+    def form_in(self, have: tuple[Effect, ...]) -> list[LawForm]:
         """The forms among effects, in their order."""
         return [self.forms[effect.id] for effect in have if effect.id in self.forms]
 
 
-def rms_of(form: Form, movements: list[Movement]) -> float:
+def rms_of(form: LawForm, movements: list[Movement]) -> float:
     """Of the form's products over a recording."""
     squares = [np.mean(columns[columns != 0] ** 2) for m in movements if (columns := as_effect(form).columns(m)).any()]
     return float(np.sqrt(np.mean(squares))) if squares else 1.0
@@ -89,14 +89,14 @@ def believable(have: Hypothesis, base: Hypothesis) -> bool:
     return arrived and float(np.abs(have.fit.state.model.E - base.fit.state.model.E).max()) < MOST_TAKEN
 
 
-def takes_calibration(form: Form, responses: Responses, look: Look, fit: Refit) -> bool:
+def takes_calibration(form: LawForm, responses: Responses, projection: Projection, fit: Refit) -> bool:
     """Whether a form, at its best by linear columns beside a fit in a look's noise, would take the calibration's place.
 
     What differs from the rate in one turn alone takes up that turn, and the scale factor of all others: it promises much, and is not
     believed once it is refitted.
     """
-    columns = look.whitened(responses.columns(form))
-    theta = np.linalg.lstsq(look.free_of(columns), look.residual, rcond=None)[0]
+    columns = projection.whitened(responses.columns(form))
+    theta = np.linalg.lstsq(projection.free_of(columns), projection.residual, rcond=None)[0]
     moved = np.linalg.lstsq(fit.J, columns @ theta, rcond=None)[0]
     return bool(np.abs(moved[LINEAR][MATRIX]).max() > MOST_TAKEN_LINEARLY)
 
@@ -132,7 +132,7 @@ class Constants:
     worth: float
 
     @classmethod
-    def of(cls, twin: Twin, have: Hypothesis, law: Effect, form: Form) -> Constants:
+    def of(cls, twin: Twin, have: Hypothesis, law: Effect, form: LawForm) -> Constants:
         """Of a law that has constants."""
         fit, replay = have.fit, Replay(twin, have.fit)
         moves = have.whiten(_moves(twin, have, law, form, replay))
@@ -143,7 +143,7 @@ class Constants:
         rows, share = len(left), float(step @ information @ step) / max(float(left @ left), 1e-300)
         return cls(step, np.linalg.inv(information), along, -rows * np.log(max(1 - share, LEAST_LEFT)))
 
-    def sigmas(self, form: Form) -> tuple[float, ...]:
+    def sigmas(self, form: LawForm) -> tuple[float, ...]:
         """Of each constant, in its unit."""
         return tuple((np.sqrt(np.diag(self.covariance)) * form.constants).tolist())
 
@@ -184,7 +184,7 @@ def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, step: np.nda
     return (trial, other) if trial.score < have.score and believable(trial, have) else None
 
 
-def _moves(twin: Twin, have: Hypothesis, law: Effect, form: Form, replay: Replay) -> np.ndarray:
+def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Replay) -> np.ndarray:
     """(n, K) how the stacked residuals change with ln of each constant."""
     claim = next(claim for claim in have.fit.state.claims if claim.effect is law)
     state, found = have.fit.state, []
@@ -203,7 +203,7 @@ def _moves(twin: Twin, have: Hypothesis, law: Effect, form: Form, replay: Replay
 
 #: shapes that are sharpened and weighed by their linear columns, of each look: benchmarks/discover.py finds the law among the first three
 #: in nearly all sessions
-MOST_SHARPENED = 14
+MOST_REFINED = 14
 #: most promising forms that are asked, in each look, whether they would take the calibration's place
 MOST_ASKED = 60
 #: of those, refitted exactly and believed; and tried, where some are not
@@ -217,7 +217,7 @@ Trial = tuple[float, Effect, Hypothesis]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchRound:
     """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed as the one more,
     the best first."""
 
@@ -227,21 +227,23 @@ class Found:
 
 
 def with_a_form(
-    evidence: FormEvidence, forms: Sequence[Form], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
-) -> Found:
+    evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
+) -> SearchRound:
     """The best hypothesis with one form more than one of the bases has, the likeliest of them last."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
-    looks = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
+    projections = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
     priced = np.array([bits(form) for form in forms])
-    screening = screened(Replay(evidence.twin, bases[-1].fit), forms, priced, looks, seed, progress=lambda what, done, of: progress(what))
+    screening = screened(
+        Replay(evidence.twin, bases[-1].fit), forms, priced, projections, seed, progress=lambda what, done, of: progress(what)
+    )
     progress("sharpening the best forms")
     trials: list[Trial] = []
     promised: dict[str, float] = {}
     for number, (base, _) in enumerate(whitens):
-        look, fit = screening.all_looks[number], looks[number][1]
-        takes = partial(takes_calibration, responses=screening.all_responses, look=look, fit=fit)
+        projection, fit = screening.all_projections[number], projections[number][1]
+        takes = partial(takes_calibration, responses=screening.all_responses, projection=projection, fit=fit)
         for at in _first_of_each_shape(forms, screening.promise[number], takes):
-            sharp = sharpened_in(forms[at], screening.all_responses, look)
+            sharp = refined_in(forms[at], screening.all_responses, projection)
             effect = evidence.effect_of(sharp.form)
             promised[effect.id] = float(screening.tested[at])
             trials.append((evidence.guess(base, add=effect).score, effect, base))
@@ -252,7 +254,7 @@ def with_a_form(
     best = min(refitted, key=lambda h: h.score, default=None)
     stood = {effect.id for base in bases for effect in base.effects}
     new = [effect for have in refitted for effect in have.effects if effect.id in evidence.forms and effect.id not in stood]
-    return Found(best, screening, list(dict.fromkeys([*new, *(effect for _, effect, _ in trials)])))
+    return SearchRound(best, screening, list(dict.fromkeys([*new, *(effect for _, effect, _ in trials)])))
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:
@@ -275,13 +277,13 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
     return found
 
 
-def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray, takes_calibration: Callable[[Form], bool]) -> list[int]:
+def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_calibration: Callable[[LawForm], bool]) -> list[int]:
     """Numbers of the most promising forms that leave the calibration its place, of those that differ by their constants alone the first."""
-    found: dict[Form, int] = {}
+    found: dict[LawForm, int] = {}
     asked = 0
     for number in np.argsort(-promise, kind="stable"):
         form = forms[number]
-        if promise[number] <= 0 or len(found) >= MOST_SHARPENED:
+        if promise[number] <= 0 or len(found) >= MOST_REFINED:
             break
         if form.shape in found:
             continue
@@ -293,7 +295,7 @@ def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray, takes_calib
 
 def _best_of_each_shape(evidence: FormEvidence, trials: list[Trial]) -> list[Trial]:
     """Of sorted trials, the first of those that differ by their constants, or by what they stand beside."""
-    found: dict[Form, Trial] = {}
+    found: dict[LawForm, Trial] = {}
     for trial in trials:
         found.setdefault(evidence.forms[trial[1].id].shape, trial)
     return list(found.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tinygc.annexes.discovery.form import Factor, Form
+from tinygc.annexes.discovery.form import Factor, LawForm
 
 #: what a symbol of an equation stands for, where it is no symbol of the catalogue's
 SYMBOLS = {
@@ -98,7 +98,7 @@ ABBREVIATIONS = {
 }
 
 
-def equation(form: Form) -> str:
+def equation(form: LawForm) -> str:
     """One line, as the catalogue's: constants in people's units, then what its symbols are."""
     indices = {"each": "ii", "full": "jj", "cross": "jj", "next": "jk", "last": "kj", "leant": "ij"}[form.pattern]
     shown = [_shown(factor, index) for factor, index in zip(form.factors, indices, strict=False)]
@@ -147,7 +147,7 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def constant_of(form: Form, number: int) -> tuple[str, float]:
+def constant_of(form: LawForm, number: int) -> tuple[str, float]:
     """One of ``Form.constants`` in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
     found: list[tuple[str, float]] = []
     for factor in form.factors:
@@ -157,7 +157,7 @@ def constant_of(form: Form, number: int) -> tuple[str, float]:
     return found[number]
 
 
-def in_words(form: Form) -> str:
+def in_words(form: LawForm) -> str:
     """A sentence that a person at the bench understands."""
     words = [_words(factor) for factor in form.factors]
     late = [_late(factor) for factor in form.factors]
@@ -194,7 +194,7 @@ def _words(factor: Factor) -> str:
     return text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", constant)
 
 
-def what(form: Form) -> str:
+def what(form: LawForm) -> str:
     """A name for an id and a file: snake case, at most ``LONGEST`` characters; forms that differ by constants alone share it."""
     for brief in (False, True):
         words = [word for factor in form.factors for word in _named(factor, brief)]
@@ -212,12 +212,12 @@ def _named(factor: Factor, brief: bool) -> list[str]:
     return [BRIEF.get(word, word) for word in found] if brief else found
 
 
-def splits(form: Form) -> str:
+def splits(form: LawForm) -> str:
     """The movements or conditions that would show it best: a phrase for each quantity."""
     return "; ".join(dict.fromkeys(SPLITS[factor.quantity] for factor in form.factors))
 
 
-def regime(form: Form) -> tuple[str, str]:
+def regime(form: LawForm) -> tuple[str, str]:
     """Variable and unit that it is drawn against: of a product, the condition rather than the rate that it multiplies."""
     order = list(REGIMES)
     return REGIMES[min((factor.quantity for factor in form.factors), key=order.index)]

@@ -18,6 +18,8 @@ from session.io.folder import read_session
 from session.io.units import DEG
 from tinygc.annexes.discovery.constants import refined
 from tinygc.annexes.discovery.form import Factor, LawForm
+from tinygc.annexes.discovery.projections import Projection
+from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.selection import Constants, FormEvidence, exact
 from tinygc.closure.build import build_problem
 from tinygc.explanation.search import rewhitened
@@ -51,7 +53,8 @@ def recovered(job: tuple[str, int]) -> tuple[float, ...]:
     law = evidence.effect_of(LawForm((factor,)))
     have = evidence.of((law,), evidence.nothing)
     fit = rewhitened(evidence.nothing, have.whiten)
-    sharp = refined(LawForm((factor,)), have.whiten, fit, Replay(evidence.twin, fit))
+    responses = Responses(Replay(evidence.twin, fit))
+    sharp = refined(LawForm((factor,)), responses, Projection(evidence.twin, have.whiten, fit))
     have, own = exact(evidence, have, law)
     form = evidence.forms[own.id]
     (constant,), (sigma,) = form.constants, Constants.of(evidence.twin, have, own, form).sigmas(form)

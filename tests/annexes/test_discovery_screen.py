@@ -1,5 +1,6 @@
 """All forms by their linear columns: the twin's own columns, laws that are put in, chance, and what could have been learnt."""
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, pairwise
@@ -222,7 +223,7 @@ def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
             fit = seen.law(5, law, theta)
             projection = Projection(seen.twin, seen.whiten, fit)
             basis = basis_of(law, seen.responses, projection)
-            found = refined(law.with_constants((below if share < 0.5 else above,)), seen.whiten, fit, seen.replay)
+            found = refined(law.with_constants((below if share < 0.5 else above,)), seen.responses, projection)
             assert found.gain > np.sum((basis.T @ projection.residual) ** 2) - 20
 
 
@@ -230,7 +231,8 @@ def test_constants_are_sharpened_within_their_sigma(seen):
     theta = np.array([4.0, -4.0, 4.0]) * DEG
     z = []
     for seed in range(12):
-        found = refined(DEAD_ZONE.with_constants((0.1,)), seen.whiten, seen.law(seed, DEAD_ZONE, theta), seen.replay)
+        projection = Projection(seen.replay.twin, seen.whiten, seen.law(seed, DEAD_ZONE, theta))
+        found = refined(DEAD_ZONE.with_constants((0.1,)), Responses(seen.replay), projection)
         z.append((found.form.constants[0] - 0.13) / found.constants_sigma[0])
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6  # chi-square of 12: 0.1 % on either side
     assert LawForm((Factor("rate", "dead_zone", found.form.constants[0]),)) == found.form
@@ -318,7 +320,9 @@ def test_what_could_have_been_found_of_each_quantity(seen, null):
     shown = {probe.quantity: probe.rms for probe in null.probes}
     least = [size / shown[name] for name, size in strict.items() if size is not None]
     assert min(least) == pytest.approx(np.sqrt(503) + 1.645, abs=0.6)
-    dearer = learnable(replace(null, price=null.price + 30), 0.01)
+    costly = copy(null)
+    costly.price = null.price + 30
+    dearer = learnable(costly, 0.01)
     grown = [(dearer[name] or np.inf) / size for name, size in sizes.items() if size is not None]
     # Where a rival is all that stands in the way, the price of both does not matter.
     assert min(grown) > 0.97

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.equivalence import added, as_effect
 from tinygc.annexes.discovery.form import LawForm
-from tinygc.annexes.discovery.projections import Projection, basis_of, seen_basis
+from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.effects import Movement
-from tinygc.noise.refit import Refit, Replay
-from tinygc.noise.whitening import Whitener
 
 # A form's constants where its linear columns take up most, and how well that tells them.
 
@@ -41,18 +39,12 @@ class RefinedForm:
     constants_sigma: tuple[float, ...]
 
 
-def refined(form: LawForm, whiten: Whitener, fit: Refit, replay: Replay, reach: float | np.ndarray = REACH) -> RefinedForm:
+def refined(form: LawForm, responses: Responses, projection: Projection, reach: float | np.ndarray = REACH) -> RefinedForm:
     """Beside one hypothesis; reach (constants,): how far each may go, as a factor either way: to its neighbours on a grid."""
-    return refined_in(form, Responses(replay), Projection(replay.twin, whiten, fit), reach)
-
-
-def refined_in(form: LawForm, responses: Responses, projection: Projection, reach: float | np.ndarray = REACH) -> RefinedForm:
-    """The same, of a look that is there already."""
     begin = np.log(form.constants)
 
     def gain(logs: np.ndarray) -> float:
-        basis = basis_of(form.with_constants(np.exp(logs)), responses, projection)
-        return float(np.sum((basis.T @ projection.residual) ** 2))
+        return _gain(responses.columns(form.with_constants(np.exp(logs))), projection)
 
     if not len(begin):
         return RefinedForm(form, gain(begin), ())
@@ -141,42 +133,28 @@ class ByAxis:
 
     def added(self, movements: Sequence[Movement]) -> np.ndarray:
         """(N, 3) rad/s over all logs, one after the other, as ``judge.added`` has it."""
-        own = [added_by(form, np.where(self.axes == axis, self.theta, 0.0), movements) for axis, form in enumerate(self.forms)]
-        return np.sum(own, axis=0)
+        thetas = (np.where(self.axes == axis, self.theta, 0.0) for axis in range(3))
+        return np.sum([added(as_effect(form), theta, movements) for form, theta in zip(self.forms, thetas, strict=True)], axis=0)
 
 
 def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list[ByAxis]:
-    """Each of a form's constants in its turn, the others as they are; none of a quantity without an axis."""
-    return [
-        _best(form, number, axes, responses, projection)
-        for number, factor in enumerate(_factors(form))
-        if form.factors[factor].vector and len(np.unique(axes := _axes(form, factor))) > 1
-    ]
+    """Each of a form's constants in turn, the others as they are; none of a quantity without an axis."""
+    found = []
+    places = [place for place, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s) if value is not None]
+    for number, place in enumerate(places):
+        factor = form.factors[place]
+        axes = np.array([term.parts[place][1] // factor.each for term in form.terms()])
+        if factor.vector and len(np.unique(axes)) > 1:
+            found.append(_by_axis(form, number, axes, responses, projection))
+    return found
 
 
-def linear(form: LawForm, responses: Responses, projection: Projection) -> np.ndarray:
-    """(P,) the coefficients of a form, as a look sees them linearly."""
-    return _theta(responses.columns(form), projection)
+def linear_coefficients(columns: np.ndarray, projection: Projection) -> np.ndarray:
+    """(P,) of stacked columns (n, P), by linear least squares beside a hypothesis."""
+    return np.linalg.lstsq(projection.seen(columns), projection.residual, rcond=None)[0]
 
 
-def added_by(form: LawForm, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """(N, 3) rad/s that a form adds over all logs."""
-    effect = as_effect(form)
-    return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
-
-
-def _factors(form: LawForm) -> list[int]:
-    """Number of the factor of each of a form's constants."""
-    pairs = ((number, value) for number, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s))
-    return [number for number, value in pairs if value is not None]
-
-
-def _axes(form: LawForm, factor: int) -> np.ndarray:
-    """(P,) the axis of a factor's component in each term."""
-    return np.array([term.parts[factor][1] // form.factors[factor].each for term in form.terms()])
-
-
-def _best(form: LawForm, number: int, axes: np.ndarray, responses: Responses, projection: Projection) -> ByAxis:
+def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses, projection: Projection) -> ByAxis:
     def of(ln: float) -> LawForm:
         values = list(form.constants)
         values[number] = float(np.exp(ln))
@@ -200,7 +178,7 @@ def _best(form: LawForm, number: int, axes: np.ndarray, responses: Responses, pr
             ln, found = highest(axes == axis)
             if found > top:
                 at[axis], top, columns = ln, found, with_axes(axes == axis, ln)
-    return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, _theta(columns, projection))
+    return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, linear_coefficients(columns, projection))
 
 
 def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float, float]:
@@ -214,7 +192,3 @@ def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float
 
 def _gain(columns: np.ndarray, projection: Projection) -> float:
     return float(np.sum((seen_basis(columns, projection).T @ projection.residual) ** 2))
-
-
-def _theta(columns: np.ndarray, projection: Projection) -> np.ndarray:
-    return np.linalg.lstsq(projection.seen(columns), projection.residual, rcond=None)[0]

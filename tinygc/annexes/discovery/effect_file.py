@@ -302,15 +302,12 @@ class _File:
             "),",
             *_text("splits=", splits(form), ","),
         ]
-        lines += [f"inputs={_tuple(inputs)},"] if (inputs := inputs_of(form)) else []
+        lines += [f"inputs={_tuple(inputs)},"] if (inputs := form.inputs) else []
         lines += [f"reach={reach},"] if reach else []
         lines += [f"passes={self.passes},"] if not self.jumps and (self.passes or PASSES) != PASSES else []
         if law_words.jumps(form):
-            lines += (
-                ["exact_correct=_correct,"]
-                if self.scanned is None
-                else ["exact_correct=lambda measured, m, theta: _correct(measured, m, theta),"]
-            )
+            correct = "_correct" if self.scanned is None else "lambda measured, m, theta: _correct(measured, m, theta)"
+            lines += [f"exact_correct={correct},"]
         lines += [f"regime={_tuple(regime(form))},"]
         if self.scanned is not None:
             si = f", si={self.scanned.times.removeprefix(' * ')}" if self.scanned.times else ""
@@ -368,23 +365,8 @@ def at_of(where: Where) -> dict[str, tuple[float, str]]:
 
 #: of ``tinygc.effects``, what a file may use beside ``Effect`` and ``Movement``
 USED = (
-    *(
-        "NEIGHBOURS",
-        "Conditions",
-        "Cost",
-        "FoundAt",
-        "NoC",
-        "Parameter",
-        "Reach",
-        "Scan",
-        "StageC",
-        "axis_of",
-        "before",
-        "behind",
-        "cross",
-        "diagonal",
-    ),
-    *("full", "largest", "rows", "signals", "without_vibration"),
+    *("NEIGHBOURS", "Conditions", "Cost", "FoundAt", "NoC", "Parameter", "Reach", "Scan", "StageC", "axis_of", "before", "behind"),
+    *("cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
 )
 
 
@@ -414,17 +396,10 @@ def _tuple(names: Sequence[str]) -> str:
     return f"({inside}{',' if len(names) == 1 else ''})"
 
 
-def inputs_of(form: LawForm) -> tuple[str, ...]:
-    """What an effect of it declares."""
-    found = [name for factor in form.factors for name in factor.of.inputs]
-    found += ["time"] if any(getattr(factor.through, "memory", False) for factor in form.factors) else []
-    return tuple(dict.fromkeys(found))
-
-
 def reaches_of(form: LawForm) -> list[Reach]:
     """Of its quantities and functions, but for its lags."""
     found = [factor.of.reach for factor in form.factors if factor.of.reach]
-    return found + ([signals.WHOLE] if any(getattr(factor.through, "memory", False) for factor in form.factors) else [])
+    return found + ([signals.WHOLE] if any(factor.through.memory for factor in form.factors) else [])
 
 
 def _source(reach: Reach) -> str:

@@ -218,10 +218,13 @@ def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarra
     return found
 
 
+def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
+    """(N, 3) rad/s that an effect adds to the rate over all logs, one after the other."""
+    return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
+
+
 def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
-    reach = sum((factor.reach for factor in form.factors), Reach())
-    inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.inputs))
     unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
@@ -232,8 +235,8 @@ def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equ
         says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
         splits=splits(form),
         regime=regime(form),
-        inputs=inputs,
-        reach=reach,
+        inputs=form.inputs,
+        reach=sum((factor.reach for factor in form.factors), Reach()),
         exact_distort=lambda movement, theta: distorted(form, movement, theta),
         device=NoC("no C has been written for it"),
     )

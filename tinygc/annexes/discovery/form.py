@@ -42,7 +42,7 @@ def unit_of(text: str) -> Unit:
     return {base: power for base, power in found.items() if power}
 
 
-def product(*parts: tuple[Unit, Fraction]) -> Unit:
+def product(*parts: tuple[Unit, int | Fraction]) -> Unit:
     """Of units, each raised to a power."""
     found = {base: sum((unit.get(base, Fraction(0)) * power for unit, power in parts), Fraction(0)) for base in BASES}
     return {base: power for base, power in found.items() if power}
@@ -131,9 +131,10 @@ class Factor:
         """Numbers of each axis, or of a scalar: directions times phases."""
         return self.of.directions * self.through.phases
 
-    def values(self, movement: Movement) -> np.ndarray:
-        """(N, components)."""
-        found = self.through.of(self.of.of(movement), self.constant or 1.0).reshape(len(movement.rate), -1)
+    def values(self, movement: Movement, known: np.ndarray | None = None) -> np.ndarray:
+        """(N, components); known: the values of its quantity, where they have been computed."""
+        known = self.of.of(movement) if known is None else known
+        found = self.through.of(known, self.constant or 1.0).reshape(len(known), -1)
         return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.t_s)
 
 
@@ -174,7 +175,7 @@ class LawForm:
     @property
     def coefficient_unit(self) -> str:
         """Of each coefficient, as a person reads it: ``dps/(g·°C)``."""
-        return text_of(product(*((factor.unit, Fraction(1)) for factor in self.factors)), RATE)
+        return text_of(product(*((factor.unit, 1) for factor in self.factors)), RATE)
 
     def terms(self) -> tuple[Term, ...]:
         """One for each coefficient, row by row of its matrix where it has one."""
@@ -195,6 +196,11 @@ class LawForm:
             return [(axis, other) for other in range(3)]
         others = {"each": [axis], "full": [0, 1, 2], "cross": [behind, before]}[self.pattern]
         return [tuple(other for _ in self.factors) for other in others]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Inputs that an ``Effect`` of it declares."""
+        return tuple(dict.fromkeys(name for factor in self.factors for name in factor.inputs))
 
     @property
     def size(self) -> int:

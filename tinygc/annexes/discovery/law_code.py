@@ -44,7 +44,8 @@ def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str
         own = {c.lag: (c.word if scanned is not None and c.python == scanned.python else c.python) for c in constants if c.of == number}
         variable = "law" if single else (ONE, OTHER)[number]
         if factor.quantity not in names[:number]:
-            lines.append(f"{factor.quantity} = {_source(factor, fixed)}  # {factor.of.words}{_unit(factor)}")
+            unit = "" if factor.of.unit == "1" else f", {factor.of.unit}"
+            lines.append(f"{factor.quantity} = {_source(factor, fixed)}  # {factor.of.words}{unit}")
         made = re.sub(r"\b[xc]\b", lambda found: factor.quantity if found[0] == "x" else own[False], factor.through.source)  # noqa: B023
         if factor.lag_s is not None:
             made = f"signals.lagged({made}, {own[True]}, m.t_s)"
@@ -68,10 +69,6 @@ def _source(factor: Factor, fixed: Sequence[str]) -> str:
     return source
 
 
-def _unit(factor: Factor) -> str:
-    return "" if factor.of.unit in ("", "1") else f", {factor.of.unit}"
-
-
 def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:
     """Without a name for what has one already and is used in the last line alone."""
     for variable in ("law", ONE, OTHER):
@@ -88,7 +85,8 @@ def _one(form: LawForm) -> str:
     if factor.each == 1:
         return {"each": "diagonal(law)", "full": "full(law)", "cross": "cross(law)"}[form.pattern]
     if form.pattern == "cross":
-        return "rows(np.concatenate([behind(law), before(law)], axis=2))" if _is_flat(factor) else _flat("behind(law)", "before(law)")
+        parts = [part if _is_flat(factor) else f"{part}.reshape(len(law), 3, -1)" for part in ("behind(law)", "before(law)")]
+        return f"rows(np.concatenate([{', '.join(parts)}], axis=2))"
     if form.pattern == "full":
         return "rows(law.reshape(len(law), 1, -1))"
     return "rows(law.reshape(len(law), 3, -1))" if factor.vector and not _is_flat(factor) else f"rows({_by_axis(factor, 'law')})"
@@ -97,10 +95,6 @@ def _one(form: LawForm) -> str:
 def _is_flat(factor: Factor) -> bool:
     """Whether its values are (N, 3, K) or, of a scalar, (N, K): directions or phases, not both."""
     return factor.of.directions == 1 or factor.through.phases == 1
-
-
-def _flat(*parts: str) -> str:
-    return f"rows(np.concatenate([{', '.join(f'{part}.reshape(len(law), 3, -1)' for part in parts)}], axis=2))"
 
 
 def _by_axis(factor: Factor, name: str) -> str:

@@ -87,7 +87,7 @@ def has_curve(form: LawForm) -> bool:
 
 def values_of(factor: Factor, movement: Movement, component: int) -> np.ndarray:
     """(N,) of its quantity in SI, or in its own unit, without the function."""
-    values = factor.of.of(movement).reshape(len(movement.rate), -1)
+    values = factor.of.of(movement)
     return values[:, min(component, values.shape[1] - 1)]
 
 

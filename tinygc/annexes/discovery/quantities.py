@@ -217,7 +217,7 @@ class SignalQuantity:
 
     def of(self, movement: Movement) -> np.ndarray:
         """(N, components)."""
-        return self._values(movement).reshape(len(movement.t_s), -1)
+        return self._values(movement).reshape(len(movement.rate), -1)
 
     @property
     def vector(self) -> bool:

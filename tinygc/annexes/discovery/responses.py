@@ -10,7 +10,6 @@ import numpy as np
 
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import QUANTITIES
-from tinygc.effects import signals
 from tinygc.noise.refit import Replay
 
 # Which products of factors the forms need, sorted so that each factor is evaluated once or so and most of the work is matrix products.
@@ -74,12 +73,10 @@ class ColumnPlan:
 
 
 def planned(forms: Sequence[LawForm]) -> ColumnPlan:
-    """Of these forms.  ValueError for one of more than two factors."""
+    """Of these forms."""
     numbers: dict[Factor | None, int] = {None: ONE}
     pairs = np.empty((len(forms), 2), dtype=int)
     for row, form in zip(pairs, forms, strict=True):
-        if not 1 <= len(form.factors) <= 2:
-            raise ValueError(f"a form has one factor or two, got {len(form.factors)}: {form}")
         row[0] = numbers.setdefault(form.factors[0], len(numbers))
         row[1] = numbers.setdefault(form.factors[1], len(numbers)) if len(form.factors) == 2 else ONE
     factors = tuple(numbers)
@@ -116,9 +113,6 @@ def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
     if len(form.factors) == 1:
         return Wiring(axis, np.zeros(len(terms), dtype=int), np.array([term.parts[0][1] for term in terms]))
     components = np.array([[component for _, component in term.parts] for term in terms])
-    for term in terms:
-        if tuple(factor for factor, _ in term.parts) != form.factors:
-            raise ValueError(f"parts of a term stand in the order of the form's factors: {form}")
     first, second = components.T
     return Wiring(axis, first, second) if first_is_hub else Wiring(axis, second, first)
 
@@ -151,11 +145,8 @@ class SessionValues:
         """(components, N), float64, as ``Factor.values`` has it; of None, which is ``plan.ONE``, ones."""
         if factor is None:
             return np.ones((1, self.samples))
-        parts = []
-        for movement, values in zip(self.movements, self.quantity(factor.quantity), strict=True):
-            found = factor.through.of(values, factor.constant or 1.0).reshape(len(values), -1)
-            parts.append(found if factor.lag_s is None else signals.lagged(found, factor.lag_s, movement.t_s))
-        return np.concatenate(parts).T
+        logs = zip(self.movements, self.quantity(factor.quantity), strict=True)
+        return np.concatenate([factor.values(movement, known) for movement, known in logs]).T
 
     def single(self, factor: Factor | None) -> tuple[np.ndarray, float]:
         """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or one that is no number."""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tinygc.annexes.discovery.constants import RefinedForm, refined_in
+from tinygc.annexes.discovery.constants import RefinedForm, refined
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
 from tinygc.annexes.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
@@ -268,38 +268,88 @@ FINALISTS = 2000
 NEIGHBOURS = 8
 
 
-@dataclass(frozen=True, eq=False)
 class Screening:
-    """forms (F); bits, sizes, price (F,): of each, sizes in coefficients; of every look (L, F): gain in chi-square, promise, rank:
-    directions that are seen, left: the share of the columns' length, squared, that the nuisance leaves.
+    """What one pass gathers of forms, beside each of the projections.
 
-    tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; best_beside_last: the largest of them
-    beside the last look, the likeliest hypothesis as it is; drawn (D,): the largest of these of each
-    draw of noise alone; marks (F, MARKS): gains in draws, beside the last look; probes: plain laws of each quantity, shares (F, probes): of
-    each one's response what a form can say; responses, looks: of the turns that all forms are screened by; noise (n, D): the draws, white;
-    all_responses, all_looks: of all turns; seed: of whatever else is drawn.
+    bits, sizes, price (F,): of each form, sizes in coefficients; of every projection (L, F): gain in chi-square, promise, rank: directions
+    that are seen, left: the share of the columns' length, squared, that the nuisance leaves.  marks (F, MARKS): gains in draws of noise
+    (n, D), beside the last projection; probes: plain laws of each quantity, shares (F, probes): of each one's response what a form can
+    say; responses, projections: of the turns that all forms are screened by, all_responses, all_projections: of all turns; seed: of
+    whatever else is drawn.
     """
 
-    forms: Sequence[LawForm]
-    bits: np.ndarray
-    sizes: np.ndarray
-    price: np.ndarray
-    gain: np.ndarray
-    promise: np.ndarray
-    rank: np.ndarray
-    left: np.ndarray
-    tested: np.ndarray
-    best_beside_last: float
-    drawn: np.ndarray
-    marks: np.ndarray
-    probes: tuple[Probe, ...]
-    shares: np.ndarray
-    responses: Responses
-    projections: tuple[Projection, ...]
-    noise: np.ndarray
-    all_responses: Responses
-    all_projections: tuple[Projection, ...]
-    seed: int
+    def __init__(
+        self,
+        forms: Sequence[LawForm],
+        bits: np.ndarray,
+        responses: Responses,
+        projections: tuple[Projection, ...],
+        noise: np.ndarray,
+        probes: tuple[Probe, ...] = (),
+        seed: int = 0,
+    ):
+        self._plan = planned(forms)
+        self.forms, self.bits, self.sizes, self.price = forms, bits, self._plan.sizes, price(bits, self._plan.sizes)
+        self.responses, self.projections, self.noise, self.probes, self.seed = responses, projections, noise, probes, seed
+        self.all_responses, self.all_projections = responses, projections
+        shape, draws = (len(projections), len(forms)), noise.shape[1]
+        self.gain, self.left, self.rank = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
+        self.promise, self._tested = np.full(shape, -np.inf), np.full(shape, -np.inf)
+        self._best = np.full((len(projections), draws), -np.inf)
+        self.marks = np.zeros((len(forms), min(MARKS, draws)), dtype=np.float32)
+        self.shares = np.zeros((len(forms), len(probes)), dtype=np.float32)
+
+    def screen(self, progress: Progress) -> None:
+        """One pass over all forms."""
+        draws = slice(1, 1 + self.noise.shape[1])
+        # A column for the recording, one for each draw, and one for each probe, which the last projection alone has.
+        last = self.projections[-1]
+        responses = np.stack([probe.unit for probe in self.probes], axis=1) if self.probes else np.zeros((last.free, 0))
+        targets, scatters = [], []
+        for projection in self.projections:
+            probed = responses if projection is last else np.zeros((projection.free, 0))
+            targets.append(np.concatenate([projection.residual[:, None], projection.free_of(self.noise), probed], axis=1))
+            scatters.append(np.concatenate([[projection.scatter], projection.scatters(projection.beside(self.noise))]))
+        for some in passed(self._plan, self.responses, self.projections, targets, progress):
+            number, forms = some.projection, some.forms
+            weights, rank, left = seen_directions(some.free, some.length)
+            gains = np.sum((weights.astype(np.float32) @ some.along) ** 2, axis=1)
+            cost, unseen = self.price[forms], rank == 0
+            self.gain[number, forms], self.rank[number, forms], self.left[number, forms] = gains[:, 0], rank, left
+            self.promise[number, forms] = np.where(unseen, -np.inf, promise(gains[:, 0].astype(float), rank, cost))
+            tested = promise(self.projections[number].studentised(gains[:, : draws.stop], rank, scatters[number]), rank, cost)
+            tested[unseen] = -np.inf
+            self._tested[number, forms] = tested[:, 0]
+            np.maximum(self._best[number], tested[:, draws].max(axis=0), out=self._best[number])
+            if number == len(self.projections) - 1:
+                self.marks[forms] = gains[:, 1 : 1 + self.marks.shape[1]]
+                self.shares[forms] = gains[:, draws.stop :]
+
+    def weigh_with_all(self, responses: Responses, projections: tuple[Projection, ...], progress: Progress) -> None:
+        """Screen the most promising forms again, with all turns of the recording."""
+        self.all_responses, self.all_projections = responses, projections
+        best = self.order[:FINALISTS]
+        forms, no_noise = [self.forms[number] for number in best], np.zeros((responses.channels, 0))
+        final = Screening(forms, self.bits[best], responses, projections, no_noise)
+        final.screen(progress)
+        for name in ("gain", "promise", "rank", "left", "_tested"):
+            getattr(self, name)[:, best] = getattr(final, name)
+        del self.order  # of the promises before
+
+    @cached_property
+    def tested(self) -> np.ndarray:
+        """(F,) studentised promise beside the projection that shows most, which is what ``chance`` is of."""
+        return self._tested.max(axis=0)
+
+    @property
+    def best_beside_last(self) -> float:
+        """The largest studentised promise beside the last projection, the likeliest hypothesis as it is."""
+        return float(self._tested[-1].max())
+
+    @cached_property
+    def drawn(self) -> np.ndarray:
+        """(D,) the largest studentised promise of each draw of noise alone."""
+        return self._best.max(axis=0)
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -337,7 +387,7 @@ class Screening:
 
     def refined(self, form: LawForm, projection: int = -1) -> RefinedForm:
         """Its constants at their best beside one of the looks."""
-        return refined_in(form, self.all_responses, self.all_projections[projection])
+        return refined(form, self.all_responses, self.all_projections[projection])
 
     @cached_property
     def leaders(self) -> np.ndarray:
@@ -371,7 +421,6 @@ def screened(
     with all; what chance does is drawn for the former, whose best promise is as large: it hangs on how many forms differ, hardly on how
     many rows there are.
     """
-    bits, plan = np.asarray(bits, dtype=float), planned(forms)
     every = Responses(replay)
     all_projections = tuple(Projection(replay.twin, whiten, fit) for whiten, fit in projections)
     part = spread(replay.twin)
@@ -381,78 +430,11 @@ def screened(
         seen = tuple(Projection(replay.twin, whiten, fit, part.rows) for whiten, fit in projections)
     noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
     probes = probes_of(forms, responses, seen[-1])
-    work = _Work(plan, price(bits, plan.sizes), seen, noise, probes)
-    work.over(plan, responses, progress)
+    screening = Screening(forms, np.asarray(bits, dtype=float), responses, seen, noise, probes, seed)
+    screening.screen(progress)
     if part is not None:
-        best = np.argsort(-work.promise.max(axis=0), kind="stable")[:FINALISTS]
-        some = planned([forms[number] for number in best])
-        final = _Work(some, work.price[best], all_projections, np.zeros((every.channels, 0)), ())
-        final.over(some, every, progress)
-        for name in ("gain", "promise", "rank", "left", "tested"):
-            getattr(work, name)[:, best] = getattr(final, name)
-    return Screening(
-        forms=forms,
-        bits=bits,
-        sizes=plan.sizes,
-        price=work.price,
-        gain=work.gain,
-        promise=work.promise,
-        rank=work.rank,
-        left=work.left,
-        tested=work.tested.max(axis=0),
-        best_beside_last=float(work.tested[-1].max()),
-        drawn=work.best.max(axis=0),
-        marks=work.marks,
-        probes=probes,
-        shares=work.shares,
-        responses=responses,
-        projections=seen,
-        noise=noise,
-        all_responses=every,
-        all_projections=all_projections,
-        seed=seed,
-    )
-
-
-class _Work:
-    """What is gathered of forms of these prices (F,), beside each look."""
-
-    def __init__(
-        self, plan: ColumnPlan, price: np.ndarray, projections: tuple[Projection, ...], noise: np.ndarray, probes: tuple[Probe, ...]
-    ):
-        shape, draws = (len(projections), len(price)), noise.shape[1]
-        self.price, self.projections = price, projections
-        self.gain, self.left, self.rank = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
-        self.promise, self.tested = np.full(shape, -np.inf), np.full(shape, -np.inf)
-        self.best = np.full((len(projections), draws), -np.inf)
-        self.marks = np.zeros((len(price), min(MARKS, draws)), dtype=np.float32)
-        self.shares = np.zeros((len(price), len(probes)), dtype=np.float32)
-        self._draws = slice(1, 1 + draws)
-        # A column for the recording, one for each draw, and one for each probe.
-        responses = np.stack([probe.unit for probe in probes], axis=1) if probes else np.zeros((projections[-1].free, 0))
-        self._targets, self._scatter = [], []
-        for projection in projections:
-            asked = responses if projection is projections[-1] else np.zeros((projection.free, 0))
-            self._targets.append(np.concatenate([projection.residual[:, None], projection.free_of(noise), asked], axis=1))
-            self._scatter.append(np.concatenate([[projection.scatter], projection.scatters(projection.beside(noise))]))
-
-    def over(self, plan: ColumnPlan, responses: Responses, progress: Progress) -> None:
-        """One pass."""
-        for some in passed(plan, responses, self.projections, self._targets, progress):
-            projection, forms = some.projection, some.forms
-            weights, rank, left = seen_directions(some.free, some.length)
-            gains = np.sum((weights.astype(np.float32) @ some.along) ** 2, axis=1)
-            cost, unseen = self.price[forms], rank == 0
-            self.gain[projection, forms], self.rank[projection, forms], self.left[projection, forms] = gains[:, 0], rank, left
-            self.promise[projection, forms] = np.where(unseen, -np.inf, promise(gains[:, 0].astype(float), rank, cost))
-            own = gains[:, : self._draws.stop]
-            tested = promise(self.projections[projection].studentised(own, rank, self._scatter[projection]), rank, cost)
-            tested[unseen] = -np.inf
-            self.tested[projection, forms] = tested[:, 0]
-            np.maximum(self.best[projection], tested[:, self._draws].max(axis=0), out=self.best[projection])
-            if projection == len(self.projections) - 1:
-                self.marks[forms] = gains[:, 1 : 1 + self.marks.shape[1]]
-                self.shares[forms] = gains[:, self._draws.stop :]
+        screening.weigh_with_all(every, all_projections, progress)
+    return screening
 
 
 # What one form promises beside a hypothesis that was not screened: the rest of what stands, in the noise as it is with the form.

@@ -10,7 +10,8 @@ from scipy import stats
 
 from session.detect.segments import Segment
 from session.detect.stills import Still
-from tinygc.annexes.discovery.constants import ByAxis, added_by, by_axis, linear
+from tinygc.annexes.discovery.constants import ByAxis, by_axis, linear_coefficients
+from tinygc.annexes.discovery.equivalence import added, as_effect
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.projections import Projection
 from tinygc.annexes.discovery.screening import promised_beside
@@ -234,7 +235,8 @@ class Unseen:
         before, after = (self.whole.residuals(each.fit.state) for each in (without, law))
         gains = self._squares(before.stacked() / sigma)[held] - self._squares(after.stacked() / sigma)[held]
         p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
-        floor = float(np.sqrt(np.mean(self._tilt_variance()[held])))
+        white = self.whole.problem.floor.white[held]
+        floor = float(np.sqrt(np.mean(white[:, 0, 0] + white[:, 1, 1])))
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]
         excess = rms[0] ** 2 - floor**2
         removed = None if excess < LEAST_EXCESS * floor**2 else 1 - max(rms[1] ** 2 - floor**2, 0.0) / excess
@@ -244,11 +246,6 @@ class Unseen:
         """Of white noise and the bias instability of the sensor: nothing that the law leaves counts as noise because it is there."""
         closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
         return chi_square_above(float(np.sum(closure**2)), closure.size)
-
-    def _tilt_variance(self) -> np.ndarray:
-        """(S,) rad^2 of both angles of tilt, by white noise alone."""
-        white = self.whole.problem.floor.white
-        return white[:, 0, 0] + white[:, 1, 1]
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
         """(S,) of rows (n,) in sigmas: of each segment, and of the still at its beginning where that was left out, too."""
@@ -285,11 +282,6 @@ class SearchState:
     def laws(self) -> list[Effect]:
         """The forms among the best hypothesis' effects."""
         return [effect for effect in self.best.effects if effect.id in self.evidence.forms]
-
-    @property
-    def held_out(self) -> list[HeldOut]:
-        """The tests of all laws on what was put away."""
-        return [test for law in self.laws for test in self.held_out_of(law)]
 
     def held_out_of(self, law: Effect) -> tuple[HeldOut, ...]:
         """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
@@ -339,11 +331,6 @@ class SearchState:
 EQUAL = 0.99
 
 
-def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """(N, 3) rad/s over all logs, one after the other."""
-    return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
-
-
 def beside_calibration(rate: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
     """What of an added rate (N, 3) no E m + B gives: each axis less its regression on one and the three rates."""
     measured = np.concatenate([movement.rate for movement in movements])
@@ -367,7 +354,8 @@ def differing(searched: SearchState, law: Effect) -> ByAxis | None:
     found = max(by_axis(form, responses, projection), key=lambda each: each.more, default=None)
     if found is None or found.more < STAND_IN:
         return None
-    rates = added_by(form, linear(form, responses, projection), movements), found.added(movements)
+    theta = linear_coefficients(responses.columns(form), projection)
+    rates = added(as_effect(form), theta, movements), found.added(movements)
     one, other = (beside_calibration(rate, movements) for rate in rates)
     return None if correlation(one, other) > EQUAL else found
 
@@ -475,5 +463,5 @@ def leaves_something(searched: SearchState) -> bool:
 
 def taken(searched: SearchState) -> float:
     """The least share of the excess that a law takes away of what was put away; one where what is left is the sensor's own noise."""
-    tests = [test.removed for test in searched.held_out if test.removed is not None and test.noise_p < NOISE_P]
-    return min(tests, default=1.0)
+    tests = (test for law in searched.laws for test in searched.held_out_of(law))
+    return min((test.removed for test in tests if test.removed is not None and test.noise_p < NOISE_P), default=1.0)

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.annexes.discovery.constants import refined_in
+from tinygc.annexes.discovery.constants import refined
 from tinygc.annexes.discovery.enumeration import bits
 from tinygc.annexes.discovery.equivalence import as_effect
 from tinygc.annexes.discovery.form import LawForm
@@ -243,7 +243,7 @@ def with_a_form(
         projection, fit = screening.all_projections[number], projections[number][1]
         takes = partial(takes_calibration, responses=screening.all_responses, projection=projection, fit=fit)
         for at in _first_of_each_shape(forms, screening.promise[number], takes):
-            sharp = refined_in(forms[at], screening.all_responses, projection)
+            sharp = refined(forms[at], screening.all_responses, projection)
             effect = evidence.effect_of(sharp.form)
             promised[effect.id] = float(screening.tested[at])
             trials.append((evidence.guess(base, add=effect).score, effect, base))

@@ -1,9 +1,10 @@
 """docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack."""
 
-import importlib
 import re
 from itertools import product
 from pathlib import Path
+
+from annex import annex
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md"))]
@@ -53,7 +54,7 @@ STANDS_FOR = {
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
     "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
-    "<follows>": lambda word: word in importlib.import_module("tinygc.annexes.discovery.quantities").QUANTITIES,
+    "<follows>": lambda word: word in annex("tinygc.annexes.discovery.quantities").QUANTITIES,
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }
 

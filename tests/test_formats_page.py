@@ -10,6 +10,7 @@ from typing import get_type_hints
 
 import numpy as np
 import pytest
+from annex import annex
 from conftest import DEG, SESSION_TOML, Table, write_session
 from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
 from processes import CALIBRATE, DEVNULL, PIPE, heard, run, started
@@ -73,7 +74,10 @@ def with_truth(tmp_path_factory):
 
 def test_every_format_of_the_code_has_its_section():
     code = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc", "firmware") for path in (ROOT / part).rglob("*.py"))
-    assert set(SCHEMA.findall(code)) == set(SCHEMA.findall(PAGE))
+    assert set(SCHEMA.findall(code)) <= set(SCHEMA.findall(PAGE))
+    every = re.findall(r"^\| `(\w+\.annexes\.\w+)` \|", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"), re.M)
+    if all(map(annex, every)):
+        assert set(SCHEMA.findall(code)) == set(SCHEMA.findall(PAGE))
     for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
         assert ("schema",) in keys_on_page(schema)
 
@@ -82,7 +86,7 @@ def test_no_key_of_the_page_is_unknown_to_the_code():
     """What has been renamed in the code, and what no test here makes a command write, is found by its name."""
     text = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc") for path in (ROOT / part).rglob("*.py"))
     words = set(re.findall(r"\w+", text))
-    for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
+    for schema in set(SCHEMA.findall(PAGE)) & set(SCHEMA.findall(text)) - TOML_AND_FRAMES:
         names = {word.removesuffix("[]") for path in keys_on_page(schema) for word in path if not word.startswith("<")}
         lost = {name for name in names - words if not _made_of(name, words)}
         assert not lost, f"{schema}: {lost}"
@@ -290,11 +294,12 @@ def test_a_key_that_is_not_on_the_page_is_found():
 @pytest.mark.slow
 def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
     """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
-    from tinygc.annexes.temperature.rest_simulation import RestOptions, write_rest
     from tinygc.simulation.options import SimulationOptions
 
-    rest = RestOptions(cycles=1.0, cycle_s=600.0, cold_c=10.0, warm_c=45.0, lag_s=20.0, knocks=1)
-    made = write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")
+    if (rests := annex("tinygc.annexes.temperature.rest_simulation")) is None:
+        pytest.skip("the annex of temperature is not there")
+    rest = rests.RestOptions(cycles=1.0, cycle_s=600.0, cold_c=10.0, warm_c=45.0, lag_s=20.0, knocks=1)
+    made = rests.write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")
     assert_on_page(json.loads((made / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
     alone = told("fit", made, tmp_path / "alone.json")
     assert_on_page(alone, "tinygc-temperature/1")

@@ -5,13 +5,13 @@ import json
 
 import numpy as np
 import pytest
+from annex import annex
 from models_in_use import KNOWN, LINEAR, MODELS, SAMPLES
 
 import tinygc
 from session.io.errors import CalibrationError, FormatError
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_json, read_required, require, write_whole
 from tinygc import models
-from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.results import read_fit
 from tinygc.models.model import accelerometer_table
@@ -80,7 +80,8 @@ def test_a_key_that_stands_twice_is_refused(tmp_path):
 
 #: what somebody, or a broken disk, may leave in the place of any value
 BAD = (None, "x", True, -1, 0, 1e308, -1e308, float("nan"), float("inf"), [], {}, [1], 2.5)
-THERMAL = ThermalModel(np.array([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-3), np.array([20.0, 0.0, -20.0]), 25.0, (10.0, 40.0))
+OVER_TEMPERATURE = (np.array([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-3), np.array([20.0, 0.0, -20.0]), 25.0, (10.0, 40.0))
+OF_ANNEXES = {"thermal": found.ThermalModel(*OVER_TEMPERATURE)} if (found := annex("tinygc.annexes.temperature.model")) else {}
 WITH_MORE = {
     "covariance": (1e-6 * np.eye(12)).tolist(),
     "unobserved": ["E_xx"],
@@ -95,7 +96,7 @@ WITH_MORE = {
 def tables():
     from session.io.config import Accelerometer
 
-    yield from ((name, models.to_dict(model)) for name, model in (MODELS | {"thermal": THERMAL}).items())
+    yield from ((name, models.to_dict(model)) for name, model in (MODELS | OF_ANNEXES).items())
     more = WITH_MORE | {"accelerometer": accelerometer_table(Accelerometer(source="given"))}
     yield "linear with all that stands beside it", json.loads(json.dumps(models.to_dict(LINEAR) | more))
 

@@ -9,8 +9,12 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
+from annex import annex
+
 #: of each target, a module of this folder
-NAMES = ("logs", "session_toml", "beside_logs", "decoder", "raw", "model", "replay", "public", "results", "arguments")
+NAMES = ["logs", "session_toml", "beside_logs", "decoder", "raw", "model", "replay", "results", "arguments"]
+if annex("session.annexes.public"):
+    NAMES.append("public")
 
 
 def target(name: str) -> ModuleType:

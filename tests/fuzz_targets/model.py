@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from annex import annex
 
 from fuzz_targets.json_edits import edited
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
@@ -16,7 +17,6 @@ from session.io.dialects import Answers
 from session.io.samples import Samples
 from session.io.units import DEG, G
 from tinygc import models
-from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.deploy.apply import apply_model
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
@@ -44,10 +44,12 @@ def tables() -> list[dict]:
         effect = effect if effect.scan is None else effect.at(50.0 * effect.scan.si)
         claims.append(AppliedEffect(effect, np.full(effect.parameter.size, 0.01 * effect.parameter.plausible)))
     physics = PhysicsModel(linear, tuple(claims), known)
-    thermal = ThermalModel(np.stack([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-5), np.full(3, 60.0), 25.0, (-10.0, 60.0))
     conditions = ConditionsModel(ConditionsNet.identity(("temperature", "force")), known)
     found = [linear, net, PublishedNet.identity(), conditions, DenoisedNet(net, Denoiser.identity(), 104.0), physics]
-    found += [CarriedNet(PhysicsModel(linear, tuple(claims[:2]), known), net), thermal]
+    found += [CarriedNet(PhysicsModel(linear, tuple(claims[:2]), known), net)]
+    if temperature := annex("tinygc.annexes.temperature.model"):
+        polynomials = np.stack([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-5)
+        found.append(temperature.ThermalModel(*polynomials, np.full(3, 60.0), 25.0, (-10.0, 60.0)))
     more = {
         "accelerometer": accelerometer_table(Accelerometer(np.eye(3), np.zeros(3))),
         "sensor": sensor_table(Sensor("ASM330LHH", "7", 104.0, 500.0, 4.0)),

@@ -184,8 +184,8 @@ def _concealed(case, folder: Path, stage: str):
     def naming() -> tuple[set[str], bool]:
         twin = Twin(problem)
         decision = decide(twin, 0)
-        names = {named.effect.id for named in decision.naming.named}
-        names |= {claim.effect.id for claim in offset_claim(turn_gravity(twin, decision.naming.fit), [])}
+        names = {named.effect.id for named in decision.named}
+        names |= {claim.effect.id for claim in offset_claim(turn_gravity(twin, decision.fit), [])}
         return names, bool(names) or decision.refused
 
     return {name for name in case.ids if not name.startswith("outside")}, mends if stage == "mends" else naming
@@ -210,7 +210,7 @@ def _wrong_truth(case: tuple[str, int], folder: Path, stage: str):
 
     def look() -> tuple[set[str], bool]:
         found = explain_truth(folder)
-        names = {claim.effect.id for claim in found.claims} - {"unknown.slow_bias"}
+        names = {claim.effect.id for claim in found.claimed} - {"unknown.slow_bias"}
         return names, found.verdict != "no_mismatch"
 
     return ({kind} & set(TRUTH_KINDS)) - {"nothing", "refused"}, look

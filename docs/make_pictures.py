@@ -20,8 +20,8 @@ from tinygc.cli.console import output
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.explanations import explain
-from tinygc.reporting.explanation_text import explanation_page, save_explanation
-from tinygc.reporting.truth_text import save_truth
+from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
+from tinygc.reporting.truth_text import TruthReport
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -47,17 +47,17 @@ def main() -> None:
         folder = write_session(options, Path(parent) / "warm", distort=warm)
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
-        shutil.copy(save_explanation(explanation) / "explain.png", Path(__file__).parent / "explain.png")
+        shutil.copy(ExplanationReport(explanation).save() / "explain.png", Path(__file__).parent / "explain.png")
         options = SimulationOptions(seed=5, segments=40, closure_s=0.0)
         folder = write_session(options, Path(parent) / "hidden", distort=leaning)
         why = explain(folder, discover=True)
         output().print(why.page)
         shutil.copy(why.save() / "discover.png", Path(__file__).parent / "discover.png")
         if XSENS.is_dir():
-            there = save_explanation(explain_session(XSENS), Path(parent) / "xsens")
+            there = ExplanationReport(explain_session(XSENS)).save(Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
         if EUROC.is_dir():
-            there = save_truth(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0)))
+            there = TruthReport(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-euroc.png")
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 from explained_sessions import make_explained, make_session
 
-from tinygc.reporting.explanation_text import save_explanation
+from tinygc.reporting.explanation_text import ExplanationReport
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")
@@ -35,7 +35,7 @@ def test_there_is_a_picture_of_every_kind_of_verdict(explained, tmp_path, name):
     from matplotlib.image import imread
 
     explanation, result = explained(name)
-    folder = save_explanation(explanation, tmp_path / "made")
+    folder = ExplanationReport(explanation).save(tmp_path / "made")
     assert json.loads((folder / "explain.json").read_text()) == result
     picture = imread(folder / "explain.png")
     assert picture.shape[0] > 500

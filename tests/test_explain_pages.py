@@ -72,4 +72,3 @@ def test_noise_is_told_with_its_sigma_where_that_is_known():
     noise = SimpleNamespace(to_json=lambda: [one | {"sigma": 0.004}, one | {"sigma": None}])
     sizes = [size for _, size, _ in noise_rows(SimpleNamespace(noise=noise))]
     assert sizes == ["0.0123 ± 0.0040 deg", "0.0123 deg"]
-    assert noise_rows(SimpleNamespace(noise=None)) == []

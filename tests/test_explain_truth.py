@@ -19,9 +19,9 @@ from tinygc.closure.truth import absolute_orientation_error
 from tinygc.estimation.bias import level_days
 from tinygc.estimation.network_training import fit_distance
 from tinygc.explanation.claims import SMALLEST_P, p_entry, p_words
+from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.truth_engine import chance_of, explain_truth
-from tinygc.reporting.pictures.truth import draw_truth
-from tinygc.reporting.truth_text import refusals, truth_page, truth_to_json
+from tinygc.reporting.truth_text import TruthReport, refusals, truth_page
 
 
 def write(
@@ -66,7 +66,7 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
 
 def test_a_late_truth(tmp_path):
     e = explain_truth(write(tmp_path, late_s=0.008))
-    claim = next(claim for claim in e.claims if claim.effect.id == "timing.truth_offset")
+    claim = next(claim for claim in e.claimed if claim.effect.id == "timing.truth_offset")
     assert abs(claim.theta[0]) == pytest.approx(0.008, abs=4 * claim.sigma[0] + 2e-4)
     assert e.offset[0] == pytest.approx(claim.theta[0], abs=6e-4)
     assert "late" in claim.says
@@ -74,7 +74,7 @@ def test_a_late_truth(tmp_path):
 
 def test_a_bias_that_drifts(tmp_path):
     e = explain_truth(write(tmp_path, drift_dps=(0.2, 0, -0.15)))
-    named = {claim.effect.id: claim for claim in e.claims}
+    named = {claim.effect.id: claim for claim in e.claimed}
     assert set(named) & {"gyro.bias_drift", "unknown.slow_bias"}
     if "gyro.bias_drift" in named:
         claim = named["gyro.bias_drift"]
@@ -86,12 +86,12 @@ def test_a_bias_that_drifts(tmp_path):
 def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     """0.3 dps/g is a gyroscope's; 4 dps/g fits as well, but whatever it is, it is not that."""
     small, large = (explain_truth(write(tmp_path / str(size), dps_per_g=size)) for size in (0.3, 4.0))
-    claim = next(claim for claim in small.claims if claim.effect.id == "gyro.g_sensitivity")
+    claim = next(claim for claim in small.claimed if claim.effect.id == "gyro.g_sensitivity")
     sizes, sigmas = (x.reshape(3, 3)[[0, 1, 2], [1, 2, 0]] / DEG for x in (claim.theta, claim.sigma))
     assert np.abs((sizes - 0.3) / sigmas).max() < 4
     assert not small.refused
     assert [claim.effect.id for claim in large.refused].count("gyro.g_sensitivity") == 1
-    assert "gyro.g_sensitivity" not in [claim.effect.id for claim in large.claims]
+    assert "gyro.g_sensitivity" not in [claim.effect.id for claim in large.claimed]
     assert large.verdict in ("unexplained", "partly_explained")
     assert truth_to_json(large)["refused"][0]["id"] == "gyro.g_sensitivity"
     assert "more than such a gyro has" in refusals(large)[0]
@@ -100,7 +100,7 @@ def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
 @pytest.mark.slow
 def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     e = explain_truth(write(tmp_path, frame_deg=(2.0, -1.0, 0.5)))
-    claim = next(claim for claim in e.claims if claim.effect.id == "reference.truth_frame")
+    claim = next(claim for claim in e.claimed if claim.effect.id == "reference.truth_frame")
     assert np.abs(np.abs(claim.theta / DEG) - [2.0, 1.0, 0.5]).max() < 0.1
     assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
 
@@ -111,8 +111,8 @@ def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path)
     whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
     bare = replace(whole, lengths_s=np.zeros(0), closure_rad=np.zeros((0, 3)), alignment=None, force=None)
     for name, e in (("whole", whole), ("bare", bare)):
-        draw_truth(e, tmp_path / f"{name}.png")
-        assert (tmp_path / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+        TruthReport(e).save(tmp_path / name)
+        assert (tmp_path / name / "explain.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_wrong_moments_are_found_and_left_out(tmp_path):

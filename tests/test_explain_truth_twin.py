@@ -61,8 +61,8 @@ def test_the_truths_noise_is_what_it_is_and_not_what_is_stated(tmp_path, stated_
 @pytest.mark.parametrize("late_s", [0.003, -0.008])
 def test_a_clock_is_said_and_not_a_lag_that_all_axes_share(tmp_path, late_s):
     e = explain_truth(write(tmp_path, seed=3, late_s=late_s))
-    assert [claim.effect.id for claim in e.claims] == ["timing.truth_offset"]
-    (claim,) = e.claims
+    assert [claim.effect.id for claim in e.claimed] == ["timing.truth_offset"]
+    (claim,) = e.claimed
     assert claim.probability > 0.95
     assert max(claim.rivals.values(), default=0.0) < 0.05
     assert abs(claim.theta[0]) == pytest.approx(abs(late_s), abs=4 * claim.sigma[0] + 1e-4)

@@ -63,7 +63,7 @@ def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
     late = explain_truth(made(Wrong(late_s=0.00406))[0])
     early = explain_truth(made(Wrong(delays_s=(-0.00406,) * 3))[0])
     for e in (late, early):
-        (claim,) = e.claims
+        (claim,) = e.claimed
         assert claim.effect.id == "timing.truth_offset"
         assert claim.theta[0] == pytest.approx(-0.00406, abs=4 * claim.sigma[0])
         assert claim.sigma[0] < 1e-4
@@ -77,12 +77,12 @@ def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
 @pytest.mark.slow
 def test_one_axis_that_is_late_is_the_gyros_and_the_clock_keeps_its_own():
     alone, both = (explain_truth(made(Wrong(delays_s=(0.003, 0, 0), late_s=late_s))[0]) for late_s in (0.0, 0.004))
-    assert not {claim.effect.id for claim in alone.claims} - set(common_delays())
+    assert not {claim.effect.id for claim in alone.claimed} - set(common_delays())
     for e in (alone, both):
-        claim = next(claim for claim in e.claims if claim.effect.id in common_delays())
+        claim = next(claim for claim in e.claimed if claim.effect.id in common_delays())
         assert claim.effect.id != "gyro.angular_acceleration"
         assert np.abs(claim.theta - [0.003, 0, 0]).max() < 0.0007
-    clock = next(claim for claim in both.claims if claim.effect.id == "timing.truth_offset")
+    clock = next(claim for claim in both.claimed if claim.effect.id == "timing.truth_offset")
     assert clock.theta[0] == pytest.approx(-0.004, abs=3 * clock.sigma[0])
     assert clock.sigma[0] < 0.0006
 

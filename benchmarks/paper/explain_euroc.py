@@ -77,7 +77,7 @@ def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
 
 
 def _claims(e: TruthExplanation) -> str:
-    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in e.claims)
+    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in e.claimed)
     refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.refused)
     return (
         e.verdict.replace("_", " ")

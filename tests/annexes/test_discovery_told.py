@@ -55,7 +55,7 @@ def told_law(**changed):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_key_is_on_the_page_and_survives_json(e, name):
     law = law_of(*LAWS[name], same=(CUBE,), held_out=(OTHER_LOG, OTHER_LOG))
-    table = DiscoveryReport(e, found(law, beside=(DRIFT,))).table
+    table = DiscoveryReport(e, found(law, beside=(DRIFT,))).to_json()
     assert not strangers(table)
     assert json.loads(json_text(table))["discovery"] == table["discovery"]
     (said,) = table["discovery"]["laws"]
@@ -69,7 +69,7 @@ def test_every_key_is_on_the_page_and_survives_json(e, name):
 
 
 def test_what_has_no_laws_has_the_limits(e):
-    table = DiscoveryReport(e, NOTHING).table
+    table = DiscoveryReport(e, NOTHING).to_json()
     assert not strangers(table)
     assert table["discovery"]["laws"] == []
     assert table["discovery"]["learnable"] == {"rate": {"size_dps": pytest.approx(0.011)}, "force": {"size_dps": pytest.approx(0.0042)}} | {
@@ -79,7 +79,7 @@ def test_what_has_no_laws_has_the_limits(e):
 
 def test_the_page_of_a_law_says_what_a_bench_needs(e):
     law = told_law(runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate", "root"),)),), held_out=(DECIDED, OTHER_LOG))
-    lines = lines_of(DiscoveryReport(e, found(law, verdict="ambiguous", beside=(DRIFT,))).table)
+    lines = lines_of(DiscoveryReport(e, found(law, verdict="ambiguous", beside=(DRIFT,))).to_json())
     text = "\n".join(lines)
     assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
     assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
@@ -93,11 +93,11 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     assert "beside it: gyro.bias_drift  dps_over_log: 1.20 ± 0.10   0.40 ± 0.10   0.00 ± 0.10" in text
     assert "from 0.21 of its size on" in text
     assert "a search finds as much with p = 0.0005" in text
-    assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(DiscoveryReport(e, found(told_law(chance_p=0.0))).table))
+    assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(DiscoveryReport(e, found(told_law(chance_p=0.0))).to_json()))
 
 
 def test_the_page_of_nothing_says_how_much_that_is_worth(e):
-    lines = lines_of(DiscoveryReport(e, NOTHING).table)
+    lines = lines_of(DiscoveryReport(e, NOTHING).to_json())
     assert lines[0] == "Beyond the catalogue: no equation of this grammar   (41234 forms tried, 10987 of them distinct here)"
     text = " ".join(lines)
     assert "promises 812 in −2 log evidence" in text
@@ -107,19 +107,19 @@ def test_the_page_of_nothing_says_how_much_that_is_worth(e):
 
 def test_there_is_one_next_step_and_the_search_says_it(e):
     told = DiscoveryReport(e, found(told_law(runners_up=(runner_up(CUBE),)), verdict="ambiguous"))
-    page = [part.plain for part in told.page.renderables[0].renderables if isinstance(part, Text)]
+    page = [part.plain for part in told.page().renderables[0].renderables if isinstance(part, Text)]
     assert not [line for line in page if line.startswith("next: ")]
-    assert sum(line.startswith("next: ") for line in lines_of(told.table)) == 1
-    assert told.table["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
+    assert sum(line.startswith("next: ") for line in lines_of(told.to_json())) == 1
+    assert told.to_json()["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
     for rivals in ((), (runner_up(CUBE, worse=40.0),)):  # what is so much worse is drawn, and asks for nothing
-        assert DiscoveryReport(e, found(told_law(runners_up=rivals))).table["next"].startswith("record a second session")
+        assert DiscoveryReport(e, found(told_law(runners_up=rivals))).to_json()["next"].startswith("record a second session")
 
 
 def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
     same = runner_up(LawForm((Factor("rate", "dead_zone", 0.1001),)))
     warm = law_of(*LAWS["warm"], runners_up=(runner_up(LawForm((Factor("temperature", "square"),))),))
     for law in (told_law(runners_up=(same,)), warm):
-        assert DiscoveryReport(e, found(law, verdict="ambiguous")).table["next"].endswith(f": {same.splits}")
+        assert DiscoveryReport(e, found(law, verdict="ambiguous")).to_json()["next"].endswith(f": {same.splits}")
 
 
 def test_of_two_laws_each_has_its_own_numbers(e):
@@ -269,20 +269,20 @@ def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
 
 def test_what_is_left_beyond_noise_is_said(e):
     more = replace(DECIDED, noise_p=2e-5)
-    lines = lines_of(DiscoveryReport(e, found(told_law(held_out=(DECIDED, more)))).table)
+    lines = lines_of(DiscoveryReport(e, found(told_law(held_out=(DECIDED, more)))).to_json())
     assert " ".join(lines).count("the rest is more than the sensor's own noise") == 1
     assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
-    (law,) = DiscoveryReport(e, found(told_law(held_out=(more,)))).table["discovery"]["laws"]
+    (law,) = DiscoveryReport(e, found(told_law(held_out=(more,)))).to_json()["discovery"]["laws"]
     assert law["held_out"][0]["noise_p"] == 2e-5
 
 
 def test_degrees_and_radians(e):
-    (law,) = DiscoveryReport(e, found(told_law())).table["discovery"]["laws"]
+    (law,) = DiscoveryReport(e, found(told_law())).to_json()["discovery"]["laws"]
     assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
 
 
 def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
-    lines = lines_of(DiscoveryReport(e, found(law_of(*LAWS["matrix"]))).table)
+    lines = lines_of(DiscoveryReport(e, found(law_of(*LAWS["matrix"]))).to_json())
     rows = [line.split(": ")[-1].strip() for line in lines if " ← " in line]
     assert [row.split(" ± ")[0] for row in rows] == ["x ← x 0.1000", "y ← x 0.0500", "z ← x -0.03000"]
     assert all("   y " in row and "   z " in row for row in rows)
@@ -306,11 +306,13 @@ def test_terms_stand_in_the_order_of_the_numbers(form, some):
 
 def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_else(e):
     clipped = runner_up(LawForm((Factor("rate", "within", 0.1),)))
-    lines = lines_of(DiscoveryReport(e, found(told_law(runners_up=(clipped,)))).table)
+    lines = lines_of(DiscoveryReport(e, found(told_law(runners_up=(clipped,)))).to_json())
     (said,) = [line for line in lines if line.startswith("in these equations: ")]
     assert said == "in these equations: clip(x, ±c) = x held within ±c"
     assert "dz(x, c) = x beyond ±c" in next(line for line in lines if line.startswith("discovered."))
-    assert not [line for line in lines_of(DiscoveryReport(e, found(law_of(*LAWS["cross"]))).table) if line.startswith("in these equations")]
+    assert not [
+        line for line in lines_of(DiscoveryReport(e, found(law_of(*LAWS["cross"]))).to_json()) if line.startswith("in these equations")
+    ]
 
 
 def test_a_lag_of_a_neighbour_is_said_beside_it():

@@ -95,10 +95,10 @@ OF_GRAVITY = 4
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
+    """One effect that is claimed: parameters and their std in the units of their JSON names, p-value, and a sentence.
 
-    probability: of the name, after all that was weighed; rivals: probability of what was weighed in its place, by id;
-    gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit;
+    equivalent: ids of effects that could stand in for it; probability of the effect after all that was weighed; rivals: probability of
+    what was weighed in its place, by id; share of the misfit beyond noise that it takes up, None for what was found beside the fit;
     p_is_bound: the p-value is that of a detector's bar, and what was found beyond it is less probable still.
     """
 
@@ -106,13 +106,26 @@ class Claim:
     parameters: dict
     std: dict
     p_value: float
-    gain: float
-    equivalent: tuple[str, ...]
     says: str
+    equivalent: tuple[str, ...] = ()
     share: float | None = None
     p_is_bound: bool = False
     probability: float = 1.0
     rivals: dict[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict:
+        """One of ``effects`` of ``tinygc-explain/1``."""
+        return {
+            "id": self.effect.id,
+            "equation": self.effect.equation,
+            "parameters": self.parameters,
+            "std": self.std,
+            **p_entry("p_value", self.p_value, self.p_is_bound),
+            "probability": self.probability,
+            "rivals": self.rivals,
+            "equivalent": list(self.equivalent),
+            "says": self.says,
+        }
 
 
 @dataclass(frozen=True)
@@ -148,9 +161,7 @@ def mended_claims(mended: Mended) -> list[Claim]:
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
         probability = next((v.probability for v in mended.verdicts if v.id == name), CERTAIN)
         bound = name in FROM_THE_BAR
-        claims.append(
-            Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta), p_is_bound=bound, probability=probability)
-        )
+        claims.append(Claim(effect, parameters, std, mended.p_value[name], effect.says(theta), p_is_bound=bound, probability=probability))
     return claims
 
 
@@ -177,7 +188,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
     parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.says(np.array([gravity.offset_s]))
-    return [Claim(effect, parameters, std, p_value, 0.0, tuple(lags), says, probability=probability)]
+    return [Claim(effect, parameters, std, p_value, says, tuple(lags), probability=probability)]
 
 
 def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:
@@ -189,18 +200,8 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         claim = fit.state.claims[number]
         theta, parameters, std = readable(claim, fit.theta_covariance(number))
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
+        says = claim.effect.says(theta)
         claims.append(
-            Claim(
-                claim.effect,
-                parameters,
-                std,
-                each.p_value,
-                each.gain,
-                each.equivalent,
-                claim.effect.says(theta),
-                share,
-                probability=each.probability,
-                rivals=each.rivals,
-            )
+            Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals)
         )
     return claims

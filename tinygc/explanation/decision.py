@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
@@ -19,7 +19,7 @@ from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, candidates, left_of, orthonormal, scanned, selection_of
-from tinygc.explanation.search import STAND_IN, NamedEffect, Naming, exchanged, guesses, probabilities, rivals_of, search
+from tinygc.explanation.search import STAND_IN, NamedEffect, exchanged, guesses, probabilities, rivals_of, search
 from tinygc.explanation.unknown import NAMELESS, curves_like, slow_candidates, unknown_candidates
 from tinygc.models import linear
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED
@@ -233,7 +233,7 @@ def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionN
     }
     says = f"{effect.says(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
-    return [Claim(effect, parameters, std, float(chi2.sf(max(gain, 0.0), 1)), max(gain, 0.0), (), says, probability=probability)]
+    return [Claim(effect, parameters, std, float(chi2.sf(max(gain, 0.0), 1)), says, probability=probability)]
 
 
 # A claim stays only if what the fit never saw improves with it by more than chance, paired by segments.
@@ -344,26 +344,32 @@ MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 
 
 @dataclass(frozen=True, eq=False)
-class NamingDecision:
-    """naming: the names that are kept, with the fit; beyond: shapes without a name; considered: names that were weighed and are not
-    borne out, with their probability; whiten and noise: the covariance of all that; undersampled: the claim about the turns' own noise;
-    unusual: whether the rest of that noise is no sensor's; p_value of the detection; before (S, d) rad: the linear model's held-out
-    angles, where anything is kept."""
+class Naming:
+    """What a recording shows.
 
-    naming: Naming
-    beyond: list[NamedEffect]
-    considered: dict[str, float]
+    first: the fit without any effect, and first_p its family-wise p-value; fit: with all that is kept; named, strongest first; beyond:
+    shapes without a name; whiten and noise: the covariance of all that; considered: names that were weighed and rejected, with their
+    probability; p_value of the detection; undersampled: the claim about the turns' own noise; unusual: whether the rest of that noise is
+    no sensor's; before (S, d) rad: the linear model's held-out angles, where anything is kept.
+    """
+
+    first: Refit
+    first_p: float
+    fit: Refit
+    named: list[NamedEffect]
     whiten: Whitener
     noise: SessionNoise
-    p_value: float
-    undersampled: list[Claim]
-    unusual: bool
+    beyond: list[NamedEffect] = field(default_factory=list)
+    considered: dict[str, float] = field(default_factory=dict)
+    p_value: float = 1.0
+    undersampled: list[Claim] = field(default_factory=list)
+    unusual: bool = False
     before: np.ndarray | None = None
 
     @property
     def refused(self) -> bool:
         """There is a mismatch, and no name for it."""
-        return not self.naming.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
+        return not self.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
 
 
 def decide(
@@ -372,7 +378,7 @@ def decide(
     progress: Callable[[str], None] = lambda what: None,
     begin: tuple[Effect, ...] = (),
     odds: Mapping[str, float] | None = None,
-) -> NamingDecision:
+) -> Naming:
     """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
 
     begin: effects that a part of the recording has asked for already, where the search may begin; odds: of those that a lot has, by id.
@@ -404,7 +410,7 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
     return ahead
 
 
-def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> NamingDecision:
+def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> Naming:
     """What of the best hypothesis is said."""
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
@@ -432,9 +438,9 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     undersampled = undersampled_claim(twin, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
     unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
-    naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
+    named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
-    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value, undersampled, unusual, before)
+    return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual, before)
 
 
 def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:

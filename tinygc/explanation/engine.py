@@ -15,9 +15,9 @@ from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.explanation.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
 from tinygc.explanation.data_repair import Mended, mend
-from tinygc.explanation.decision import NamingDecision, Proof, decide, prove, tilt_rms
+from tinygc.explanation.decision import Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
-from tinygc.explanation.search import Naming, seen_from
+from tinygc.explanation.search import seen_from
 from tinygc.noise.channels import TurnGravity, WithinStills, channel_p_values, in_gauge, own_p_values, turn_gravity, within_stills
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.session_noise import SessionNoise
@@ -55,15 +55,15 @@ class KnownEffects(Protocol):
 class Explanation:
     """All that was found; see docs/explain.md for the verdicts.
 
-    channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
-    seen_from: effect id -> size in its parameter's unit from which it would have shown; of_lot: effects that its kind is known to have.
+    findings: what has no name; channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by
+    itself, both; seen_from: effect id -> size in its parameter's unit from which it would have shown; of_lot: effects that its kind is
+    known to have.
     """
 
     session: Session
     problem: Problem
     mended: Mended
     twin: Twin
-    whiten: Whitener
     naming: Naming
     gravity: TurnGravity
     proof: Proof
@@ -77,10 +77,18 @@ class Explanation:
     warnings: list[Finding] = field(default_factory=list)
     seen_from: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
-    noise: SessionNoise | None = None
-    unusual: bool = False
     considered: list[Considered] = field(default_factory=list)
     of_lot: Sequence[KnownEffect] = ()
+
+    @property
+    def whiten(self) -> Whitener:
+        """With the noise that was estimated."""
+        return self.naming.whiten
+
+    @property
+    def noise(self) -> SessionNoise:
+        """Its components."""
+        return self.naming.noise
 
     @cached_property
     def replay(self) -> Replay:
@@ -109,22 +117,21 @@ def explain_session(
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended = mend(problem, lambda what: progress(what, 2, 6))
-    twin, decision, naming, proof = _decided(problem, mended, seed, progress, known)
+    twin, naming, proof = _decided(problem, mended, seed, progress, known)
     # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={}, misfit=0.0)  # what makes the closure worse mends nothing
-        twin, decision, naming, proof = _decided(problem, mended, seed, progress, known)
-    whiten, gravity = decision.whiten, turn_gravity(twin, naming.fit)
+        twin, naming, proof = _decided(problem, mended, seed, progress, known)
+    whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
-    beyond = named_claims(naming.fit, decision.beyond, beyond_noise)
-    claimed = before_the_fit + named + decision.undersampled
-    p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
-    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond)
-    explanation.noise, explanation.unusual = decision.noise, decision.unusual
-    explanation.considered = considered_of(mended, decision.considered)
+    beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
+    claimed = before_the_fit + named + naming.undersampled
+    p_value = min([naming.p_value, *(claim.p_value for claim in before_the_fit)])
+    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
+    explanation.considered = considered_of(mended, naming.considered)
     explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
@@ -138,14 +145,14 @@ def explain_session(
 
 def _decided(
     problem: Problem, mended: Mended, seed: int, progress: Callable[[str, int, int], None], known: KnownEffects | None
-) -> tuple[Twin, NamingDecision, Naming, Proof]:
+) -> tuple[Twin, Naming, Proof]:
     """What is left to explain after the mends, what is named in it, and the proof of both."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    decision = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds)
-    naming = replace(decision.naming, fit=in_gauge(twin, decision.whiten, decision.naming.fit))
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds)
+    naming = replace(naming, fit=in_gauge(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
-    return twin, decision, naming, prove(problem, twin, decision.whiten, naming.fit, decision.before)
+    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, naming.before)
 
 
 def _heading_not_used(problem: Problem) -> list[Finding]:
@@ -159,7 +166,7 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 
 def _verdict(explanation: Explanation) -> str:
-    unusual = explanation.unusual
+    unusual = explanation.naming.unusual
     if not explanation.claimed:
         unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or unusual
         return "unexplained" if unnamed else "no_mismatch"

@@ -51,14 +51,13 @@ WRONG_MOMENTS = "reference.truth_jump"
 def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Callable[[str], None]) -> PhysicsFit:
     """Fit with these effects, or with what ``explain`` names beside the truth (None).  Raises FitError for an id that cannot be fitted."""
     sound, jumps, _ = without_wrong_moments(problem)
-    refused = False
+    twin = TruthTwin(sound)
+    evidence, refused = Evidence(twin), False
     if ids is None:
-        names = name_beside_truth(sound, seed, progress)
-        evidence, effects, refused = names.evidence, names.named, names.decision.refused
+        names = name_beside_truth(twin, evidence, seed, progress)
+        effects, refused = names.named, names.naming.refused
     else:
-        evidence = Evidence(TruthTwin(sound))
-        effects = tuple(_effect(evidence.twin, name) for name in ids)
-    twin = evidence.twin
+        effects = tuple(_effect(twin, name) for name in ids)
     # What wanders without a name is no part of a model: it is noise here.
     weighed = evidence.of(effects, evidence.nothing)
     fit = beside_clock(twin, weighed.whiten, weighed.fit)
@@ -88,9 +87,9 @@ def fit_physics(
     refused = False
     if ids is None:
         decision = decide(twin, seed, progress, mended.reference)
-        fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
+        fit, whiten, refused = decision.fit, decision.whiten, decision.refused
         if decision.beyond:  # what has no name is no part of a model
-            fit = refit(twin, whiten, [named.effect for named in decision.naming.named], twin.start())
+            fit = refit(twin, whiten, [named.effect for named in decision.named], twin.start())
     else:
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from session import VERSION
+from session.detect.truth_alignment import alignment_table
 from session.io.folder import file_key, hash_of_log
 from session.io.samples import pieces, start_times
-from session.io.units import DEG, G
+from session.io.units import DEG, MG, G
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
 from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.faulty_readings import LOST
+from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.explanation.unknown import lines_end_hz
 from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
@@ -303,9 +306,7 @@ def equivalent_words(claim: Claim) -> list[str]:
 
 
 def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
-    """(name, size ± sigma with its unit, what it says) of each component of noise; none where none was estimated."""
-    if e.noise is None:
-        return []
+    """(name, size ± sigma with its unit, what it says) of each component of noise."""
     return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["says"]) for c in e.noise.to_json()]
 
 
@@ -314,22 +315,18 @@ def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
 SCHEMA = "tinygc-explain/1"
 
 
+def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
+    """What every explanation begins with, whatever its reference."""
+    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg, "where": place}
+    head = {"schema": SCHEMA, "session": e.session.name, "verdict": e.verdict, "mismatch": mismatch}
+    return head | {"effects": [claim.to_json() for claim in claims]}
+
+
 def to_json(e: Explanation) -> dict:
     """The whole result, JSON-ready."""
-    assert e.within is not None
-    assert e.noise is not None  # an explanation that is told is whole
-    return {
-        "schema": SCHEMA,
-        "session": e.session.name,
-        "verdict": e.verdict,
-        "mismatch": {
-            **p_entry("p_value", e.p_value),
-            "closure_rms_deg": tilt_rms(e.proof.before) / DEG,
-            "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
-            "where": where(e),
-        },
-        "effects": [_effect(claim) for claim in e.claimed],
-        "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
+    assert e.within is not None  # an explanation that is told is whole
+    return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
+        "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
         "considered": [_considered(each) for each in e.considered],
         "lot_effects": [each.to_json() for each in e.of_lot],
         "lines_end_hz": lines_end_hz(e.twin),
@@ -370,15 +367,51 @@ def _considered(each: Considered) -> dict:
     return {"id": each.id, "probability": each.probability, "moments": each.moments, "closure_rms_deg": closure}
 
 
-def _effect(claim: Claim) -> dict:
-    return {
-        "id": claim.effect.id,
-        "equation": claim.effect.equation,
-        "parameters": claim.parameters,
-        "std": claim.std,
-        **p_entry("p_value", claim.p_value, claim.p_is_bound),
-        "probability": claim.probability,
-        "rivals": claim.rivals,
-        "equivalent": list(claim.equivalent),
-        "says": claim.says,
+def truth_to_json(e: TruthExplanation) -> dict:
+    """The result beside a truth file, JSON-ready."""
+    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
+    lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
+    place = {"phases": sorted({phase for c in e.claimed for phase in c.effect.seen_in}), "axes": [], "segments": [], "regime": None}
+    return _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed) | {
+        "refused": [claim.to_json() for claim in e.refused],
+        "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
+        "fit": {
+            "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
+            "closure_rms_deg": _before_after(e.closure_rms),
+        },
+        "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
+        "truth": {
+            "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
+            "sigma_deg": _number(e.truth_rad / DEG),
+            "gyro_walk_deg_rts": _number(e.walk_rad / DEG),
+            "closure_deg_by_length_s": lengths,
+            "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
+            "neighbours_correlation": {"before": _number(e.neighbours[0]), "after": _number(e.neighbours[1])},
+            **({} if e.alignment is None else alignment_table(e.alignment)),
+        },
+        "force": None
+        if e.force is None
+        else {
+            "bias_mg": (e.force.bias / MG).tolist(),
+            "bias_turned_mg": (e.force.turned / MG).tolist(),
+            "std_mg": (e.force.sigma / MG).tolist(),
+        },
+        "rests": None
+        if e.rests is None
+        else {
+            "seconds": e.rests.seconds,
+            "zero_less_motion_dps": (e.rests.difference / DEG).tolist(),
+            "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
+        },
+        "excess": {"before": e.excess[0], "after": e.excess[1]},
+        "next": None,
+        "version": VERSION,
     }
+
+
+def _before_after(rms_rad: tuple[float, float]) -> dict:
+    return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

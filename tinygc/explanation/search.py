@@ -229,16 +229,6 @@ class NamedEffect:
     rivals: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(eq=False)
-class Naming:
-    """named, strongest first; fit with all of them; first_p: family-wise p-value of the first look; first: the fit without any."""
-
-    first: Refit
-    first_p: float
-    fit: Refit
-    named: list[NamedEffect] = field(default_factory=list)
-
-
 def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
     """Posterior probability of each id, over all hypotheses that were weighed; "" for nothing at all."""
     scores = np.array([h.score for h in weighed])

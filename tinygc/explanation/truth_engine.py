@@ -16,6 +16,7 @@ from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
+from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.truth_evidence import (
     Force,
     TruthClaim,
@@ -26,13 +27,13 @@ from tinygc.explanation.truth_evidence import (
     neighbours,
     neighbours_correlation,
     noises,
+    truth_claim,
     zero_at_rest,
 )
 from tinygc.explanation.truth_names import (
     FRAME,
     MOUNTED,
     OFFSET,
-    TruthNames,
     TruthTwin,
     common_delays,
     excess_of,
@@ -98,12 +99,13 @@ def chance_of(times_usual: float, pairs: int, segments: int) -> float:
 SAID_SIGMAS = 3.0
 
 
-def with_recorded_clock(problem: Problem, names: TruthNames, alignment: TruthAlignment | None) -> TruthNames:
+def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
     """The same with the whole offset of the clock among the claims; if one was found beforehand, before is what the recording has with the
     clock set back."""
+    alignment = names.session.alignment
     found_s = alignment.reading.offset_s if alignment is not None and alignment.source["offset_s"] == FOUND else 0.0
-    named = next((claim for claim in names.claims if claim.effect.id == OFFSET.id), None)
-    others = [claim for claim in names.claims if claim is not named]
+    named = next((claim for claim in names.claimed if claim.effect.id == OFFSET.id), None)
+    others = [claim for claim in names.claimed if claim is not named]
     left_s, sigma_s = _left(names)
     if found_s and not np.isfinite(sigma_s) and alignment is not None:
         sigma_s = alignment.offset_sigma_s
@@ -111,19 +113,20 @@ def with_recorded_clock(problem: Problem, names: TruthNames, alignment: TruthAli
     if not found_s and named is not None:
         return names
     if not abs(whole_s) > SAID_SIGMAS * sigma_s and named is None:
-        return replace(names, claims=others)
-    first_share, names = _set_back(problem, names, found_s) if found_s else (0.0, names)
+        return replace(names, claimed=others)
+    first_share, names = _set_back(names, found_s) if found_s else (0.0, names)
     others = [replace(claim, share=None if claim.share is None else claim.share * (1 - first_share)) for claim in others]
     p_value = float(stats.chi2.sf((whole_s / sigma_s) ** 2, 1))
     theta, sigma = np.array([whole_s]), np.array([sigma_s])
-    claim = TruthClaim(OFFSET, theta, sigma, p_value, first_share, equivalent=common_delays())
+    claim = truth_claim(OFFSET, theta, sigma, p_value, share=first_share, equivalent=common_delays())
     if named is not None:
         share = first_share + (named.share or 0.0) * (1 - first_share)
-        claim = replace(named, theta=theta, sigma=sigma, share=share, p_value=min(p_value, named.p_value))
-    return replace(names, claims=sorted([claim, *others], key=lambda c: -(c.share or 0.0)), p_value=min(names.p_value, p_value))
+        chances = {"probability": named.probability, "rivals": named.rivals, "equivalent": named.equivalent}
+        claim = truth_claim(OFFSET, theta, sigma, min(p_value, named.p_value), share=share, **chances)
+    return replace(names, claimed=sorted([claim, *others], key=lambda c: -(c.share or 0.0)), p_value=min(names.p_value, p_value))
 
 
-def _left(names: TruthNames) -> tuple[float, float]:
+def _left(names: TruthExplanation) -> tuple[float, float]:
     """s that the last fit has of the clock, and its sigma; nan where the clock is none of its claims."""
     for number, claim in enumerate(names.fit.state.claims):
         if claim.effect is OFFSET:
@@ -131,14 +134,15 @@ def _left(names: TruthNames) -> tuple[float, float]:
     return 0.0, float("nan")
 
 
-def _set_back(problem: Problem, names: TruthNames, found_s: float) -> tuple[float, TruthNames]:
+def _set_back(names: TruthExplanation, found_s: float) -> tuple[float, TruthExplanation]:
     """The share of chi-square that a clock that was found takes up, and the names with what there was before it did."""
-    twin, whiten = TruthTwin(problem), names.decision.whiten
+    problem, whiten = names.problem, names.naming.whiten
+    twin = TruthTwin(problem)
     start = twin.start()
     back = TruthTwin(replace(problem, batch=twin.later(problem.batch, start, -found_s)))
     first = refit(back, whiten, [], start)
     angles = back.residuals(first.state).closure
-    share = float(np.clip(1 - names.decision.naming.first.chi_square / first.chi_square, 0, 1))
+    share = float(np.clip(1 - names.naming.first.chi_square / first.chi_square, 0, 1))
     return share, replace(
         names,
         angles=(angles, names.angles[1]),
@@ -180,29 +184,22 @@ def explain_truth(
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
     alignment = sound.session.alignment
-    names = with_recorded_clock(sound, name_beside_truth(sound, seed, lambda what: progress(what, 2, 5)), alignment)
+    twin = TruthTwin(sound)
+    names = with_recorded_clock(name_beside_truth(twin, Evidence(twin), seed, lambda what: progress(what, 2, 5)))
     progress("growth and clocks", 3, 5)
     lengths, closures = growth(sound, fit.model)
     truth_rad, walk_rad = noises(lengths, closures)
     progress("frames and rests", 4, 5)
     force = force_against_truth(sound, *_stands_and_turned(alignment))
-    claims = _frame_claim(alignment, force) + names.claims
+    claims = _frame_claim(alignment, force) + names.claimed
     if jumps:
         began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
-        claims = [TruthClaim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
-    return TruthExplanation(
-        problem=sound,
-        model=fit.model,
+        claims = [truth_claim(wrong_moments(len(at_s)), at_s, None, jumps_p), *claims]
+    return replace(
+        names,
+        claimed=claims,
         jumps=jumps,
-        claims=claims,
-        refused=names.refused,
-        p_value=names.p_value,
-        angles=names.angles,
-        held_out=names.held_out,
-        excess=names.excess,
-        noise=names.decision.noise,
-        considered=names.decision.considered,
         lengths_s=lengths,
         closure_rad=closures,
         truth_rad=truth_rad,
@@ -239,11 +236,11 @@ def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[
     turned, sigma = _not_taken_off(alignment), alignment.turned_sigma
     if alignment.source["mounting"] == FOUND:
         sure = float(np.sum((alignment.turned / sigma) ** 2))
-        return [TruthClaim(MOUNTED, alignment.turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
+        return [truth_claim(MOUNTED, alignment.turned, sigma, float(stats.chi2.sf(sure, 3)))]
     size = float(np.linalg.norm(turned))
     sure = float(np.sum((turned / sigma) ** 2))
     if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:
         return []
     if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
-    return [TruthClaim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
+    return [truth_claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)))]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
@@ -11,6 +13,7 @@ from session.detect.findings import Finding
 from session.detect.segments import Segment
 from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
 from session.io.config import TruthAlignment
+from session.io.folder import Session
 from session.io.numeric import sigma_of
 from session.io.units import DEG, NS
 from tinygc import closure
@@ -19,8 +22,12 @@ from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of
 from tinygc.effects import Effect, movement_of
+from tinygc.explanation.claims import Claim
+from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import FAMILY_WISE
+from tinygc.explanation.unknown import NAMELESS
 from tinygc.models.linear import LinearModel
+from tinygc.noise.refit import Refit
 from tinygc.noise.session_noise import SessionNoise
 
 # Evidence of a truth file: how the closure grows, how neighbours go together, the accelerometer, the rests.
@@ -197,7 +204,7 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     return Rests(float(seconds), mean, scatter, (float(np.average(quiet, weights=weights)), float(np.mean(shaken))))
 
 
-# What is found beside a truth file: claims, and the explanation that holds them.
+# What is found beside a truth file.
 
 IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, no gyroscope has that (benchmarks/thresholds.py: double lets false names in)
 SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
@@ -206,65 +213,81 @@ LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
 @dataclass(frozen=True, eq=False)
-class TruthClaim:
-    """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
-    it takes up (None of what was found beside the naming); probability of the name after all that was weighed, rivals: of what was
-    weighed in its place, by id; equivalent: ids that could stand in for it."""
+class TruthClaim(Claim):
+    """A claim with its parameters theta (P,) in SI and their sigma, None of moments, which are stamps."""
 
-    effect: Effect
-    theta: np.ndarray
-    sigma: np.ndarray | None
-    p_value: float
-    share: float | None
-    probability: float = 1.0
-    rivals: dict[str, float] = field(default_factory=dict)
-    equivalent: tuple[str, ...] = ()
-
-    @property
-    def says(self) -> str:
-        """In a sentence."""
-        return self.effect.says(self.theta)
+    theta: np.ndarray = field(kw_only=True)
+    sigma: np.ndarray | None = field(kw_only=True)
 
     @property
     def implausible(self) -> bool:
         """Whether no gyroscope has so much of it."""
         return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
 
+    def to_json(self) -> dict:
+        """With the share of chi-square that it takes up."""
+        head, tail = ("id", "equation", "parameters", "std"), ("probability", "rivals", "equivalent", "says")
+        entry = super().to_json()
+        rest = {key: value for key, value in entry.items() if key not in head + tail}
+        return {key: entry[key] for key in head} | rest | {"share": self.share} | {key: entry[key] for key in tail}
+
+
+def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_value: float, **more: Any) -> TruthClaim:
+    """A claim of an effect with these parameters; more: further fields of a ``Claim``."""
+    parameter = effect.parameter
+    values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
+    parameters = {parameter.name: values, **effect.shape}
+    return TruthClaim(effect, parameters, {parameter.name: std}, p_value, effect.says(theta), theta=theta, sigma=sigma, **more)
+
 
 @dataclass(frozen=True, eq=False)
 class TruthExplanation:
     """What was found; angles in rad.
 
-    problem and model: linear, without the suspect moments; jumps: log and s of wrong moments; claims, strongest first; refused: what
-    would fit, but at a size that no gyroscope has; p_value of the first look; before and after: angles (S, 3), each used segment's
-    closure about the truth's axes, held_out: the same by fits that did not see it, and excess, chi-square over what is stated; noise: its
-    components as they are; considered: names that are not borne out, with their probability; lengths_s (L,), closure_rad (L, 3): growth;
-    truth_rad a moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest;
-    neighbours: correlation of neighbouring segments' errors, before and after; alignment: clock and frame of the truth
-    against the gyro; rests; force; warnings of the first look.
+    problem: without the segments at suspect moments; naming: what has a name; fit: the last, with the truth's clock beside what delays;
+    claimed, strongest first; refused: what would fit, but at a size that no gyroscope has; p_value of the first look; angles (S, 3) before
+    and after, each used segment's closure about the truth's axes, held_out the same by fits that did not see it, and excess, chi-square
+    per degree of freedom over what is stated; jumps: log and s of wrong moments; lengths_s (L,), closure_rad (L, 3): growth; truth_rad a
+    moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest; neighbours: correlation
+    of neighbouring segments' errors, before and after; alignment: clock and frame of the truth against the gyro; rests; force; warnings
+    of the first look.
     """
 
     problem: Problem
-    model: LinearModel
-    jumps: list[tuple[int, float]]
-    claims: list[TruthClaim]
+    naming: Naming
+    fit: Refit
+    claimed: list[TruthClaim]
     refused: list[TruthClaim]
     p_value: float
     angles: tuple[np.ndarray, np.ndarray]
     held_out: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
-    noise: SessionNoise
-    considered: dict[str, float]
-    lengths_s: np.ndarray
-    closure_rad: np.ndarray
-    truth_rad: float
-    walk_rad: float
-    gyro_rad: float
-    neighbours: tuple[float, float]
-    alignment: TruthAlignment | None
-    rests: Rests | None
-    force: Force | None
-    warnings: list[Finding]
+    jumps: Sequence[tuple[int, float]] = ()
+    lengths_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    closure_rad: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    truth_rad: float = np.nan
+    walk_rad: float = np.nan
+    gyro_rad: float = np.nan
+    neighbours: tuple[float, float] = (np.nan, np.nan)
+    alignment: TruthAlignment | None = None
+    rests: Rests | None = None
+    force: Force | None = None
+    warnings: Sequence[Finding] = ()
+
+    @property
+    def session(self) -> Session:
+        """That was explained."""
+        return self.problem.session
+
+    @property
+    def noise(self) -> SessionNoise:
+        """Its components."""
+        return self.naming.noise
+
+    @property
+    def named(self) -> tuple[Effect, ...]:
+        """The catalogue's effects and the clock that the names' fit holds."""
+        return tuple(claim.effect for claim in self.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
 
     @property
     def offset(self) -> tuple[float, float]:
@@ -294,9 +317,9 @@ class TruthExplanation:
     @property
     def verdict(self) -> str:
         """As docs/explain.md names them."""
-        if not self.claims:
+        if not self.claimed:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
-        slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)
+        slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claimed)
         return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"
 
 

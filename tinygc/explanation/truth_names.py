@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
@@ -15,10 +15,10 @@ from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, catalogue, largest
-from tinygc.explanation.decision import FOLD_STEPS, NamingDecision, decided, fold_rows, folds_of
+from tinygc.explanation.decision import FOLD_STEPS, Naming, decided, fold_rows, folds_of
 from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, candidates, selection_of
-from tinygc.explanation.search import STAND_IN, NamedEffect, Naming, exchanged, search
-from tinygc.explanation.truth_evidence import TruthClaim, offset_columns
+from tinygc.explanation.search import STAND_IN, NamedEffect, exchanged, search
+from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.explanation.unknown import NAMELESS
 from tinygc.models.linear import PARAMETERS
 from tinygc.noise.channels import in_gauge
@@ -140,6 +140,7 @@ class TruthTwin(Twin):
         own, wider = own[:, : problem.batch.angles, : problem.batch.angles], problem.floor.wider
         floor = Floor(own, np.zeros_like(problem.floor.shared))
         super().__init__(replace(problem, floor=floor if wider is None else floor.widened(wider)))
+        self.original = problem
         alignment = problem.session.alignment
         self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 
@@ -193,41 +194,20 @@ class TruthTwin(Twin):
 WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by the evidence
 
 
-@dataclass(frozen=True, eq=False)
-class TruthNames:
-    """claims, strongest first; refused: what would fit, at a size that no gyroscope has; the decision, with p-value, noise and what was
-    considered; before and after: each segment's closure (S, 3) rad; held_out (S, 3) rad of each, of segments that the fit did not see;
-    excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection; evidence: all that was
-    weighed; fit: the last, with the clock beside what delays."""
-
-    claims: list[TruthClaim]
-    refused: list[TruthClaim]
-    decision: NamingDecision
-    angles: tuple[np.ndarray, np.ndarray]
-    held_out: tuple[np.ndarray, np.ndarray]
-    excess: tuple[float, float]
-    p_value: float
-    evidence: Evidence
-    fit: Refit
-
-    @property
-    def named(self) -> tuple[Effect, ...]:
-        """What has a name, of what the last fit holds."""
-        return tuple(claim.effect for claim in self.decision.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
-
-
-def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], None] = lambda what: None) -> TruthNames:
-    """Weigh what can be tried; a name at a size that no gyroscope has is refused, and the rest weighed anew without it."""
-    twin = TruthTwin(problem)
-    slow, evidence = _slow_bias(twin), Evidence(twin)
+def name_beside_truth(
+    twin: TruthTwin, evidence: Evidence, seed: int, progress: Callable[[str], None] = lambda what: None
+) -> TruthExplanation:
+    """Weigh what can be tried, by the twin's evidence; a name at a size that no gyroscope has is refused, and the rest weighed again
+    without it."""
+    slow = _slow_bias(twin)
     tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
     refused: list[TruthClaim] = []
     while True:
         best = _best(evidence, tried, slow, progress)
-        decision = _with_slow_bias(evidence, tried, slow, decided(evidence, best, first_p, len({effect.id for effect in tried})))
-        claims = _claims(decision, decision.naming.fit)
+        naming = _with_slow_bias(evidence, tried, slow, decided(evidence, best, first_p, len({effect.id for effect in tried})))
+        claims = _claims(naming, naming.fit)
         wrong = [claim for claim in claims if claim.implausible]
         if not wrong:
             break
@@ -235,18 +215,18 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
         refused += wrong
         tried = [effect for effect in tried if effect.id not in ids]
         evidence.forget(ids)
-    first, last = decision.naming.first, beside_clock(twin, decision.whiten, decision.naming.fit)
+    first, last = naming.first, beside_clock(twin, naming.whiten, naming.fit)
     angles = twin.residuals(first.state).closure, twin.residuals(last.state).closure
-    return TruthNames(
-        _claims(decision, last),
-        refused,
-        decision,
-        angles,
-        (held_out(twin, decision.whiten, first), held_out(twin, decision.whiten, last)),
-        (excess_of(problem, angles[0], 0), excess_of(problem, angles[1], sum(len(claim.theta) for claim in claims))),
-        decision.p_value,
-        evidence,
-        last,
+    return TruthExplanation(
+        problem=twin.original,
+        naming=naming,
+        fit=last,
+        claimed=_claims(naming, last),
+        refused=refused,
+        p_value=naming.p_value,
+        angles=angles,
+        held_out=(held_out(twin, naming.whiten, first), held_out(twin, naming.whiten, last)),
+        excess=(excess_of(twin.original, angles[0], 0), excess_of(twin.original, angles[1], sum(len(claim.theta) for claim in claims))),
     )
 
 
@@ -276,17 +256,16 @@ def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Calla
     return min([*instead, best], key=lambda h: (len(h.ids - {slow.id}), h.score))
 
 
-def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, decision: NamingDecision) -> NamingDecision:
+def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, naming: Naming) -> Naming:
     """A wander that nothing is known of beforehand, and that is more probable than none, is a finding: it is drawn and said as a slow bias,
     not left among the noise.  Names that a line between its knots makes idle go."""
-    naming = decision.naming
     names = tuple(claim.effect for claim in naming.fit.state.claims)
     if evidence.twin.problem.instability.rps > 0 or slow not in tried or slow.id in {effect.id for effect in names}:
-        return decision
+        return naming
     begin, steady = evidence.of(names, evidence.nothing), evidence.without(WANDER)
     odds = (steady.of(names, steady.nothing).score - begin.score) / 2 + np.log(PRIOR_ODDS)
     if odds < 0:
-        return decision
+        return naming
     best = steady.of((*names, slow), begin)
     for effect in names:
         fewer = steady.of(tuple(other for other in best.effects if other is not effect), best)
@@ -294,9 +273,9 @@ def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, decis
     kept, fit = {effect.id for effect in best.effects}, best.fit
     shape = _said(fit, slow, float(1 / (1 + np.exp(-odds))))
     first = refit(evidence.twin, best.whiten, [], evidence.twin.start())
-    naming = Naming(first, naming.first_p, fit, [each for each in naming.named if each.effect.id in kept])
-    p_value = min(decision.p_value, shape.p_value)
-    return replace(decision, naming=naming, beyond=[shape], whiten=best.whiten, noise=best.noise, p_value=p_value)
+    named = [each for each in naming.named if each.effect.id in kept]
+    p_value = min(naming.p_value, shape.p_value)
+    return replace(naming, first=first, fit=fit, named=named, beyond=[shape], whiten=best.whiten, noise=best.noise, p_value=p_value)
 
 
 def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
@@ -306,13 +285,12 @@ def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
     return NamedEffect(effect, float(stats.chi2.sf(gain, len(theta))), gain, probability)
 
 
-def _claims(decision: NamingDecision, fit: Refit) -> list[TruthClaim]:
-    """Of a decision, with the numbers of a fit with its names."""
-    naming = decision.naming
+def _claims(naming: Naming, fit: Refit) -> list[TruthClaim]:
+    """What is named, with the numbers of a fit with these names."""
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
     claims = [
         _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
-        for each in sorted(naming.named + decision.beyond, key=lambda each: -each.gain)
+        for each in sorted(naming.named + naming.beyond, key=lambda each: -each.gain)
     ]
     return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" else c for c in claims]
 
@@ -320,7 +298,8 @@ def _claims(decision: NamingDecision, fit: Refit) -> list[TruthClaim]:
 def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:
     claim, sigma = fit.state.claims[number], np.sqrt(np.diag(fit.theta_covariance(number)))
     share = float(np.clip(named.gain / chi_square, 0, 1))
-    return TruthClaim(claim.effect, claim.theta, sigma, named.p_value, share, named.probability, named.rivals, named.equivalent)
+    more = {"probability": named.probability, "rivals": named.rivals, "equivalent": named.equivalent}
+    return truth_claim(claim.effect, claim.theta, sigma, named.p_value, share=share, **more)
 
 
 def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:

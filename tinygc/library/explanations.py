@@ -15,19 +15,22 @@ from session.io.annexes import need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session
-from tinygc.explanation.engine import Explanation, explain_session
-from tinygc.explanation.result import to_json
+from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.library.sessions import as_html, as_text
-from tinygc.reporting.explanation_text import explanation_page, save_explanation, verdict_line
-from tinygc.reporting.pictures import page as picture
-from tinygc.reporting.pictures import truth
+from tinygc.reporting.explanation_text import ExplanationReport
 from tinygc.reporting.pictures.canvas import save as save_figure
-from tinygc.reporting.truth_text import save_truth, truth_line, truth_page, truth_to_json
+from tinygc.reporting.truth_text import TruthReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+#: reference of a session -> its engine and its report; gravity and dials share theirs
+ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {
+    "gravity": (explain_session, ExplanationReport),
+    "dials": (explain_session, ExplanationReport),
+    "truth": (explain_truth, TruthReport),
+}
 
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
@@ -58,7 +61,7 @@ class Why:
     """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI; ``discovery`` what the search beyond the
     catalogue answers, None where nobody asked."""
 
-    explanation: Explanation | TruthExplanation
+    explanation: Any
     discovery: Any = None
 
     def __repr__(self) -> str:
@@ -66,18 +69,16 @@ class Why:
         return f"<Why {self.table['session']}: {self.verdict}{f': {named}' if named else ''}>"
 
     @cached_property
-    def table(self) -> dict:
-        """``tinygc-explain/1`` (docs/formats.md)."""
-        if isinstance(self.explanation, TruthExplanation):
-            return truth_to_json(self.explanation)
-        return to_json(self.explanation) if self._told is None else self._told.table
+    def _report(self) -> ExplanationReport:
+        if self.discovery is not None:
+            report: ExplanationReport = need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
+            return report
+        return ENGINES[self.explanation.session.config.protocol.reference][1](self.explanation)
 
     @cached_property
-    def _told(self) -> Any:
-        """What is made of the discovery, where there is one; nothing of it is loaded where there is none."""
-        if self.discovery is None or isinstance(self.explanation, TruthExplanation):
-            return None
-        return need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
+    def table(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return self._report.to_json()
 
     @property
     def verdict(self) -> str:
@@ -92,7 +93,7 @@ class Why:
     @property
     def said_of_files(self) -> tuple[str, ...]:
         """What to know of the effect files that ``save`` has written: which was kept as somebody edited it, which taken away."""
-        return () if self._told is None else self._told.says
+        return self._report.notes
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -123,17 +124,13 @@ class Why:
     @property
     def page(self) -> Group:
         """What the command prints, for rich."""
-        if isinstance(self.explanation, TruthExplanation):
-            return truth_page(self.explanation)
-        return explanation_page(self.explanation) if self._told is None else self._told.page
+        return self._report.page()
 
     @property
     def verdict_line(self) -> Text:
         """Session, verdict, probability, and the ids that are claimed, for rich."""
-        found = self.explanation
-        line = truth_line(found) if isinstance(found, TruthExplanation) else verdict_line(found)
         named = ", ".join(effect.id for effect in self.effects)
-        return line.append(f": {named}" if named else "")
+        return self._report.line().append(f": {named}" if named else "")
 
     def summary(self) -> str:
         """The same as plain text: verdict, effects, where they live, the proof, and what to do next."""
@@ -144,8 +141,7 @@ class Why:
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """The page of pictures as a matplotlib figure, written as PNG where a path is given.  CalibrationError without matplotlib."""
-        found = self.explanation
-        figure = truth.figure_of(found) if isinstance(found, TruthExplanation) else picture.figure_of(found)
+        figure = self._report.picture()
         if path is not None:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
             save_figure(figure, Path(path))
@@ -157,14 +153,9 @@ class Why:
 
     def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
         """Write the result, and its picture, into a folder (``explain`` in the session's); returns it."""
-        where, found = None if folder is None else Path(folder), self.explanation
-        if isinstance(found, TruthExplanation):
-            return save_truth(found, where, pictures=pictures)
-        if self._told is not None:
-            saved: Path = self._told.save(where, pictures=pictures)
-            self.__dict__.pop("table", None)  # which says where the effect files are
-            return saved
-        return save_explanation(found, where, pictures=pictures)
+        saved = self._report.save(None if folder is None else Path(folder), pictures)
+        self.__dict__.pop("table", None)  # it names effect files that were written just now
+        return saved
 
 
 def explain(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
 from rich.table import Table
@@ -33,7 +33,11 @@ from tinygc.explanation.result import (
 from tinygc.explanation.search import in_words
 from tinygc.explanation.unknown import lines_end_hz
 from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.page import draw
+from tinygc.reporting.pictures.canvas import save as save_figure
+from tinygc.reporting.pictures.page import figure_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The terminal's and the picture's page of an explanation.
 
@@ -197,19 +201,42 @@ def _proof(e: Explanation) -> Text:
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 
-# An explanation as files: what was found, and its picture.
+# An explanation as a report: its page, its line, its JSON, its picture, its files.
 
 
-def save_explanation(e: Explanation, folder: Path | None = None, pictures: bool = True, table: dict | None = None) -> Path:
-    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder.
+class ExplanationReport:
+    """What is made of an explanation; a subclass beside other references and of more than the catalogue."""
 
-    table: the result, where more is told than the explanation knows of.
+    #: lines for the user about files that ``save`` kept or removed
+    notes: tuple[str, ...] = ()
 
-    Raises StorageError where it cannot be written, CalibrationError where a picture is wanted and matplotlib is missing.
-    """
-    folder = folder or e.session.own_folder("explain")
-    with result_folder(folder):
-        write_whole(folder / "explain.json", table or to_json(e))
-    if pictures:
-        draw(e, folder / "explain.png")
-    return folder
+    def __init__(self, explanation: Any):
+        self.explanation = explanation
+
+    def to_json(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return to_json(self.explanation)
+
+    def line(self) -> Text:
+        """The session, the verdict, and the p-value."""
+        return verdict_line(self.explanation)
+
+    def page(self) -> Group:
+        """What the terminal shows."""
+        return explanation_page(self.explanation)
+
+    def picture(self) -> Figure:
+        """The page of pictures.  Raises CalibrationError where matplotlib is missing."""
+        return figure_of(self.explanation)
+
+    def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
+        """Write the JSON and the picture into a folder, the session's ``explain`` by default; returns that folder.
+
+        Raises StorageError where it cannot be written, CalibrationError where a picture is wanted and matplotlib is missing.
+        """
+        folder = folder or self.explanation.session.own_folder("explain")
+        with result_folder(folder):
+            write_whole(folder / "explain.json", self.to_json())
+        if pictures:
+            save_figure(self.picture(), folder / "explain.png")
+        return folder

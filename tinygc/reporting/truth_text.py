@@ -1,26 +1,27 @@
-"""An explanation against a truth file: as ``tinygc-explain/1``, and as a page for the terminal."""
+"""An explanation beside a truth file, for the terminal, and its report."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from session import VERSION
 from session.bench.console import one_line
 from session.detect.check_references import frame_text, mounting_text, offset_text
-from session.detect.truth_alignment import alignment_table
-from session.io.files import result_folder
-from session.io.results import write_whole
 from session.io.units import DEG, MG
 from tinygc.effects import largest
-from tinygc.explanation.claims import p_entry, p_words
+from tinygc.explanation.claims import p_words
+from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
+from tinygc.reporting.explanation_text import ExplanationReport
+from tinygc.reporting.pictures.truth import figure_of
 
-SCHEMA = "tinygc-explain/1"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 #: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
 OWN_NOISE_SHARE = 0.85
 MOST_VALUES = 9  #: of a claim that the page prints: a matrix whole
@@ -30,106 +31,10 @@ CANNOT = (
 )
 
 
-def truth_to_json(e: TruthExplanation) -> dict:
-    """JSON-ready."""
-    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
-    lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
-    return {
-        "schema": SCHEMA,
-        "session": e.problem.session.name,
-        "verdict": e.verdict,
-        "mismatch": {
-            **p_entry("p_value", e.p_value),
-            "closure_rms_deg": e.closure_rms[0] / DEG,
-            "expected_rms_deg": expected_deg,
-            "where": {
-                "phases": sorted({phase for c in e.claims for phase in c.effect.seen_in}),
-                "axes": [],
-                "segments": [],
-                "regime": None,
-            },
-        },
-        "effects": [_effect(claim) for claim in e.claims],
-        "refused": [_effect(claim) for claim in e.refused],
-        "considered": [{"id": name, "probability": p} for name, p in e.considered.items()],
-        "fit": {
-            "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
-            "closure_rms_deg": _before_after(e.closure_rms),
-        },
-        "noise": e.problem.instability.to_json()
-        | {
-            "components": e.noise.to_json(),
-        },
-        "truth": {
-            "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
-            "sigma_deg": _number(e.truth_rad / DEG),
-            "gyro_walk_deg_rts": _number(e.walk_rad / DEG),
-            "closure_deg_by_length_s": lengths,
-            "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
-            "neighbours_correlation": {"before": _number(e.neighbours[0]), "after": _number(e.neighbours[1])},
-            **({} if e.alignment is None else alignment_table(e.alignment)),
-        },
-        "force": None
-        if e.force is None
-        else {
-            "bias_mg": (e.force.bias / MG).tolist(),
-            "bias_turned_mg": (e.force.turned / MG).tolist(),
-            "std_mg": (e.force.sigma / MG).tolist(),
-        },
-        "rests": None
-        if e.rests is None
-        else {
-            "seconds": e.rests.seconds,
-            "zero_less_motion_dps": (e.rests.difference / DEG).tolist(),
-            "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
-        },
-        "excess": {"before": e.excess[0], "after": e.excess[1]},
-        "next": None,
-        "version": VERSION,
-    }
-
-
-def _before_after(rms_rad: tuple[float, float]) -> dict:
-    return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _effect(claim: TruthClaim) -> dict:
-    parameter = claim.effect.parameter
-    values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (claim.theta, claim.sigma))
-    return {
-        "id": claim.effect.id,
-        "equation": claim.effect.equation,
-        "parameters": {parameter.name: values, **claim.effect.shape},
-        "std": {parameter.name: std},
-        **p_entry("p_value", claim.p_value),
-        "share": claim.share,
-        "probability": claim.probability,
-        "rivals": claim.rivals,
-        "equivalent": list(claim.equivalent),
-        "says": claim.says,
-    }
-
-
-def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool = True) -> Path:
-    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
-    folder = folder or e.problem.session.own_folder("explain")
-    with result_folder(folder):
-        write_whole(folder / "explain.json", truth_to_json(e))
-    if pictures:
-        from tinygc.reporting.pictures.truth import draw_truth
-
-        draw_truth(e, folder / "explain.png")
-    return folder
-
-
 def truth_page(e: TruthExplanation) -> Group:
     """Verdict, claims, and the evidence of sensor, truth and clocks."""
     parts: list = [truth_line(e), Text("")]
-    for claim in e.claims:
+    for claim in e.claimed:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
@@ -221,3 +126,23 @@ def _own_noise(e: TruthExplanation) -> str:
     own = e.gyro_rad / DEG * np.sqrt(e.lengths_s[0])
     too_good = "" if independent(e) else ": more than is seen, so the truth follows this gyro's noise and was made with it"
     return f"the gyro's own noise would leave {own:.4f}° after the shortest length{too_good}"
+
+
+class TruthReport(ExplanationReport):
+    """What is made of an explanation beside a truth file."""
+
+    def to_json(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return truth_to_json(self.explanation)
+
+    def line(self) -> Text:
+        """The session, the verdict, and the p-value."""
+        return truth_line(self.explanation)
+
+    def page(self) -> Group:
+        """What the terminal shows."""
+        return truth_page(self.explanation)
+
+    def picture(self) -> Figure:
+        """The page of pictures.  Raises CalibrationError where matplotlib is missing."""
+        return figure_of(self.explanation)

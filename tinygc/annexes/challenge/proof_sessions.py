@@ -22,15 +22,15 @@ from tinygc.effects.effect import ANYWHERE
 from tinygc.effects.movement import vibration
 from tinygc.explanation.claims import named_claims, readable
 from tinygc.explanation.data_repair import mend
-from tinygc.explanation.decision import prove
+from tinygc.explanation.decision import Naming, prove
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import scanned, selection_of, sharpened
-from tinygc.explanation.search import NamedEffect, Naming
+from tinygc.explanation.search import NamedEffect
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.channels import in_gauge, turn_gravity, within_stills
 from tinygc.noise.refit import Refit, Replay, refit
-from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.session_noise import first_noise, known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import PRECALIBRATION_MPS2, Whitener
 from tinygc.simulation.movement import Plan, earth_rate_table
@@ -322,10 +322,11 @@ def explanation_of(found: Found) -> Explanation:
     """As ``explain`` gives it, with the effect named and nothing else looked for."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
-    naming = Naming(found.first, 0.0, fit, [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)])
+    named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)]
+    naming = Naming(found.first, 0.0, fit, named, whiten, first_noise(twin, whiten))
     mended = mend(problem)
     proof = prove(problem, twin, whiten, fit)
-    e = Explanation(problem.session, problem, mended, twin, whiten, naming, turn_gravity(twin, fit), proof, "explained", 0.0)
+    e = Explanation(problem.session, problem, mended, twin, naming, turn_gravity(twin, fit), proof, "explained", 0.0)
     e.claimed, e.within = named_claims(fit, naming.named, found.first.chi_square), within_stills(twin)
     return e
 

@@ -45,9 +45,9 @@ def discovered(explanation: Explanation) -> dict:
     from tinygc.annexes.discovery.engine import discover
     from tinygc.annexes.discovery.report import DiscoveryReport
 
-    told = DiscoveryReport(explanation, discover(explanation, seed=SEED))
-    told.save(pictures=False)
-    return {"discovery": told.table["discovery"]}
+    report = DiscoveryReport(explanation, discover(explanation, seed=SEED))
+    report.save(pictures=False)
+    return {"discovery": report.to_json()["discovery"]}
 
 
 if __name__ == "__main__":

@@ -29,9 +29,8 @@ from tinygc.annexes.discovery.result import discovery_page, to_json
 from tinygc.annexes.discovery.search_state import Discovery, Law
 from tinygc.annexes.discovery.selection import FORM
 from tinygc.effects.catalogue import loaded_folders
-from tinygc.explanation import result
 from tinygc.explanation.engine import Explanation
-from tinygc.reporting.explanation_text import explanation_page, save_explanation
+from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
 from tinygc.reporting.pictures.canvas import save as save_figure
 
 if TYPE_CHECKING:
@@ -129,15 +128,14 @@ def _digest(text: str) -> str:
 # An explanation and the discovery beside it, told: one table, the page of the terminal, the picture, the files.
 
 
-class DiscoveryReport:
+class DiscoveryReport(ExplanationReport):
     """What is made of both, each once."""
 
     def __init__(self, explanation: Explanation, discovery: Discovery):
-        self.explanation, self.discovery = explanation, discovery
+        super().__init__(explanation)
+        self.discovery = discovery
         #: of each law, relative to the folder of the explanation; None until they are saved
         self._files: list[str | None] = [None for _ in discovery.laws]
-        #: lines for whoever looks for the files
-        self.says: tuple[str, ...] = ()
 
     @cached_property
     def pairs(self) -> list[Pair]:
@@ -149,29 +147,27 @@ class DiscoveryReport:
         pairs = self.pairs if any(map(is_open, self.discovery.laws)) else []
         return next_of(self.explanation, self.discovery, pairs)
 
-    @property
-    def table(self) -> dict:
+    def to_json(self) -> dict:
         """``tinygc-explain/1``.  What to do next is what the search asks for."""
-        return result.to_json(self.explanation) | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
+        return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
 
-    @property
     def page(self) -> Group:
         """What the terminal shows: the explanation, then the search, which has the last word on what to do next."""
-        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.table))
+        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.to_json()))
 
     def figure(self) -> Figure:
         """``discover.png``, of an answer with laws.  CalibrationError without matplotlib."""
         return figure_of(self.explanation, self.discovery, self.pairs)
 
     def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
-        """``save_explanation`` with the whole table, an effect file for each law, and the picture of them; returns the folder.
+        """The explanation's files, an effect file for each law, and the picture of them; returns the folder.
 
-        A file that somebody has edited stays; ``says`` tells what was done instead.  Raises what ``save_explanation`` raises.
+        A file that somebody has edited stays; ``notes`` says what was done instead.  Raises what ``ExplanationReport.save`` raises.
         """
         folder = folder or self.explanation.session.own_folder("explain")
         saved = save_laws(self.discovery.laws, self._where(), folder / FOLDER)
-        self._files, self.says = [f"{FOLDER}/{path.name}" for path in saved.files], saved.says
-        save_explanation(self.explanation, folder, pictures, self.table)
+        self._files, self.notes = [f"{FOLDER}/{path.name}" for path in saved.files], saved.says
+        super().save(folder, pictures)
         if pictures and self.discovery.laws:
             save_figure(self.figure(), folder / "discover.png")
         else:  # that of an earlier run shows another answer

@@ -25,9 +25,7 @@ from tinygc.effects import using
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.listing import date_of
 from tinygc.explanation.engine import explain_session
-from tinygc.explanation.result import to_json as explanation_json
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.reporting.truth_text import truth_to_json
 
 #: a sentence of a failure, and findings in a row, are cut here: a hundred thousand of them are kept
 MOST_ERROR, MOST_FINDINGS = 500, 20
@@ -159,8 +157,12 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
 def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> Row:
     if session.config.protocol.reference == "truth":
         truth = explain_truth(session, seed=options.seed, use_earth=options.earth)
-        return {"verdict": truth.verdict, "p_value": number(truth.p_value), "effects": cell_of(truth_to_json(truth)["effects"])}
+        return {
+            "verdict": truth.verdict,
+            "p_value": number(truth.p_value),
+            "effects": cell_of([claim.to_json() for claim in truth.claimed]),
+        }
     found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared)
     weighed = {name: vars(each) for name, each in effects_of(found).items()}
-    effects = cell_of(explanation_json(found)["effects"])
+    effects = cell_of([claim.to_json() for claim in found.claimed])
     return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects, "weighed": cell_of(weighed)}

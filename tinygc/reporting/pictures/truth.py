@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.io.units import DEG, MG
 from tinygc.explanation.truth_evidence import TruthExplanation, neighbours
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, save
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,18 +18,13 @@ if TYPE_CHECKING:
 SLOW_SEGMENTS = 9
 
 
-def draw_truth(e: TruthExplanation, path: Path) -> None:
-    """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
-    save(figure_of(e), path)
-
-
 def figure_of(e: TruthExplanation) -> Figure:
     """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     headline = f"{e.problem.session.name}: {e.verdict.replace('_', ' ')}"
-    ids, says = [claim.effect.id for claim in e.claims], [claim.says for claim in e.claims]
+    ids, says = [claim.effect.id for claim in e.claimed], [claim.says for claim in e.claimed]
     figure, grid = canvas(3, headline, ids, says)
     _rate_in_time(e, e.angles[0], grid[0, 0], f"before, {e.closure_rms[0] / DEG:.3f}° rms")
-    _rate_in_time(e, e.angles[1], grid[0, 1], f"after, {e.closure_rms[1] / DEG:.3f}° rms" if e.claims else "the same: nothing was named")
+    _rate_in_time(e, e.angles[1], grid[0, 1], f"after, {e.closure_rms[1] / DEG:.3f}° rms" if e.claimed else "the same: nothing was named")
     grid[0, 1].sharey(grid[0, 0])
     _growth(e, grid[1, 0])
     _neighbours(e, grid[1, 1])

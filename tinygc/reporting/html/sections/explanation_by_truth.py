@@ -18,7 +18,7 @@ def section(evidence: Evidence) -> Section | None:
     if e is None:
         return None
     html = paragraph(f"<strong>{escape(e.verdict.replace('_', ' ').capitalize())}</strong> ({probability(e.p_value)}).")
-    html += "".join(map(_claim, e.claims))
+    html += "".join(map(_claim, e.claimed))
     html += "".join(paragraph(f"{escape(sentence[:1].upper() + sentence[1:])}.") for sentence in refusals(e))
     html += table(("Of", "it says"), [(escape(of), escape(says)) for of, says in evidence_rows(e)], kind="words")
     if len(e.lengths_s) > 1:

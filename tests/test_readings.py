@@ -1,4 +1,4 @@
-"""Readings kept as they were written act as the float64 array that they stand for, to the last bit."""
+"""PackedReadings kept as they were written act as the float64 array that they stand for, to the last bit."""
 
 import pickle
 
@@ -8,17 +8,17 @@ import pytest
 from session.io.config import Sensor
 from session.io.errors import FormatError
 from session.io.logfile import read_log
-from session.io.samples import Packer, Readings, inserted, mapped, pick, pieces, replaced, times
+from session.io.samples import Packer, PackedReadings, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 SENSOR = Sensor("ASM330LHH", "", 208.0, 500.0, 4.0)
 
 
-def packed(*tables: np.ndarray) -> Readings:
+def packed(*tables: np.ndarray) -> PackedReadings:
     packer = Packer()
     for table in tables:
         packer.add(table)
-    return Readings(*packer.packed())
+    return PackedReadings(*packer.packed())
 
 
 @pytest.mark.parametrize(

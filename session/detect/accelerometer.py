@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.detect.stills import Still, find_stills
+from session.detect.stills import Still, find_stills, references
 from session.io.config import Accelerometer
 from session.io.errors import FormatError, SegmentError
 from session.io.files import MOST_TOML, naming, read_text, result_folder
@@ -28,17 +28,7 @@ UPPER = np.triu_indices(3)
 MATRIX, BIAS = slice(0, 6), slice(6, 9)
 PARAMETERS = BIAS.stop
 #: in the order of a vector: the matrix's upper triangle row by row, then the bias
-NAMES = (
-    "scale x",
-    "nonorthogonality xy",
-    "nonorthogonality xz",
-    "scale y",
-    "nonorthogonality yz",
-    "scale z",
-    "bias x",
-    "bias y",
-    "bias z",
-)
+NAMES = ("scale x", "nonorthogonality xy", "nonorthogonality xz", "scale y", "nonorthogonality yz", "scale z", "bias x", "bias y", "bias z")
 IDENTITY = np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0])
 SCALES, SHEARS, BIASES = np.array([0, 3, 5]), np.array([1, 2, 4]), np.array([6, 7, 8])
 
@@ -263,8 +253,8 @@ def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVI
     samples: the logs, accelerometer as measured in m/s^2.  A few stills that are none hardly count.  Raises SegmentError where the
     stills are too few or their attitudes too alike for all nine numbers.
     """
-    stills = [still for log in samples for still in find_stills(log, still_s)[0] if still.problem is None]
-    found = fit_lengths(force_of(stills), gravity_mps2)
+    stills = [still for log in samples for still in find_stills(log, still_s)[0]]
+    found = fit_lengths(force_of(references(stills)), gravity_mps2)
     if found.unobserved:
         raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
     return found.accelerometer

@@ -9,7 +9,7 @@ import numpy as np
 
 from session.detect.findings import Finding
 from session.detect.segments import GAP_PERIODS
-from session.detect.stills import Still
+from session.detect.stills import Still, references
 from session.io.config import Config, Sensor
 from session.io.samples import Samples
 from session.io.sensors.profile import Profile
@@ -125,8 +125,7 @@ def _lag(turns: Turns) -> float:
 
 
 def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: int) -> Turns | None:
-    good = [still for still in stills if still.problem is None]
-    pairs = [(a, b) for a, b in pairwise(good) if skip is None or not skip[a.stop : b.start].any()]
+    pairs = [(a, b) for a, b in pairwise(references(stills)) if skip is None or not skip[a.stop : b.start].any()]
     parts = [part for a, b in pairs if (part := _blocks(samples, a, b, size)) is not None]
     if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
         return None
@@ -215,14 +214,8 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
         cross = ay * z - az * y, az * x - ax * z, ax * y - ay * x
         x, y, z = (cos * d + along * a - sin * c for d, a, c in zip((x, y, z), (ax, ay, az), cross, strict=True))
     down = np.stack([x, y, z], axis=-1)
-    sine = np.linalg.norm(_cross(down, turns.last), axis=-1)
+    sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
     return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """np.cross for (..., 3), without its overhead on small arrays."""
-    a, b = np.broadcast_arrays(a, b)
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 # Checks of the gyroscope against gravity: axes and signs, then the sensitivity.

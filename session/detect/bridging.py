@@ -247,9 +247,9 @@ def _beyond(guess: np.ndarray, spread: np.ndarray, end: float) -> tuple[np.ndarr
     lacking = np.maximum(end - guess, 0.0)
     wide = np.maximum(spread, lacking) + 1e-12
     at = (end - guess) / wide
-    from scipy.stats import norm  # takes longer to import than most logs to read, and hardly any log clips
+    from scipy.special import log_ndtr  # hardly any log clips
 
-    hazard = np.exp(norm.logpdf(at) - norm.logsf(at))
+    hazard = np.exp(-(at**2) / 2.0 - np.log(np.sqrt(2 * np.pi)) - log_ndtr(-at))
     beyond, off = guess + wide * hazard, wide * np.sqrt(np.maximum(1 + at * hazard - hazard**2, 1e-3))
     jolt = lacking > UNLIKE * spread
     half = (beyond - guess) / 2

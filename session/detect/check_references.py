@@ -10,7 +10,7 @@ import numpy as np
 from session.detect.accelerometer import SCALES, LengthFit, fit_lengths, force_of, why_not
 from session.detect.findings import Finding, xyz_text
 from session.detect.segments import FoundTurn, Segment, angle_read, contradiction, cut_segments, find_known_turns
-from session.detect.stills import SessionStills
+from session.detect.stills import SessionStills, references
 from session.detect.truth_segments import cut_at_truth
 from session.io.config import FOUND, GIVEN, Config, TruthAlignment, TruthGiven, down_of
 from session.io.errors import CalibrationError
@@ -314,7 +314,7 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     """
     known = known or SessionStills(session)
     stills = [still for log in session.logs for still in known.of(log).stills]
-    force, site = force_of([still for still in stills if still.problem is None]), session.config.site
+    force, site = force_of(references(stills)), session.config.site
     if not len(force):
         return None
     found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2)

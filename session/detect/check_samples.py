@@ -13,7 +13,7 @@ from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Finding, axes_text
 from session.detect.segments import GAP_PERIODS, pace_of, why_broken
-from session.detect.stills import Noise, Still
+from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
 from session.io.logfile import Bridge, Log
@@ -40,7 +40,7 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     """
     findings = []
     for key, declared in (("gyro_fs_dps", sensor.gyro_fs_dps), ("accel_fs_g", sensor.accel_fs_g)):
-        said = _number(log.comments.get(key))
+        said = log.number(key)
         if said is not None and abs(said / declared - 1) > 1e-6:
             says = f"the log says {key}={said:g}, session.toml {declared:g}"
             findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
@@ -67,7 +67,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     jitter = float(np.sqrt(max(steps[~gaps].var() - share * (1 - share) * period**2, 0.0) / 2))
     square = sum((np.sum(((part[2:] - part[:-2]) / 2) ** 2, axis=0) for _, part in pieces(samples.gyro, overlap=2)), np.zeros(3))
     angle = float(np.sqrt((square / (len(samples) - 2)).max() * segment_s / period)) * jitter if len(samples) > 2 else 0.0
-    floor = float("inf") if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
+    floor = noise_floor(noise, segment_s)
     says = f"{jitter * 1e6:.1f} us rms ({jitter / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
     if np.isfinite(floor):
         says += f", noise {floor / DEG:.4f}"
@@ -105,15 +105,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         findings.append(Finding("note", log.path.name, "accelerometer", says))
     for name, unit, values, full, reach, factor, stds in (
         ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
-        (
-            "accelerometer",
-            "g",
-            samples.accel,
-            sensor.accel_fs_g,
-            accel_reach_g(sensor),
-            G,
-            [s.accel_std for s in stills],
-        ),
+        ("accelerometer", "g", samples.accel, sensor.accel_fs_g, accel_reach_g(sensor), G, [s.accel_std for s in stills]),
     ):
         t_ns = samples.t_ns
         if name == "accelerometer" and absent.any():
@@ -193,13 +185,6 @@ def _step(values: np.ndarray) -> float:
     np.abs(steps, out=steps)
     size = max(abs(values.max()), abs(values.min()))
     return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None
 
 
 # A gyro that stops at a level far below its full scale: looked for before its scale and its stills are judged, which it spoils.
@@ -450,7 +435,7 @@ def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | 
     bridges = tuple(bridge for bridge in bridges if not any(a <= bridge.row <= b for a, b in broken))
     if not bridges:
         return []
-    floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
+    floor = noise_floor(noise, segment_s)
     worst = max(float(np.linalg.norm(bridge.sigma_rad)) for bridge in bridges)
     says = "; ".join(text for text in (_gaps_text(bridges), _peaks_text(bridges)) if text)
     says += f": put in from their neighbours, off by {worst / DEG:.2g} deg at worst"

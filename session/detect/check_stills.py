@@ -10,7 +10,7 @@ import numpy as np
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Finding, xyz_text
-from session.detect.stills import Noise, Still, UnusedRest
+from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
 from session.io.config import Config, Sensor
 from session.io.errors import CalibrationError
 from session.io.logfile import Log
@@ -30,7 +30,7 @@ ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes
 
 def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
     """How many stills there are, how long, and those that are no reference; blind: the gyro shows no noise, which has been said."""
-    good = [still for still in stills if still.problem is None]
+    good = references(stills)
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
         if blind:
@@ -69,7 +69,7 @@ def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[F
 
     12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.
     """
-    count = sum(max(0, sum(still.problem is None for still in stills) - 1) for stills in stills_per_log)
+    count = sum(max(0, len(references(stills)) - 1) for stills in stills_per_log)
     says = f"{count} turns from still to still, {2 * count} angles for 12 parameters"
     if count >= ENOUGH_SEGMENTS:
         return [Finding("ok", where, "turns", says)]
@@ -178,7 +178,7 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
         return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
     spread = float(lengths.std())
     tilt = spread / lengths.mean()
-    floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(config.protocol.segment_s)
+    floor = noise_floor(noise, config.protocol.segment_s)
     level = "warning" if tilt > 3 * floor else "note" if tilt > floor else "ok"
     do = "calibrate the accelerometer again: the reference is worse than the gyro" if level != "ok" else ""
     attitudes = attitudes_of(force_of(stills))

@@ -43,7 +43,7 @@ def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
     if (wrong := unit_factor(true_hz, sensor.odr_hz)) is not None:
         return [_wrong_unit(where, true_hz, sensor, wrong)]
     findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]
-    said_hz = _number(log.comments.get("odr_hz"))
+    said_hz = log.number("odr_hz")
     if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
         says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
         findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
@@ -119,13 +119,6 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
         return []
     says = f"no still and no turn: all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
     return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        return None if text is None else float(text)
-    except ValueError:
-        return None
 
 
 # Motion faster than half the data rate: what the readings of a turn miss of it, told from fewer of them.

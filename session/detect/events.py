@@ -8,8 +8,6 @@ from itertools import pairwise
 from math import ceil, log, pi, sqrt
 
 import numpy as np
-from scipy.ndimage import percentile_filter
-from scipy.stats import norm
 
 from session.io.config import Sensor
 from session.io.numeric import runs_of
@@ -145,14 +143,16 @@ LOWEST, QUIET = 5, 25
 AROUND = 121
 #: knocks that are found in a whole log where there is none, on average
 FALSE = 0.01
-#: blocks on either side of a knock that go with it: it rings on
-BESIDE = 1
 
 
 def knocked(log: RestLog) -> np.ndarray:
-    """(B,) bool: blocks to leave out."""
+    """(B,) bool: blocks to leave out, and one on either side of each."""
+    from scipy.ndimage import percentile_filter  # only where a rest log is read
+    from scipy.special import ndtri
+
     found = np.zeros(len(log), dtype=bool)
-    sigmas = norm.isf(FALSE / max(6 * len(log), 1))
+    sigmas = -ndtri(FALSE / max(6 * len(log), 1))
+    quiet_sigmas, lowest_sigmas = ndtri(QUIET / 100), ndtri(LOWEST / 100)
     for values in (*log.gyro_sd.T, *log.accel_sd.T):
         # A sensor whose register stands still has no scatter: half the smallest that there is stands for none.
         least = values[values > 0].min(initial=np.inf)
@@ -162,14 +162,9 @@ def knocked(log: RestLog) -> np.ndarray:
         off = level - percentile_filter(level, QUIET, size=min(AROUND, len(level)), mode="nearest")
         # By the quieter blocks: they are still even where half of a log is not.
         low, quiet = np.percentile(off, [LOWEST, QUIET])
-        sigma = max((quiet - low) / (norm.ppf(QUIET / 100) - norm.ppf(LOWEST / 100)), 1e-9)
-        found |= off - quiet + norm.ppf(QUIET / 100) * sigma > sigmas * sigma
-    return _widened(found, BESIDE)
-
-
-def _widened(flags: np.ndarray, by: int) -> np.ndarray:
-    wide = flags.copy()
-    for step in range(1, by + 1):
-        wide[step:] |= flags[:-step]
-        wide[:-step] |= flags[step:]
+        sigma = max((quiet - low) / (quiet_sigmas - lowest_sigmas), 1e-9)
+        found |= off - quiet + quiet_sigmas * sigma > sigmas * sigma
+    wide = found.copy()
+    wide[1:] |= found[:-1]  # it rings on
+    wide[:-1] |= found[1:]
     return wide

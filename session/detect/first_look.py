@@ -45,7 +45,7 @@ from session.detect.check_stills import (
 from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
 from session.detect.findings import Finding, worst
 from session.detect.segments import moments_of
-from session.detect.stills import Noise, SessionStills, Still, UnusedRest
+from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
@@ -60,7 +60,7 @@ __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None, unused: Sequence[UnusedRest] = ()) -> list[Finding]:
     """All checks of one log; stills, noise and rests that are none as ``SessionStills`` found them."""
     config, where = session.config, log.path.name
-    good = [still for still in stills if still.problem is None]
+    good = references(stills)
     missing_accel = session.truths is not None
     findings = [
         *check_reading(log),

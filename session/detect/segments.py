@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from session.detect.events import clips, gyro_reach_dps
-from session.detect.stills import Still
+from session.detect.stills import Still, references
 from session.io.config import LeftOut, Protocol, Sensor
 from session.io.logfile import KnownTurn
 from session.io.samples import Samples
@@ -76,50 +76,36 @@ def cut_segments(
 ) -> list[Segment]:
     """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first; put_in (N,) bool: samples
     that are no readings, but what was put in their place."""
-    references = [still for still in stills if still.problem is None]
     starts = [still.start for still in stills]
     segments: list[Segment] = []
-    for first, last in pairwise(references):
+    for first, last in pairwise(references(stills)):
         passed = stills[bisect_right(starts, first.start) : bisect_left(starts, last.start)]
-        segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments), put_in))
+        start, stop = _window(samples, first, last, protocol)
+        turn = slice(first.stop, last.start + 1)
+        t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * NS
+        rate = np.linalg.norm(samples.gyro[turn] - (first.gyro_mean + last.gyro_mean) / 2, axis=1)
+        turn_s, turn_deg = float(t_s[-1]), float(np.trapezoid(rate, t_s)) / DEG
+        duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * NS
+        problem = broken = why_broken(samples, turn, sensor, put_in)
+        if problem is None and duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
+            problem = f"{duration_s:.0f} s from still to still: too long for a segment; make it a closure run"
+        segment = Segment(
+            number=number + len(segments),
+            log=log,
+            first=first,
+            last=last,
+            start=start,
+            stop=stop,
+            start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
+            duration_s=duration_s,
+            turn_s=turn_s,
+            turn_deg=turn_deg,
+            note=_note(passed, turn_s, turn_deg, protocol),
+            problem=problem,
+            breaks_yaw=broken is not None,
+        )
+        segments.append(segment)
     return segments
-
-
-def _cut(
-    samples: Samples,
-    first: Still,
-    last: Still,
-    passed: list[Still],
-    sensor: Sensor,
-    protocol: Protocol,
-    log: int,
-    number: int,
-    put_in: np.ndarray | None,
-) -> Segment:
-    start, stop = _window(samples, first, last, protocol)
-    turn = slice(first.stop, last.start + 1)
-    t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * NS
-    turn_s = float(t_s[-1])
-    bias = (first.gyro_mean + last.gyro_mean) / 2
-    rate = np.linalg.norm(samples.gyro[turn] - bias, axis=1)
-    turn_deg = float(np.trapezoid(rate, t_s)) / DEG
-    duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * NS
-    broken = why_broken(samples, turn, sensor, put_in)
-    return Segment(
-        number=number,
-        log=log,
-        first=first,
-        last=last,
-        start=start,
-        stop=stop,
-        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
-        duration_s=duration_s,
-        turn_s=turn_s,
-        turn_deg=turn_deg,
-        note=_note(passed, turn_s, turn_deg, protocol),
-        problem=broken or _too_long(duration_s, protocol),
-        breaks_yaw=broken is not None,
-    )
 
 
 def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> tuple[int, int]:
@@ -155,12 +141,6 @@ def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray
     if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
         return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"
-    return None
-
-
-def _too_long(duration_s: float, protocol: Protocol) -> str | None:
-    if duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
-        return f"{duration_s:.0f} s from still to still: too long for a segment; make it a closure run"
     return None
 
 
@@ -274,7 +254,7 @@ def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.n
 
     put_in (N,) bool: samples that are no readings.
     """
-    good = [still for still in stills if still.problem is None]
+    good = references(stills)
     if len(good) < 2:
         return None
     first, last = good[0], good[-1]
@@ -358,7 +338,8 @@ def find_known_turns(
         segment = next((s for s in segments if s.number == number), None)
         if segment is None:
             count = len(segments) if turn.log is None else len(own)
-            found.append(FoundTurn(turn, None, None, f"there is no such turn: {_counted(count)}"))
+            turns = f"{count} turns, counted from 0" if count else "no turn between two stills"
+            found.append(FoundTurn(turn, None, None, f"there is no such turn: {turns}"))
             continue
         reads = angle_read(samples[segment.log], segment)
         problem = None if segment.accepted else f"the turn is not used: {segment.problem}"
@@ -366,10 +347,6 @@ def find_known_turns(
             problem = "an earlier line names the same turn"
         found.append(FoundTurn(turn, segment, reads, problem or contradiction(turn, reads)))
     return found
-
-
-def _counted(count: int) -> str:
-    return f"{count} turns, counted from 0" if count else "no turn between two stills"
 
 
 def angle_read(samples: Samples, segment: Segment) -> np.ndarray:

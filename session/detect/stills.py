@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -198,6 +198,16 @@ class Noise:
     def velocity_random_walk(self) -> np.ndarray:
         """(3,) m/s/sqrt(s)."""
         return self.accel / np.sqrt(2)
+
+
+def noise_floor(noise: Noise | None, duration_s: float) -> float:
+    """rad that the gyro's white noise adds to a turn of this duration, on its worst axis; infinite where the noise is not known."""
+    return np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(duration_s)
+
+
+def references(stills: Sequence[Still]) -> list[Still]:
+    """Those without a problem."""
+    return [still for still in stills if still.problem is None]
 
 
 def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], Noise | None]:

@@ -184,7 +184,7 @@ class Way:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class AlignedLog:
     """One log: the gyro, spans of the truth at the truth's clock, the cells as they are written (moments, 4), specific force (N, 3)."""
 
     gyro: Carried
@@ -193,7 +193,7 @@ class Seen:
     force: np.ndarray
 
 
-def ways(seen: Sequence[Seen], given: TruthGiven, offset_s: float) -> list[Way]:
+def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list[Way]:
     """Every way to read the files that is not ruled out by what is given, the contract's own first."""
     told = TruthReading.of(given)
     senses = SENSES if given.sense is None else (given.sense,)
@@ -232,7 +232,7 @@ def _upright(way: Way) -> float:
     return 0.0 if way.up is None else float(abs(way.up[2]))
 
 
-def _turns(one: Seen, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _turns(one: AlignedLog, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotation vectors (K, 3) rad of the truth and of the gyro, and durations (K,) s, of the spans that the log has whole."""
     begin, end = one.spans.begin_s + reading.offset_s, one.spans.end_s + reading.offset_s
     kept = one.gyro.whole(begin, end)
@@ -259,7 +259,7 @@ def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: 
     return matrix, float(np.sum(apart[~rough] ** 2) / max(np.sum(size[~rough]), 1e-30))
 
 
-def _up(seen: Sequence[Seen], reading: TruthReading) -> np.ndarray | None:
+def _up(seen: Sequence[AlignedLog], reading: TruthReading) -> np.ndarray | None:
     """(3,) in the file's world."""
     total, length = np.zeros(3), 0.0
     for one in seen:
@@ -357,7 +357,7 @@ class Fine:
     mounting_sigma: np.ndarray
 
 
-def refined(seen: Sequence[Seen], samples: Sequence[Samples], reading: TruthReading) -> Fine | None:
+def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: TruthReading) -> Fine | None:
     """From where the ways have left it; None where there are too few spans, or they do not fix the unknowns."""
     E, b, mounting, offset_s = np.eye(3), np.zeros(3), reading.mounting, reading.offset_s
     gyro = [one.gyro for one in seen]
@@ -387,7 +387,7 @@ def refined(seen: Sequence[Seen], samples: Sequence[Samples], reading: TruthRead
     return Fine(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
 
 
-def _rows(one: Seen, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors (K, 3) rad about the gyro's axes at the beginning, their columns (K, 3, 13), and the spans' beginnings (K,) s."""
     spans: Spans = one.spans
     begin, end = spans.begin_s + reading.offset_s, spans.end_s + reading.offset_s
@@ -531,14 +531,14 @@ def _alignment(session: Session, given: TruthGiven, told: TruthReading) -> Truth
     return _taken(given, told, source, way, fine)
 
 
-def _seen(session: Session, told: TruthReading) -> list[Seen]:
+def _seen(session: Session, told: TruthReading) -> list[AlignedLog]:
     """Spans at the truth's own stamps, and its cells as they are written."""
     found = []
     for log, truth, spans in zip(session.logs, session.truths or (), all_spans(session), strict=True):
         own = replace(spans, begin_s=spans.begin_s - told.offset_s, end_s=spans.end_s - told.offset_s)
         force = session.config.accelerometer.correct(log.samples.accel)
         force = np.where(np.abs(log.samples.accel).sum(axis=1, keepdims=True) > 0, force, 0.0)
-        found.append(Seen(carried(log.samples, log.samples.gyro), own, told.written(truth.q_nb), force))
+        found.append(AlignedLog(carried(log.samples, log.samples.gyro), own, told.written(truth.q_nb), force))
     return found
 
 

@@ -59,7 +59,7 @@ def find_rests(samples: Samples) -> list[Rest]:
 
 
 @dataclass(frozen=True, eq=False)
-class Ends:
+class TruthEnds:
     """Attitudes (4,) of a segment at its first and last sample, and the moments of the truth they come from."""
 
     start: np.ndarray
@@ -69,15 +69,8 @@ class Ends:
 
 
 def cut_at_truth(
-    samples: Samples,
-    truth: Truth,
-    sensor: Sensor,
-    protocol: Protocol,
-    *,
-    log: int = 0,
-    number: int = 0,
-    put_in: np.ndarray | None = None,
-) -> list[tuple[Segment, Ends]]:
+    samples: Samples, truth: Truth, sensor: Sensor, protocol: Protocol, *, log: int = 0, number: int = 0, put_in: np.ndarray | None = None
+) -> list[tuple[Segment, TruthEnds]]:
     """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first; put_in: as in
     ``cut_segments``.
 
@@ -87,12 +80,31 @@ def cut_at_truth(
     nearest = _nearest(samples, truth)
     there = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
     q = _at_samples(samples, truth, nearest)
-    segments: list[tuple[Segment, Ends]] = []
+    segments: list[tuple[Segment, TruthEnds]] = []
     for first, last in _pairs(truth, protocol.segment_s):
-        a, b = int(nearest[first]), int(nearest[last])
+        start = int(nearest[first])
+        stop = max(int(nearest[last]), start + 1) + 1
+        duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * NS
         missing = None if there[first] and there[last] else "the log has no sample at one of its moments of truth"
-        segment = _segment(samples, a, max(b, a + 1), missing, sensor, protocol, log, number + len(segments), put_in)
-        segments.append((segment, Ends(q[first], q[last], first, last)))
+        problem = broken = missing or why_broken(samples, slice(start + 1, stop), sensor, put_in)
+        if problem is None and duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
+            problem = f"{duration_s:.0f} s between moments of truth: too long for a segment"
+        rate = np.linalg.norm(samples.gyro[start:stop] - samples.gyro[start:stop].mean(axis=0), axis=1)
+        segment = Segment(
+            number=number + len(segments),
+            log=log,
+            first=None,
+            last=None,
+            start=start,
+            stop=stop,
+            start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
+            duration_s=duration_s,
+            turn_s=duration_s,
+            turn_deg=float(np.trapezoid(rate, samples.t_s[start:stop])) / DEG,
+            problem=problem,
+            breaks_yaw=broken is not None,
+        )
+        segments.append((segment, TruthEnds(q[first], q[last], first, last)))
     return segments
 
 
@@ -137,35 +149,3 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
             return pairs or [(0, len(truth) - 1)]
         pairs.append((first, last))
         first = last
-
-
-def _segment(
-    samples: Samples,
-    start: int,
-    last: int,
-    missing: str | None,
-    sensor: Sensor,
-    protocol: Protocol,
-    log: int,
-    number: int,
-    put_in: np.ndarray | None,
-) -> Segment:
-    duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * NS
-    long = duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s
-    problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor, put_in)
-    rate = np.linalg.norm(samples.gyro[start : last + 1] - samples.gyro[start : last + 1].mean(axis=0), axis=1)
-    turn_deg = float(np.trapezoid(rate, samples.t_s[start : last + 1])) / DEG
-    return Segment(
-        number=number,
-        log=log,
-        first=None,
-        last=None,
-        start=start,
-        stop=last + 1,
-        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
-        duration_s=duration_s,
-        turn_s=duration_s,
-        turn_deg=turn_deg,
-        problem=problem or (f"{duration_s:.0f} s between moments of truth: too long for a segment" if long else None),
-        breaks_yaw=problem is not None,
-    )

@@ -19,7 +19,7 @@ from session.io.errors import DataError, FormatError
 from session.io.lines import Lines
 from session.io.reader import Reader, fresh
 from session.io.registers import RegisterUnits
-from session.io.samples import Growing, Packer, Readings, Samples, times
+from session.io.samples import Growing, PackedReadings, Packer, Samples, times
 from session.io.units import DEG, NS_PER_S, STAMP_NS
 
 # One log of a session: a standard log (FORMATS), read by the one reader (``session/dialects``), in SI.
@@ -29,7 +29,7 @@ def _temperature(packer: Packer, layout: Layout, units: RegisterUnits) -> np.nda
     """(N,) degC; None where there is none, or nobody knows what its register means."""
     if layout.temp is None or layout.temperature_c(np.zeros(1), units) is None:
         return None
-    return cast(np.ndarray, Readings(*packer.packed(), (partial(_in_degrees, layout, units),)))
+    return cast(np.ndarray, PackedReadings(*packer.packed(), (partial(_in_degrees, layout, units),)))
 
 
 def _in_degrees(layout: Layout, units: RegisterUnits, values: np.ndarray) -> np.ndarray:
@@ -40,8 +40,11 @@ def _in_degrees(layout: Layout, units: RegisterUnits, values: np.ndarray) -> np.
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
-    """Readings that were put in from their neighbours (``session/detect/bridging.py``): what was there, ``gap`` or ``clipped``; row of the
-    first, how many; at_s of the log; sigma_rad (3,): by how much the rotation over them may be off, body axes."""
+    """Readings that interpolation put in (``session/detect/bridging.py``).
+
+    what was there, ``gap`` or ``clipped``; row of the first, how many; at_s of the log; sigma_rad (3,): by how much the rotation over
+    them may be off, body axes.
+    """
 
     what: str
     row: int
@@ -66,6 +69,13 @@ class Log:
     raw: bool = True
     in_memory: bool = False
     bridges: tuple[Bridge, ...] = ()
+
+    def number(self, key: str) -> float | None:
+        """The number that a comment ``key=value`` states; None where it states none."""
+        try:
+            return float(self.comments[key])
+        except (KeyError, ValueError):
+            return None
 
     @property
     def put_in(self) -> np.ndarray:
@@ -110,7 +120,7 @@ def read_log(path: Path, sensor: Sensor) -> Log:
         factors = layout.gyro_si(units), layout.accel_si(units)
     except FormatError as error:
         raise FormatError(f"{path.name} holds registers: {error}") from None
-    gyro, accel = (cast(np.ndarray, Readings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
+    gyro, accel = (cast(np.ndarray, PackedReadings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
     notes = list(reader.notes)
     if layout.temp is not None and samples.temp_c is None:

@@ -317,11 +317,7 @@ def _triad(
         raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
     unit = _unit(kind, said or found[0][1], option, name, dialect)
     order, turned = parse_axes(axes, f"--{kind}-axes")
-    return Triad(
-        three(found[i][0] for i in order),
-        three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)),
-        unit,
-    )
+    return Triad(three(found[i][0] for i in order), three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)), unit)
 
 
 def parse_axes(text: str, option: str) -> tuple[list[int], list[int]]:

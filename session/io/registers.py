@@ -12,7 +12,7 @@ import numpy as np
 
 from session.io.errors import FormatError
 from session.io.sensors import invensense, others, st
-from session.io.sensors.profile import REGISTER_MAX, REGISTER_SPAN, Profile, Thermometer
+from session.io.sensors.profile import REGISTER_SPAN, Profile, Thermometer
 from session.io.units import MDPS, MG
 
 # Which sensor a name means, however it is written: ``mpu9250``, ``MPU-9250``, ``ST asm330lhhtr, unit 2``.
@@ -60,8 +60,6 @@ def _plain(text: str) -> str:
 
 
 # What a sensor's registers mean: rad/s, m/s^2 and degC per count, by its model (``profiles``) or by its data sheet's numbers.
-
-__all__ = ["REGISTER_MAX", "RegisterUnits", "accel_mps2_per_lsb", "gyro_rps_per_lsb", "require_profile", "temperature_c"]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ MOST_DECIMALS = 9
 TOGETHER = 1 << 17
 
 
-class Readings(np.lib.mixins.NDArrayOperatorsMixin):
+class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
     """Acts as the float64 array (N,) or (N, C) that it stands for: rows, columns and operators give plain arrays.
 
     Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
@@ -95,43 +95,43 @@ class Readings(np.lib.mixins.NDArrayOperatorsMixin):
         return self[:].astype(dtype or float, copy=False)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **more: Any) -> Any:
-        return getattr(ufunc, method)(*(np.asarray(each) if isinstance(each, Readings) else each for each in inputs), **more)
+        return getattr(ufunc, method)(*(np.asarray(each) if isinstance(each, PackedReadings) else each for each in inputs), **more)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self[:], name)
 
-    def mapped(self, step: Step) -> Readings:
+    def mapped(self, step: Step) -> PackedReadings:
         """The same after one more step, which is taken when rows are asked for."""
         put_in = None if self._put_in is None else (self._put_in[0], step(self._put_in[1]))
-        return Readings(self._packed, self._divisor, (*self._steps, step), put_in)
+        return PackedReadings(self._packed, self._divisor, (*self._steps, step), put_in)
 
-    def pick(self, which: slice | np.ndarray) -> Readings:
+    def pick(self, which: slice | np.ndarray) -> PackedReadings:
         """Some of the rows, kept as they are."""
         put_in = None
         if self._put_in is not None:
             taken = np.arange(len(self))[which]
             mine, place = self._among_put_in(taken)
             put_in = np.flatnonzero(mine), self._put_in[1][place[mine]]
-        return Readings(self._packed[which], self._divisor, self._steps, put_in)
+        return PackedReadings(self._packed[which], self._divisor, self._steps, put_in)
 
-    def replaced(self, rows: np.ndarray, values: np.ndarray) -> Readings:
+    def replaced(self, rows: np.ndarray, values: np.ndarray) -> PackedReadings:
         """With other values (K, …), SI, in rows (K,), in order."""
         old_rows, old_values = (rows[:0], values[:0]) if self._put_in is None else self._put_in
         kept = ~np.isin(old_rows, rows)
         all_rows, all_values = np.concatenate([old_rows[kept], rows]), np.concatenate([old_values[kept], values])
         order = np.argsort(all_rows, kind="stable")
-        return Readings(self._packed, self._divisor, self._steps, (all_rows[order], all_values[order]))
+        return PackedReadings(self._packed, self._divisor, self._steps, (all_rows[order], all_values[order]))
 
-    def inserted(self, at: np.ndarray, values: np.ndarray) -> Readings:
+    def inserted(self, at: np.ndarray, values: np.ndarray) -> PackedReadings:
         """With values (K, …), SI, before rows (K,), in order, as ``np.insert`` has them."""
         rows = at + np.arange(len(at))
         moved = None
         if self._put_in is not None:
             old = self._put_in[0]
             moved = old + np.searchsorted(at, old, side="right"), self._put_in[1]
-        return Readings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
+        return PackedReadings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
 
     def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
         found = self._in_si(self._packed[(rows, *columns)] if columns else self._packed[rows])
@@ -166,18 +166,18 @@ def times(factor: float) -> Step:
 
 
 def mapped(values: np.ndarray, step: Step) -> np.ndarray:
-    """``step`` of each row: of ``Readings`` when rows are asked for, of an array at once."""
-    return cast(np.ndarray, values.mapped(step)) if isinstance(values, Readings) else step(values)
+    """``step`` of each row: of ``PackedReadings`` when rows are asked for, of an array at once."""
+    return cast(np.ndarray, values.mapped(step)) if isinstance(values, PackedReadings) else step(values)
 
 
 def pick(values: np.ndarray, which: slice | np.ndarray) -> np.ndarray:
     """Some of the rows, kept as they are kept."""
-    return cast(np.ndarray, values.pick(which)) if isinstance(values, Readings) else values[which]
+    return cast(np.ndarray, values.pick(which)) if isinstance(values, PackedReadings) else values[which]
 
 
 def replaced(values: np.ndarray, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
     """With other values (K, …) in rows (K,), in order."""
-    if isinstance(values, Readings):
+    if isinstance(values, PackedReadings):
         return cast(np.ndarray, values.replaced(rows, others))
     values = values.copy()
     values[rows] = others
@@ -186,7 +186,7 @@ def replaced(values: np.ndarray, rows: np.ndarray, others: np.ndarray) -> np.nda
 
 def inserted(values: np.ndarray, at: np.ndarray, others: np.ndarray) -> np.ndarray:
     """``np.insert`` of rows."""
-    return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, Readings) else np.insert(values, at, others, axis=0)
+    return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, PackedReadings) else np.insert(values, at, others, axis=0)
 
 
 def pieces(values: np.ndarray, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:
@@ -283,7 +283,7 @@ class Samples:
 
     t_ns (N,) int64, device time, increasing; gyro (N, 3) rad/s, measured rate m; accel (N, 3) m/s^2, specific force as
     measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.  Of a file the last three are
-    ``Readings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
+    ``PackedReadings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
     """
 
     t_ns: np.ndarray

@@ -358,10 +358,7 @@ def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
     header, columns, formats = ["t_us" if in_us else "t_ns"], [joined.t_ns // US_NS if in_us else joined.t_ns], ["%d"]
     gyro, accel = joined.gyro_layout.gyro, joined.accel_layout.accel
     assert gyro is not None and accel is not None  # noqa: PT018  # ``join`` chose the files that have them
-    for letter, values, unit, units in (
-        ("g", joined.gyro, gyro.unit, endings("gyro")),
-        ("a", joined.accel, accel.unit, endings("accel")),
-    ):
+    for letter, values, unit, units in (("g", joined.gyro, gyro.unit, endings("gyro")), ("a", joined.accel, accel.unit, endings("accel"))):
         suffix, values, written = _in_our_unit(values, unit.si, {ending: each.si for ending, each in units.items() if each.si is not None})
         header += [f"{letter}{axis}{suffix}" for axis in "xyz"]
         columns += list(values.T)

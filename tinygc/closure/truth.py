@@ -9,7 +9,7 @@ import numpy as np
 
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
-from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
+from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
 from session.io.errors import SegmentError
 from session.io.folder import Session
 from session.io.logfile import Truth
@@ -50,7 +50,7 @@ def build_truth_problem(
 ) -> Problem:
     """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (the truth's times are not the log's)."""
     logs: list[StillSet] = []
-    cut: list[tuple[Segment, Ends]] = []
+    cut: list[tuple[Segment, TruthEnds]] = []
     protocol, sensor = session.config.protocol, session.config.sensor
     for number, (log, truth) in enumerate(zip(session.logs, session.truths or (), strict=True)):
         progress(f"truth of {log.path.name}")
@@ -85,7 +85,7 @@ def build_truth_problem(
     return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found, widened=tuple(widened))
 
 
-def _still_set(found: LogStills, cut: list[tuple[Segment, Ends]]) -> StillSet:
+def _still_set(found: LogStills, cut: list[tuple[Segment, TruthEnds]]) -> StillSet:
     samples, stills, noise = found.samples, found.stills, found.noise
     if noise is None or noise.gyro.max() > STILL_NOISE_RPS_RTHZ or not (noise.gyro > 0).all():
         stills, noise = [], _noise_in_motion(samples)
@@ -106,7 +106,7 @@ def _noise_in_motion(samples: Samples) -> Noise:
     return Noise(density(samples.gyro), density(samples.accel))
 
 
-def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[Ends]) -> Batch:
+def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[TruthEnds]) -> Batch:
     """Segments side by side, with the truth's attitudes at their ends."""
     longest = max(segment.stop - segment.start for segment in segments)
     rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
@@ -154,7 +154,7 @@ def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Seg
     return replace(log, q_tb=np.array(q).reshape(-1, 4))
 
 
-def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[Ends], logs: list[StillSet], truth_sigma: float) -> Floor:
+def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[TruthEnds], logs: list[StillSet], truth_sigma: float) -> Floor:
     """Gyro noise and the truth's own at both ends; neighbours share a moment of truth."""
     own = gyro_variance(batch, at, [logs[segment.log].noise for segment in segments])
     truth = np.eye(3) * truth_sigma**2

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from session.detect.findings import Finding
 from session.detect.segments import Segment
-from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
+from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
 from session.io.config import TruthAlignment
 from session.io.folder import Session
 from session.io.numeric import sigma_of
@@ -82,7 +82,7 @@ def offset_columns(batch: Batch, model: RateMap) -> np.ndarray:
     return ends[1] - ends[0]
 
 
-def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, Ends]]:
+def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, TruthEnds]]:
     """The same session cut at another length, within what is used."""
     session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
     cut = []

@@ -13,13 +13,7 @@ from session.io.config import read_config
 from session.io.errors import FormatError
 from session.io.rests import read_rest
 
-COLUMNS = (
-    "timestamp",
-    *(f"imu.gyro.{axis}" for axis in "xyz"),
-    *(f"imu.acc.{axis}" for axis in "xyz"),
-    "imu.status",
-    "imu.temperature",
-)
+COLUMNS = ("timestamp", *(f"imu.gyro.{axis}" for axis in "xyz"), *(f"imu.acc.{axis}" for axis in "xyz"), "imu.status", "imu.temperature")
 HEADER = "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c"
 REST = "rest0001.csv.gz"
 TOML = """schema = "tinygc-session/1"

@@ -34,10 +34,10 @@ from posix_only import pytest_pycollect_makemodule  # noqa: E402, F401
 
 import calibrate  # noqa: E402
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
-from session.io.folder import Session, read_session  # noqa: E402
 from session.io.logfile import Log  # noqa: E402
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
 from session.io.samples import Samples  # noqa: E402
+from tinygc import Session, read_session  # noqa: E402
 
 DEG = np.pi / 180
 GRAVITY = 9.7946
@@ -172,7 +172,7 @@ def write_session(folder: Path, samples: Samples, name: str = "log0001.csv", tom
 @pytest.fixture(scope="session")
 def simulated(tmp_path_factory):
     """``simulated(segments=10, …)``: the folder of a simulated session, made once for each choice of options.  Read only: copy to write."""
-    from tinygc.simulation.options import SimulationOptions
+    from tinygc import SimulationOptions
     from tinygc.simulation.write import write_session as write_simulation
 
     made = {}

@@ -4,9 +4,9 @@ import numpy as np
 from conftest import DEG, Table
 
 from session.io.dialects import Answers
-from session.io.folder import read_session
 from session.io.units import G
 from session.replay.convert import convert
+from tinygc import read_session
 
 FULL_SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
 SAMPLES = Table().tumble(2, rest_s=2.0).samples(odr_hz=104)

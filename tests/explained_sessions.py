@@ -9,9 +9,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from session.io.units import DEG, G
+from tinygc import SimulationOptions
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 G_SENSITIVITY = [[0.05, -0.03, 0.02], [0.04, 0.06, -0.05], [-0.07, 0.02, 0.03]]

@@ -9,7 +9,7 @@ from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.io.samples import Samples
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 
 

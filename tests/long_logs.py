@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from session.io.numeric import decimal_rows
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import HEADER, config_text
 

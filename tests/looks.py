@@ -7,7 +7,7 @@ import numpy as np
 from session.detect.findings import Finding
 from session.detect.first_look import first_look
 from session.detect.stills import find_stills
-from session.io.folder import Session
+from tinygc import Session
 
 G = 9.80665
 IDENTITY = np.eye(3)

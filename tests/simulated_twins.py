@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from session.io.folder import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.noise.session_noise import known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 LEVER_M = (0.02, -0.015, 0.01)

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from conftest import DEG, Table, config
 
-from session.io.folder import Session
 from session.io.logfile import Log
 from session.io.samples import Samples
+from tinygc import Session
 
 RATES = (104.0, 208.0, 416.0, 833.0)
 FS = 500 * DEG

@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, after, units
 from session.io.config import Accelerometer
-from session.io.folder import read_session
 from session.io.units import MG
+from tinygc import FitOptions, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, jacobian, unobserved_values
 from tinygc.estimation.compare import Triad, compare_triads
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
 GRAVITY = 9.7946

@@ -10,8 +10,8 @@ from test_report_decision import Adopted, decide
 import calibrate
 import tinygc
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 import calibrate
 import tinygc
 from session.io.config import Accelerometer, Sensor
-from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.folder import read_session, sha256_of
+from session.io.errors import DataError, FormatError
+from session.io.folder import sha256_of
 from session.io.logfile import read_log
 from session.io.units import MG
-from tinygc import models
+from tinygc import CalibrationError, models, read_session
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.models.model import accelerometer_of, accelerometer_table, sensor_table
 

@@ -17,8 +17,7 @@ from processes import CALIBRATE, PIPE, calibrate, run, started, until
 
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info, SampleChunk
-from session.io.folder import read_session
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions, read_session
 from tinygc.simulation.virtual_board import simulated
 
 if shutil.which("g++") is None:

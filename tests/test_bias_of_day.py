@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 import calibrate
 from session.detect.truth_segments import find_rests
 from session.io.errors import FitError
-from session.io.folder import read_session
 from session.io.samples import Samples
-from tinygc import models
+from tinygc import models, read_session
 from tinygc.attitude.rotation import accumulate, conjugate, log, multiply, steps
 from tinygc.estimation.bias_of_day import bias_from_gravity, origin_of
 from tinygc.models.linear import LinearModel

@@ -17,9 +17,9 @@ import calibrate
 from session.bench.events import Info, SampleChunk
 from session.bench.recorder import Recorder
 from session.io.config import Sensor
-from session.io.errors import CalibrationError
 from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
+from tinygc import CalibrationError
 from tinygc.simulation.terminal import Terminal
 from tinygc.simulation.virtual_board import Board, Faults, Source, flipped, recorded, spoil
 

@@ -16,7 +16,8 @@ from session.bench.decoder import StreamDecoder
 from session.bench.port import BoardSetup, RequestedSettings
 from session.bench.session_file import SessionFile
 from session.io.config import BoardGiven, read_config
-from session.io.errors import CalibrationError, DeviceError
+from session.io.errors import DeviceError
+from tinygc import CalibrationError
 
 
 class Wire:

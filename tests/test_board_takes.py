@@ -12,7 +12,7 @@ import calibrate
 from session.detect.check_samples import check_copies
 from session.io.logfile import Log
 from session.io.samples import Samples
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.virtual_board import Board, next_take, remember, simulated, taken
 

@@ -8,8 +8,9 @@ from models_in_use import LINEAR
 import calibrate
 import tinygc
 from session.io.config import read_config
-from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.errors import DataError, FormatError
 from session.io.units import DEG, G
+from tinygc import CalibrationError
 from tinygc.deploy.calibration import Calibration
 
 pytestmark = pytest.mark.filterwarnings("error")

@@ -8,10 +8,9 @@ from conftest import DEG
 from explained_sessions import rewritten
 from test_bridges import fast_rows
 
-from session.io.folder import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 NOT_THERE = {"timing.dropped_samples", "data.glitches", "gyro.saturation"}

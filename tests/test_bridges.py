@@ -9,8 +9,8 @@ from conftest import DEG, Table, config, session_of
 from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
 from session.detect.check_samples import BRIDGED, check_bridges, with_bridges
 from session.detect.first_look import check_session
-from session.io.folder import read_session
 from session.io.samples import Samples
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles

@@ -8,9 +8,8 @@ import pytest
 from conftest import DEG, Table
 
 from session.io.errors import DataError
-from session.io.folder import read_session
 from session.io.logfile import Log
-from tinygc import closure
+from tinygc import closure, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.models.linear import LinearModel

@@ -7,8 +7,9 @@ from conftest import SESSION_TOML, Table, write_session
 from session.bench.session_file import toml_text
 from session.detect.first_look import check_folder, check_keys
 from session.io.config import Accelerometer, Sensor, read_config
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
 from session.io.units import STANDARD_GRAVITY_MPS2
+from tinygc import CalibrationError
 
 
 def read(tmp_path, text):

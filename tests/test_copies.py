@@ -11,7 +11,7 @@ import calibrate
 from session.detect.check_samples import check_copies
 from session.detect.first_look import check_session
 from session.io.samples import Samples
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions
 from tinygc.simulation.write import write_session
 
 

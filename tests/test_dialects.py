@@ -7,9 +7,9 @@ import pytest
 from conftest import DEG, write_session
 from dialect_logs import ACCEL, DIALECTS, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
 
-from session.io.errors import CalibrationError, FormatError
-from session.io.folder import read_session
+from session.io.errors import FormatError
 from session.io.units import G, parse_unit
+from tinygc import CalibrationError, read_session
 
 
 @pytest.mark.parametrize("name", DIALECTS)

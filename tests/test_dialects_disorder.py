@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from dialect_logs import DIALECTS, SAMPLES, T_US, inertial, make, rows, same, triads
 
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
+from tinygc import CalibrationError
 
 # Hostile
 

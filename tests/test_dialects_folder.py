@@ -11,8 +11,8 @@ from dialect_logs import (
 
 from session.io.dialects import Answers
 from session.io.errors import FormatError, StorageError
-from session.io.folder import read_session
 from session.replay.convert import convert
+from tinygc import read_session
 
 
 def test_an_existing_folder_is_not_written_over(tmp_path):

@@ -21,8 +21,8 @@ from dialect_logs import (
 )
 
 from session.io.errors import DataError, FormatError
-from session.io.folder import read_session
 from session.io.reader import exact_ns
+from tinygc import read_session
 
 # Time
 

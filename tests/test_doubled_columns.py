@@ -9,8 +9,8 @@ from dialect_logs import ACCEL, DIALECTS, EPOCH_NS, GYRO, SAMPLES, make, rows, s
 import calibrate
 from session.io.dialects import Answers
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.replay.convert import convert
+from tinygc import read_session
 
 OWN = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
 #: dialect -> a word of its header line, its delimiter, and names of columns that are read

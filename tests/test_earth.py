@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from session.io.folder import read_session
 from session.io.units import DEG, DEG_PER_HOUR
+from tinygc import read_session
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.build import build_problem

@@ -10,10 +10,10 @@ import calibrate
 from session.detect.first_look import check_session
 from session.detect.segments import EXCLUDED
 from session.io.config import LeftOut
+from tinygc import FitOptions
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import LEFT_OUT
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import FitOptions
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import pytest
 from explained_sessions import ASYMMETRY, FALSE_ROWS, G_SENSITIVITY, LAG_S, effect_of, make_explained, make_session, named, pulls
 
 from session.io.units import DEG, G
+from tinygc import SimulationOptions
 from tinygc.effects import catalogue
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 session = pytest.fixture(make_session, scope="module", name="session")

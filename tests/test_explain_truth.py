@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import TOML
 
 import calibrate
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.truth import absolute_orientation_error

@@ -7,7 +7,7 @@ import pytest
 from conftest import DEG
 from test_explain_truth import write
 
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.effects import AppliedEffect
 from tinygc.explanation.evidence import Evidence

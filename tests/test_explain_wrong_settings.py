@@ -7,8 +7,8 @@ import pytest
 from explained_sessions import make_session
 
 from session.io.errors import DataError
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json

@@ -281,8 +281,7 @@ def test_no_name_can_leave_its_comment(name, tmp_path):
 def test_export_writes_what_compiles_and_agrees_with_the_fit(simulated, tmp_path):
     """From the command line to the rates of the session's own log."""
     import calibrate
-    from session.io.folder import read_session
-    from tinygc import models
+    from tinygc import models, read_session
 
     folder = tmp_path / "session"
     shutil.copytree(simulated(), folder)

@@ -26,7 +26,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 from session.bench.recorder import Recorder
 from session.io.errors import DeviceError, FormatError
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 

@@ -9,9 +9,8 @@ from conftest import ROOT
 
 import calibrate
 from session.io.units import DEG
-from tinygc import models
+from tinygc import SimulationOptions, models
 from tinygc.estimation import adamw
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 

@@ -7,17 +7,14 @@ import numpy as np
 import pytest
 from commandline import refused
 
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
 from session.io.units import DEG, MG
+from tinygc import CalibrationError, FitOptions, SimulationOptions, read_session
 from tinygc.closure.build import build_problem, with_still_bias
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.estimation.bias import choose, less_by_chance
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import FROM_LENGTHS, accelerometer_factor, from_own_stills, stated_covariance, stated_noise
 from tinygc.models.linear import BIAS, MATRIX
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session
 

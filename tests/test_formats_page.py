@@ -294,7 +294,7 @@ def test_a_key_that_is_not_on_the_page_is_found():
 @pytest.mark.slow
 def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
     """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
-    from tinygc.simulation.options import SimulationOptions
+    from tinygc import SimulationOptions
 
     if (rests := annex("tinygc.annexes.temperature.rest_simulation")) is None:
         pytest.skip("the annex of temperature is not there")

@@ -18,7 +18,7 @@ from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_session
 from session.detect.stills import find_stills
 from session.io.config import TruthGiven
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import GRAVITY_SIGN, prepare

@@ -14,8 +14,9 @@ from session.bench.events import Info, SampleChunk, Trouble
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.messages import Kind, Stage
-from session.io.errors import CalibrationError, OtherSensor
+from session.io.errors import OtherSensor
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 208.0, "1")
 SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0), 3).rest(2.5).turn(120, (0, 0, 1), 3).rest(3)

@@ -93,7 +93,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
 
     import tinygc
     from session.io.units import G
-    from tinygc.simulation.options import SimulationOptions
+    from tinygc import SimulationOptions
     from tinygc.simulation.write import write_session as write_simulation
 
     K = np.array([[0.1, 0, -0.05], [0, 0.15, 0], [0.08, 0, 0.1]])
@@ -150,9 +150,8 @@ def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
 def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
-    from session.io.folder import read_session
+    from tinygc import FitOptions, read_session
     from tinygc.closure.build import build_problem
-    from tinygc.estimation.options import FitOptions
     from tinygc.estimation.results import SAVED_NAME as NAME
     from tinygc.estimation.results import saved_methods
 

@@ -6,10 +6,10 @@ from conftest import Turns, turned, wxyz
 from scipy.integrate import solve_ivp
 
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import CONING, cross, sample_weights, step_vectors, steps
 from tinygc.simulation.movement import hand_plan, move
-from tinygc.simulation.options import SimulationOptions
 
 
 def angle_between(p, q):

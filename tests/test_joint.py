@@ -13,15 +13,12 @@ from scipy.stats import chi2
 from calibrate import main as calibrate
 from session.detect.accelerometer import IDENTITY, PARAMETERS, corrected, units
 from session.io.config import Accelerometer
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
 from session.io.units import DEG, MG
-from tinygc import closure
+from tinygc import CalibrationError, FitOptions, closure, read_session
 from tinygc.attitude import rotation
 from tinygc.closure.joint import fit_joint, recalibrated, tilt_columns
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.explanation.decision import tilt_rms
 from tinygc.simulation.options import SimulatedUnit
 

@@ -9,9 +9,9 @@ from annex import annex
 from models_in_use import KNOWN, LINEAR, MODELS, SAMPLES
 
 import tinygc
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_json, read_required, require, write_whole
-from tinygc import models
+from tinygc import CalibrationError, models
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.results import read_fit
 from tinygc.models.model import accelerometer_table

@@ -9,10 +9,10 @@ from conftest import DEG, SESSION_TOML, Table, write_session
 
 from session.detect.first_look import check_folder
 from session.io.errors import FormatError, SegmentError
-from session.io.folder import input_hashes, read_session
+from session.io.folder import input_hashes
+from tinygc import FitOptions, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import to_json
 from tinygc.reporting.fit_text import fit_report
 

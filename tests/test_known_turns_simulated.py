@@ -6,22 +6,19 @@ import numpy as np
 import pytest
 
 from session.detect.first_look import check_folder
-from session.io.errors import CalibrationError
-from session.io.folder import input_files, input_hashes, read_session
+from session.io.folder import input_files, input_hashes
 from session.io.units import DEG
+from tinygc import CalibrationError, SimulationOptions, explain, read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.explanation.evidence import selection_of
-from tinygc.library.explanations import explain
-from tinygc.library.sessions import simulate
 from tinygc.models.linear import LinearModel
 from tinygc.noise.channels import unknown_rows
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 CHOICES = {"segments": 14, "closure_s": 0.0, "odr_hz": 104.0, "stop_sigma_deg": 0.02}

@@ -13,7 +13,8 @@ from conftest import DEG, ROOT
 import calibrate
 import tinygc
 from session.io.config import Protocol
-from session.io.errors import CalibrationError, DataError, FitError
+from session.io.errors import DataError, FitError
+from tinygc import CalibrationError
 from tinygc.deploy.calibration import Calibration
 
 HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0.08, 0.0], [0.0, 0.02, 0.06]]}}

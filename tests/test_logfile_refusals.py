@@ -7,8 +7,9 @@ import pytest
 from four_readings import HEADER, SENSOR, TIMES, read, text_of
 
 from session.io.config import Sensor
-from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.errors import DataError, FormatError
 from session.io.logfile import read_log
+from tinygc import CalibrationError
 
 
 def test_registers_of_a_full_scale_that_the_sensor_has_not_are_refused(tmp_path):

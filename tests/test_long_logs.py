@@ -12,8 +12,8 @@ from session.detect import check_time, stills
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
 from session.io import samples as readings
-from session.io.folder import Session, read_session
 from session.io.samples import Samples
+from tinygc import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue

@@ -7,11 +7,10 @@ import pytest
 from models_in_use import KNOWN, MODELS, RNG, SAMPLES, physics
 
 import tinygc
-from session.io.errors import CalibrationError
 from session.io.results import write_whole
 from session.io.samples import Samples
 from session.io.units import G
-from tinygc import models
+from tinygc import CalibrationError, models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import catalogue, movement_of
 

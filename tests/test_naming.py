@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.explanation.engine import explain_session
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 OPTIONS = SimulationOptions(segments=18, closure_s=0.0, warm_up_c=3.0, seed=8)

@@ -11,10 +11,9 @@ from session.detect.check_references import with_own_accelerometer
 from session.detect.findings import worst
 from session.detect.first_look import check_folder
 from session.detect.stills import SessionStills
-from session.io.folder import read_session
 from session.io.units import MG
+from tinygc import FitOptions, read_session
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.explanation.decision import tilt_rms
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.io.folder import read_session
 from session.io.units import DEG, G
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.explanation.physics import fit_physics
 from tinygc.models.files import load
 from tinygc.models.linear import NAMES
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 PER_G = np.array([[0.03, -0.01, 0.0], [0.0, 0.02, 0.015], [-0.02, 0.0, 0.01]])  # dps/g

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.io.folder import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.physics import loss_words
 from tinygc.explanation.physics import lost_in
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 LOST = 25

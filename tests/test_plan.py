@@ -13,11 +13,10 @@ import tinygc
 from session.detect.accelerometer import NAMES
 from session.detect.check_references import with_own_accelerometer
 from session.io.errors import FormatError
-from session.io.folder import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.models import linear
 from tinygc.planning.proposals import Known, _greedy, _moves, _rows, known_of, parameter_words, propose, requested_by_explain
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 CONFIG = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 208.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n'

@@ -5,13 +5,12 @@ import pytest
 from conftest import Table
 from spoilt_registers import session_of_logs
 
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.explanation.clipped_turns import find_plateaus
 from tinygc.explanation.data_repair import mend
 from tinygc.explanation.engine import explain_session
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 FS = 500 * DEG

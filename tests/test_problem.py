@@ -9,15 +9,13 @@ from conftest import DEG, Table, session_of
 from scipy.spatial.transform import Rotation
 
 from session.io.errors import DataError, SegmentError
-from session.io.folder import read_session
 from session.io.samples import Samples
-from tinygc import closure
+from tinygc import SimulationOptions, closure, read_session
 from tinygc.attitude import rotation
 from tinygc.closure.build import FEWEST_SEGMENTS, build_problem
 from tinygc.closure.problem import CLIPPED, LEFT_OUT
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.movement import move
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 
 

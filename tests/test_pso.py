@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.io.folder import read_session
 from session.io.units import DEG
-from tinygc import closure
+from tinygc import closure, read_session
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import with_heading
 from tinygc.closure.build import build_problem

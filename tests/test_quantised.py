@@ -9,9 +9,9 @@ from looks import look, of
 
 import calibrate
 from session.detect.first_look import check_session
-from session.io.folder import read_session
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.units import MG
+from tinygc import read_session
 
 
 def recorded(gyro_fs_dps, odr_hz, mdps=5.0, bias_dps=(0.56, -0.28, 0.42)):

@@ -9,11 +9,10 @@ from session.detect import stills, truth_segments
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
 from session.io import logfile
-from session.io.folder import read_session
+from tinygc import FitOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.explanation.engine import explain_session
 from tinygc.planning.proposals import propose
 from tinygc.reporting.html.evidence import gather

@@ -12,14 +12,12 @@ from processes import CALIBRATE, PIPE, calibrate, check_output, heard, started
 from recording_wires import LEAD_S, virtual_boards
 
 from session.io.config import Config
-from session.io.folder import Session, read_session
 from session.io.logfile import Log
 from session.io.samples import Samples
+from tinygc import FitOptions, Session, SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import FitOptions
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 #: more turns than any test needs, however late the recorder comes

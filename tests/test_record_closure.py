@@ -12,8 +12,7 @@ from recording_wires import virtual_boards
 
 from session.bench.rawfile import read_marks
 from session.io.config import read_config
-from session.io.folder import read_session
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions, read_session
 from tinygc.simulation.simulator import plan_of, simulate_session
 from tinygc.simulation.virtual_board import onto_the_mark
 from tinygc.simulation.write import config_text, write_files

@@ -16,7 +16,7 @@ from session.bench.logwriter import LogWriter
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.io.config import read_config
-from session.io.folder import read_session
+from tinygc import read_session
 
 wire = pytest.fixture(make_wire, name="wire")
 

@@ -19,7 +19,7 @@ from session.bench.events import Info
 from session.bench.logwriter import LogWriter
 from session.bench.rawfile import read_marks
 from session.bench.recorder import Recorder, stream
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.simulation.terminal import Terminal
 
 OTHER = replace(INFO, serial="78")

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import FitOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import FitOptions
 
 
 def fitted(folder):

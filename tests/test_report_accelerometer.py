@@ -12,8 +12,8 @@ import calibrate
 from session.detect.accelerometer import NAMES
 from session.io.config import Accelerometer
 from session.io.units import MG
+from tinygc import FitOptions
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.options import FitOptions
 from tinygc.reporting.html.evidence import Adopted, decide, gather
 from tinygc.reporting.html.page import page
 from tinygc.reporting.html.sections import accelerometer

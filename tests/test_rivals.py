@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.explanation.engine import explain_session
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 OPTIONS = SimulationOptions(segments=30, closure_s=0.0, warm_up_c=12.0, seed=5)

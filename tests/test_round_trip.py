@@ -16,7 +16,7 @@ from session.bench.session_file import NAME, SessionFile, toml_text
 from session.bench.text_stream import parse_info
 from session.detect.accelerometer import with_section
 from session.io.config import read_config
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 
 MANY = settings(max_examples=60)
 

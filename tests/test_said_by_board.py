@@ -17,8 +17,8 @@ from session.bench.events import Info
 from session.bench.logwriter import LogWriter
 from session.bench.session_file import SessionFile, toml_text
 from session.io.config import read_config
-from session.io.errors import CalibrationError, StorageError
-from session.io.folder import read_session
+from session.io.errors import StorageError
+from tinygc import CalibrationError, read_session
 
 numbers = st.one_of(
     st.sampled_from([500.0, 4.0, 416.0, 1666.5, 1.0, 2000.0, 1e-9, 1e9, 0.1, 333.3333333, 65535.0]),

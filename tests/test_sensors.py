@@ -14,12 +14,10 @@ from session.detect.events import accel_reach_g, gyro_reach_dps
 from session.detect.first_look import check_keys, check_session
 from session.io.config import Sensor, read_config
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.io.logfile import read_log
 from session.io.registers import GENERIC, PROFILES, RegisterUnits, nearest_name, profile_of
+from tinygc import SimulationOptions, read_session, simulate
 from tinygc.deploy.embedded.program import Registers
-from tinygc.library.sessions import simulate
-from tinygc.simulation.options import SimulationOptions
 
 G = 9.80665
 #: from data sheets and drivers, by themselves: sensor, dps, LSB per dps, g, LSB per g, a register of temperature, and its degC

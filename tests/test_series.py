@@ -10,8 +10,7 @@ from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 
 from session.bench.series import BoardListener, BoardSeries, SeriesEntry, folder_name
 from session.io.errors import FormatError
-from session.io.folder import read_session
-from tinygc.simulation.options import SimulationOptions
+from tinygc import SimulationOptions, read_session
 from tinygc.simulation.write import write_session
 
 SEGMENTS = 1

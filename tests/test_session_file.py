@@ -13,7 +13,8 @@ from session.bench.events import Info
 from session.bench.session_file import NEAREST_WITHIN, SessionFile, nominal_hz, toml_text
 from session.detect.check_time import ODR_WRONG
 from session.io.config import read_config
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
+from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
 OWN = """# mine

@@ -7,7 +7,7 @@ import pytest
 from conftest import SESSION_TOML, Table, write_session
 
 from session.io.errors import FormatError
-from session.io.folder import read_session
+from tinygc import read_session
 
 
 @pytest.fixture(scope="module")

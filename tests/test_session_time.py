@@ -13,15 +13,13 @@ from models_in_use import KNOWN, LINEAR, NET, SAMPLES, physics
 import calibrate
 import tinygc
 from session.io.config import Sensor
-from session.io.errors import CalibrationError
 from session.io.logfile import read_log
 from session.io.units import DEG
-from tinygc import models
+from tinygc import CalibrationError, SimulationOptions, models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import AppliedEffect, Effect, Parameter, catalogue, diagonal
 from tinygc.models.linear import PARAMETERS
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 RATE_HZ = 1 / SAMPLES.period_s

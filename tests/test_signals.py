@@ -7,9 +7,8 @@ import pytest
 from conftest import DEG
 from scipy.spatial.transform import Rotation
 
-from tinygc.effects import signals
+from tinygc.effects import Movement, signals
 from tinygc.effects.catalogue import short_movement
-from tinygc.effects.movement import Movement
 
 
 def hand(rate_hz: float = 208.0, length_s: float = 40.0, began_s: float = 0.0) -> Movement:

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.io.errors import CalibrationError, FormatError
-from session.io.folder import read_session
+from session.io.errors import FormatError
 from session.io.registers import gyro_rps_per_lsb
 from session.io.units import DEG, EARTH_RATE_RPS
+from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
-from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, command_line
+from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
 from tinygc.simulation.simulator import bias_instability, low_pass, oversampling, simulate_session, true_signals
 from tinygc.simulation.write import write_session
 

@@ -16,10 +16,10 @@ from session.bench.logwriter import LogWriter
 from session.bench.session_file import SessionFile
 from session.bench.text_stream import parse_decimals
 from session.io.config import Sensor
-from session.io.errors import CalibrationError
 from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
 from session.replay.convert import convert_raw
+from tinygc import CalibrationError
 
 UNITS = RegisterUnits("ASM330LHH", 500, 4)
 HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"

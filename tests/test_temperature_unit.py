@@ -8,7 +8,7 @@ from looks import look, of
 
 from session.detect.check_stills import other_unit
 from session.detect.first_look import check_session
-from session.io.folder import read_session
+from tinygc import read_session
 
 AMBIENT_C = (15.0, 25.0, 38.0)
 

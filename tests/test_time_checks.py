@@ -11,9 +11,9 @@ from session.detect.check_samples import check_dead
 from session.detect.check_time import check_length, check_rate, check_warming, unit_factor
 from session.io.dialects import Answers
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.io.samples import Samples
 from session.replay.convert import convert
+from tinygc import read_session
 
 
 def text_of(samples, header="t_us", scale=1000, stamps=True, names=True):

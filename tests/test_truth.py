@@ -10,8 +10,8 @@ from conftest import DEG, SESSION_TOML, Table
 import calibrate
 from session.detect.first_look import check_session
 from session.io.errors import DataError, FormatError, SegmentError
-from session.io.folder import read_session
 from session.io.logfile import read_truth
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles, error_angles, segment_residuals

@@ -5,15 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from session.io.folder import read_session
 from session.io.units import DEG, DEG_PER_HOUR
+from tinygc import FitOptions, read_session
 from tinygc.closure import floor
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import TIMES_S
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.simulation.simulator import bias_instability
 

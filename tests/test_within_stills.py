@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.noise.channels import within_stills
 from tinygc.noise.twin import Twin
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.effects import Effect, catalogue, load_folder, using
 from tinygc.effects.effect import PAIRS
 from tinygc.effects.movement import INPUTS
 from tinygc.effects.testing import check
 from tinygc.noise.twin import READ
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 PAGE = (Path(__file__).parents[1] / "docs" / "writing-an-effect.md").read_text(encoding="utf-8")

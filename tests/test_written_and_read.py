@@ -15,9 +15,8 @@ import tinygc
 from session.bench.events import Info
 from session.bench.session_file import SessionFile
 from session.io.config import read_config
-from session.io.folder import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.deploy.exports import FORMATS
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.terminal import Terminal
 from tinygc.simulation.virtual_board import Board, Clock, recorded, simulated
 

@@ -6,12 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.runs import read_closure_runs
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 

@@ -10,9 +10,9 @@ from conftest import DEG, Table
 from scipy.spatial.transform import Rotation
 
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading
-from session.io.folder import Session
 from session.io.logfile import Log, Truth
 from session.io.samples import Samples
+from tinygc import Session
 
 BIAS_DPS = (0.5, -0.3, 0.6)
 TOML = """schema = "tinygc-session/1"

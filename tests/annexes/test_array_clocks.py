@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from session.annexes.arrays.recording import ArraySession, read_array
 from session.annexes.public.__main__ import main as public
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.arrays.clocks import Rates, fit_clock, interpolated_variance, rates_of, rough_clock
 from tinygc.annexes.arrays.extrinsics import TRIADS_RAD, clock_fits, fit_mounting, places_of
 

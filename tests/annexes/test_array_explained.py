@@ -10,6 +10,7 @@ from formats_page import strangers
 
 import calibrate
 from session.annexes.arrays.recording import read_array
+from tinygc import SimulationOptions
 from tinygc.annexes.arrays.explanation import (
     ALIKE,
     COMMON,
@@ -25,7 +26,6 @@ from tinygc.annexes.arrays.explanation import (
 from tinygc.annexes.arrays.fit import fit_array
 from tinygc.annexes.arrays.joint import OWN_P
 from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
-from tinygc.simulation.options import SimulationOptions
 
 
 @pytest.fixture(scope="module")

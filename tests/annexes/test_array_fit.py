@@ -16,6 +16,7 @@ from session.annexes.arrays.recording import read_array
 from session.annexes.public import mikov, mimu
 from session.io.config import LeftOut
 from session.io.texts import shell_word
+from tinygc import SimulationOptions
 from tinygc.annexes.arrays.explanation import ArrayExplanation
 from tinygc.annexes.arrays.fit import array_to_json, fit_array, unit_model
 from tinygc.annexes.arrays.joint import ArrayEvent
@@ -23,7 +24,6 @@ from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
 from tinygc.annexes.arrays.system import MOUNTING, System
 from tinygc.annexes.arrays.text import event_lines, event_words
-from tinygc.simulation.options import SimulationOptions
 
 
 @pytest.fixture(scope="module")

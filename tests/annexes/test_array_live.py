@@ -6,7 +6,7 @@ from array_faults import FAULTS, with_fault
 from real_array import aligned, at_rest, recordings
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.arrays.model import best_weights
 from tinygc.annexes.arrays.voting import LiveArray
 

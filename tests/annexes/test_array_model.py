@@ -10,7 +10,8 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
+from tinygc import CalibrationError
 from tinygc.annexes.arrays.fusion import build_array_model, save_array_model
 from tinygc.annexes.arrays.model import best_weights, blocks, combined, divisible, from_table, load_array_model, to_table, weighted_median
 

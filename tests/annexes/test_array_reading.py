@@ -11,11 +11,10 @@ import pytest
 import calibrate
 from session.annexes.arrays.recording import array_log_paths, read_array
 from session.annexes.public.__main__ import main as public
-from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.folder import read_session
+from session.io.errors import DataError, FormatError
 from session.io.names import is_array
+from tinygc import CalibrationError, check, read_session
 from tinygc.estimation.listing import list_sessions
-from tinygc.library.sessions import check
 
 TOML = """schema = "tinygc-session/1"
 

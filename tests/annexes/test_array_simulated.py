@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.annexes.arrays.recording import read_array
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
+from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.arrays.simulation import ArrayOptions, Jerks, jerks_in_turns, simulate_array, write_array
 from tinygc.simulation import movement
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import plan_of
 
 QUIET = {"gyro_noise_dps_rthz": 0.0, "accel_noise_ug_rthz": 0.0, "bias_instability_dph": 0.0, "odr_error": 0.0, "vigour": 0.5}

@@ -9,6 +9,7 @@ from scipy.signal import butter, sosfilt
 
 from session.io.errors import DataError, FormatError
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.annexes.challenge import examination
 from tinygc.annexes.challenge.cases import ALIKE, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, TOLD, Case, conceal, draw_cases
 from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, challenge_tables, markdown, seal, totals
@@ -16,7 +17,7 @@ from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.rate_effects import Scene
 from tinygc.annexes.challenge.score import calibration_error, parameter_errors, reliability, score
 from tinygc.effects import Movement, catalogue
-from tinygc.simulation.options import SimulationOptions, draw_unit
+from tinygc.simulation.options import draw_unit
 from tinygc.simulation.simulator import plan_of, simulate_session, true_signals
 
 CASES, SEGMENTS, SEED = 2, 8, 8

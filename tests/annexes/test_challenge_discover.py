@@ -12,6 +12,7 @@ from rich.console import Console
 
 import calibrate
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.annexes.challenge import law_examination
 from tinygc.annexes.challenge.cases import STRENGTHS, Case, conceal
 from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, Examination
@@ -20,7 +21,6 @@ from tinygc.annexes.challenge.law_examination import correlation, law_tables, sc
 from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import catalogue
-from tinygc.simulation.options import SimulationOptions
 
 OPTIONS = SimulationOptions(
     segments=6, closure_s=0.0, warm_up_c=10.0, seed=3, gyro_noise_dps_rthz=0.0, accel_noise_ug_rthz=0.0, bias_instability_dph=0.0

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from session.io.units import DEG, G
+from tinygc import SimulationOptions
 from tinygc.annexes.challenge.laws import (
     BY_HAND,
     LAWS,
@@ -22,7 +23,6 @@ from tinygc.annexes.challenge.laws import (
 from tinygc.annexes.challenge.rate_effects import Scene
 from tinygc.effects import catalogue
 from tinygc.simulation.movement import move, table_to_body
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import plan_of, true_signals, unit_of
 
 OPTIONS = SimulationOptions(segments=6, closure_s=0.0, warm_up_c=10.0, seed=3)

@@ -13,8 +13,8 @@ from rich.console import Console
 
 import calibrate
 from session.io.errors import FormatError
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import read_session
 from tinygc.annexes.challenge import recording as injection
 from tinygc.annexes.challenge import recording_examination
 from tinygc.annexes.challenge.cases import STRENGTHS
@@ -34,8 +34,7 @@ from tinygc.annexes.challenge.recording import (
     write_spoilt,
 )
 from tinygc.annexes.challenge.recording_examination import Power, Tried, agreement, power_tables, powers, sentences
-from tinygc.effects import catalogue
-from tinygc.effects.movement import Movement
+from tinygc.effects import Movement, catalogue
 
 SIZES = {"gyro.g_sensitivity": 0.05, "gyro.bias_step": 0.2, "gyro.bandwidth": 0.01, "gyro.thermal_bias": 0.1, "outside.telegraph": 1.0}
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from session.io.folder import read_session
 from session.io.units import DEG
+from tinygc import SimulationOptions, read_session
 from tinygc.annexes.discovery import engine, search_state
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import pairs_of
@@ -19,7 +19,6 @@ from tinygc.closure.build import build_problem
 from tinygc.explanation.engine import explain_session
 from tinygc.noise.components import components_of, undersampling
 from tinygc.noise.twin import Twin
-from tinygc.simulation.options import SimulationOptions
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG

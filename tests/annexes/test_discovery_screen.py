@@ -11,6 +11,7 @@ from scipy import stats
 from simulated_twins import make_twin_of
 
 from session.io.units import DEG
+from tinygc import SimulationOptions
 from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery import screening as spread
 from tinygc.annexes.discovery.constants import refined
@@ -31,7 +32,6 @@ from tinygc.explanation.evidence import left_of, orthonormal
 from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
 from tinygc.noise.twin import Twin
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")

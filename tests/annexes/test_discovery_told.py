@@ -12,10 +12,9 @@ from formats_page import strangers
 from rich.text import Text
 
 import calibrate
-from session.io.errors import CalibrationError
 from session.io.results import json_text
 from session.io.units import DEG
-from tinygc import closure, explain
+from tinygc import CalibrationError, closure, explain
 from tinygc.annexes.discovery import engine, law_fits
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import best_trial, pairs_of

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.io.errors import CalibrationError
 from session.io.units import DEG
+from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.challenge import proofs
 from tinygc.annexes.challenge.cases import Case, conceal
 from tinygc.annexes.challenge.proof_sessions import _setting
@@ -14,7 +14,6 @@ from tinygc.deploy.calibration import Calibration
 from tinygc.effects import Cost, EffectError, FoundAt, Parameter, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
 from tinygc.explanation.engine import explain_session
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_files
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")

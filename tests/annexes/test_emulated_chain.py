@@ -10,9 +10,9 @@ from f405_programs import BURST, SENSOR_ON, compiled, tools_missing
 
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info, SampleChunk
+from tinygc import SimulationOptions
 from tinygc.annexes.emulated.board import Replayed, oscillator_of, with_its_own_rate
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.virtual_board import Source
 

@@ -9,6 +9,7 @@ import pytest
 from fleets import FIT, QUICK, Here, asked, content, made, ran
 from scipy import stats
 
+from tinygc import check, fit
 from tinygc.annexes.lots import fleet_row as keys
 from tinygc.annexes.lots import fleet_session as compute
 from tinygc.annexes.lots.fleet_row import FleetOptions, cell_of, key_of, packed, unpacked
@@ -17,7 +18,6 @@ from tinygc.annexes.lots.fleet_summary import unit_results, weighed_of
 from tinygc.annexes.lots.fleet_table import EACH, open_table
 from tinygc.annexes.lots.lot import NAMES, Weighed
 from tinygc.explanation.engine import explain_session
-from tinygc.library.sessions import check, fit
 
 
 @pytest.fixture(scope="module")

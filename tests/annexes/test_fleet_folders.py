@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from fleets import QUICK, Here, asked, made, ran
 
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.lots.fleet_row import FleetOptions, empty, key_of
 from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Job, Outcome, compute

@@ -8,7 +8,7 @@ import pytest
 from fleets import FIT, Here, content, made, ran
 from processes import CALIBRATE, PIPE, started, until
 
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.lots.fleet_row import FleetOptions
 from tinygc.annexes.lots.fleet_run import Processes
 from tinygc.annexes.lots.fleet_session import Job

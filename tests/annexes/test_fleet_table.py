@@ -7,7 +7,8 @@ import sqlite3
 import pytest
 from fleets import QUICK, Here, asked, content, made, ran
 
-from session.io.errors import CalibrationError, FormatError, StorageError
+from session.io.errors import FormatError, StorageError
+from tinygc import CalibrationError
 from tinygc.annexes.lots.fleet_row import COLUMNS, empty
 from tinygc.annexes.lots.fleet_run import run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Outcome

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import tinygc
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
+from tinygc import CalibrationError, read_session
 from tinygc.annexes.challenge.examination import explained
 from tinygc.annexes.challenge.proof_sessions import SIZE, inject
 from tinygc.effects import load_folder, using

@@ -10,8 +10,8 @@ from lots import lot
 from processes import calibrate
 
 import tinygc
-from session.io.errors import CalibrationError
 from session.io.units import DEG, G
+from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.lots.effects import FAMILY_WISE, pooled
 from tinygc.annexes.lots.explanation import LotEffects, effects_of
 from tinygc.annexes.lots.files import read_lot, write_lot
@@ -19,7 +19,6 @@ from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
 from tinygc.effects import catalogue
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import component_names, linear_estimate
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 #: effect -> how many numbers; as a session tells them

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from simulated_lots import COUNT, SPREAD, simulated_lot, truth
 
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.lots.hierarchy import hierarchy
 from tinygc.annexes.lots.sessions import lot_sessions
 

@@ -9,7 +9,7 @@ from lots import MEAN, SIGMA, lot, session_of_unit
 from processes import calibrate
 
 import tinygc
-from session.io.errors import CalibrationError
+from tinygc import CalibrationError
 from tinygc.annexes.lots.files import write_lot
 from tinygc.annexes.lots.prior import belonging, farthest, prior_of, require_usable
 from tinygc.closure.least_squares import fit_least_squares

@@ -12,9 +12,9 @@ from session.annexes.public.__main__ import main
 from session.annexes.public.euroc import to_down
 from session.annexes.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
 from session.io.config import read_config
-from session.io.folder import read_session
 from session.io.rests import read_rest
 from session.io.units import DEG
+from tinygc import read_session
 
 
 def refused(capsys, arguments, *words):

@@ -16,7 +16,7 @@ from session.detect.accelerometer import from_stills
 from session.detect.first_look import check_folder
 from session.detect.truth_alignment import align
 from session.io.config import TruthReading
-from session.io.folder import read_session
+from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare

@@ -10,8 +10,8 @@ from test_public import made, refused
 
 from session.annexes.public.__main__ import main
 from session.annexes.public.mimu import read_frames
-from session.io.folder import read_session
 from session.io.units import DEG, G
+from tinygc import read_session
 
 
 def test_mimu_frames_come_back_bit_for_bit(tmp_path, capsys):

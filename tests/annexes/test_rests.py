@@ -12,8 +12,8 @@ from session.detect.check_stills import check_rest
 from session.detect.events import knocked
 from session.io.config import Sensor
 from session.io.errors import DataError, FormatError
-from session.io.folder import read_session
 from session.io.rests import BlockMeans, read_rest, rest_from_samples
+from tinygc import read_session
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)
 HEADER = "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c"

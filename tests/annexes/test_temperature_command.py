@@ -6,8 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
+from tinygc import SimulationOptions
 from tinygc.annexes.temperature.rest_simulation import RestOptions, write_rest
-from tinygc.simulation.options import SimulationOptions
 
 
 @pytest.fixture(scope="module")

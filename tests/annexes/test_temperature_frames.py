@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.io.config import Accelerometer
-from session.io.folder import read_session
 from session.io.logfile import read_log
+from tinygc import read_session
 from tinygc.annexes.temperature.sessions_fit import SessionPoint, in_frame_of_first, join, point_of, zero_form
 from tinygc.models.linear import MATRIX, LinearModel
 

@@ -9,9 +9,9 @@ from conftest import DEG
 from exports_read_back import LINEAR, context
 from test_export_c import SENSOR, Compiled, needs_compiler
 
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
 from session.io.samples import Samples
-from tinygc import models
+from tinygc import CalibrationError, models
 from tinygc.annexes.temperature.model import ThermalModel, element_temperature
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import program

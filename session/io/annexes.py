@@ -21,9 +21,16 @@ SERVICES = {
     "reports of a discovery": "tinygc.annexes.discovery.report",
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
     "earlier discoveries": "tinygc.annexes.discovery.searched",
-    "models over temperature": "tinygc.annexes.temperature.model",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
+    "commands on arrays": "tinygc.annexes.arrays.command",
+    "rest logs and temperature": "tinygc.annexes.temperature.command",
+    "models over temperature": "tinygc.annexes.temperature.model",
+    "exports over temperature": "tinygc.annexes.temperature.deploy",
+    "the emulated board": "tinygc.annexes.emulated.command",
+    "fleet": "tinygc.annexes.lots.fleet_command",
+    "lot": "tinygc.annexes.lots.command",
+    "challenge": "tinygc.annexes.challenge.command",
 }
 
 
@@ -37,8 +44,8 @@ def find(service: str) -> ModuleType | None:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        # What an annex itself lacks, a package that is not installed for one, is another matter.
-        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+        # An annex may stand on another one.  A package that is not installed is another matter.
+        if error.name is None or (".annexes." not in error.name and not f"{name}.".startswith(f"{error.name}.")):
             raise
         return None
 

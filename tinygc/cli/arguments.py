@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import itertools
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import Field, dataclass, fields
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from session.io.errors import CalibrationError
 from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable
-from tinygc.cli.commands import COMMANDS
+from tinygc.cli.commands import COMMANDS, command_module, present_commands
+from tinygc.cli.extensions import add_annex_arguments
 from tinygc.estimation.options import CHOSEN
 
 # Paths as arguments: each says whether it is read or written, and what is written never takes the place of what is read or recorded.
@@ -200,8 +200,8 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN)
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
-        module = importlib.import_module(COMMANDS[name])
+    for name in words[:1] if words and words[0] in COMMANDS else present_commands():
+        module = command_module(name)
         summary = module.SUMMARY
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.set_defaults(run=module.run)
@@ -215,8 +215,29 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
             command.add_argument("--no-defaults", action="store_true", help=own)
             command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
+        add_annex_arguments(name, command)
         command.set_defaults(paths=Paths.of(command))
     return whole
+
+
+def add_field_arguments(command: argparse._ActionsContainer, flags: Mapping[str, tuple[str, Field]]) -> None:
+    """An option for each field of a dataclass: flag -> (destination, field), whose metadata has its meaning; None where it is not given."""
+    for word, (name, field) in flags.items():
+        help_text = field.metadata["help"].replace("%", "%%") + ("" if field.default in (None, False) else f" ({field.default})")
+        if isinstance(field.default, bool):
+            command.add_argument(word, dest=name, action="store_true", default=None, help=help_text)
+        elif isinstance(field.default, tuple):
+            command.add_argument(word, dest=name, type=float, nargs=len(field.default), default=None, help=help_text)
+        else:
+            kind = type(field.default) if isinstance(field.default, (int, str)) else float
+            metavar = "NAME" if kind is str else kind.__name__.upper()
+            command.add_argument(word, dest=name, type=kind, default=None, metavar=metavar, help=help_text)
+
+
+def given_fields(args: argparse.Namespace, options: type, prefix: str = "") -> dict[str, Any]:
+    """Field -> value of the options of a dataclass that were given; prefix of their destinations."""
+    values = {field.name: getattr(args, prefix + field.name) for field in fields(options)}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items() if value is not None}
 
 
 def filled(text: str) -> str:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from session.bench.screen import LiveScreen, PlainLines
     from session.bench.series import BoardSeries
     from session.io.config import Config, Site
-    from tinygc.annexes.lots.lot import Lot
     from tinygc.planning.coach import Coach
 
 
@@ -368,16 +367,16 @@ def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
 # The coach of a recording, and the lot that it may know of.
 
 
-def lot_of(args: argparse.Namespace) -> Lot:
+def lot_of(args: argparse.Namespace) -> Any:
     """Read before the port is opened: nobody turns a board for a lot that is none."""
+    from session.io.annexes import need
     from session.io.errors import CalibrationError
-    from tinygc.annexes.lots.files import read_lot
-    from tinygc.annexes.lots.prior import require_usable
 
     if args.no_coach:
         raise CalibrationError("--lot tells the coach how many turns are enough; leave it or --no-coach out")
-    lot = read_lot(args.lot)
-    require_usable(lot, lot.sensor, str(args.lot))
+    lots = need("a lot as prior")
+    lot = lots.read_lot(args.lot)
+    lots.require_usable(lot, lot.sensor, str(args.lot))
     return lot
 
 
@@ -390,7 +389,7 @@ def of_the_model(args: argparse.Namespace, config: Config) -> Config:
     return config
 
 
-def coach_of(lot: Lot | None) -> Callable[[Progress], Advice]:
+def coach_of(lot: Any) -> Callable[[Progress], Advice]:
     """The coach; its modules are loaded in its own thread, not before the recording starts."""
     coach: Coach | None = None
 

@@ -15,18 +15,10 @@ from session.io.results import write_whole
 from session.io.samples import Samples
 from session.io.units import MG, NS, SI, G, beyond_any_sensor
 from tinygc import models
-from tinygc.annexes.temperature.model import ThermalModel, ThermalStream
 from tinygc.effects import AppliedEffect
 from tinygc.effects.movement import NOWHERE, Reach
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
-
-# What deploying refuses: both the exporters and the C that they write say it.
-
-
-class ExportError(CalibrationError):
-    """A format that cannot carry the model, or a fit that lacks what the format needs."""
-
 
 # What a model must be told beside the rate, and how far around a sample it looks; from what its effects declare.
 
@@ -175,11 +167,9 @@ class Stream:
         if live and (ahead := needs.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
         self._behind, self._ahead = needs.around(rate_hz, live)
-        self._thermal: ThermalStream | None = None  # it remembers by itself, and looks at nothing ahead
-        if isinstance(model, ThermalModel):
-            if model.lag_s.any() and rate_hz is None:
-                raise CalibrationError("the model follows temperature with a lag: time matters to it; load it with rate_hz=")
-            self._thermal, self._behind, self._ahead = model.follower(1 / (rate_hz or 1.0)), 0, 0
+        self._own = model.stream(rate_hz)  # a kind that remembers by itself, and looks at nothing ahead
+        if self._own is not None:
+            self._behind, self._ahead = 0, 0
         if "rate_hz" in needs.told and rate_hz is None:
             raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
         if (bygone := needs.of_one_session) and began_s is None:
@@ -200,9 +190,9 @@ class Stream:
             return self._denoised(raw, self._denoiser)
         if not self._whole:
             return self._model(raw)
-        if self._thermal is not None:
+        if self._own is not None:
             rows = _Rows.of(raw, acc, temp, self._needs.told)
-            return self._thermal(rows.raw, rows.temp)
+            return self._own(rows.raw, rows.temp)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
         ready = len(self._held.raw) - self._ahead
         # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.

@@ -17,6 +17,8 @@ from session.io.results import read_json, require, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
+#: of an array's model, which ``tinygc.annexes.arrays`` reads
+ARRAY_SCHEMA = "tinygc-array-model/1"
 #: kinds whose covariance has a row for each parameter, and no other
 ALL_COVARIED = ("linear", "physics")
 #: kind in the file -> its module, imported when the first model of it is met
@@ -68,6 +70,15 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
     accelerometer_of(table, where)
     sensor_of(table, where)
     return model, table
+
+
+def is_array_model(path: Path) -> bool:
+    """Whether a file is an array's model by its schema; what cannot be read is none."""
+    try:
+        table = read_json(path) if path.is_file() else None
+    except (FormatError, OSError):
+        return False
+    return isinstance(table, dict) and table.get("schema") == ARRAY_SCHEMA
 
 
 def _module(kind: str, where: str) -> ModuleType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
 
@@ -209,6 +210,10 @@ class Model(Protocol):
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log, each at its own sample; CalibrationError for other times than it holds for."""
 
+    def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
+        """One log piece by piece, from rates (N, 3) rad/s and temperatures (N,) degC to calibrated rates, of a kind that remembers what it
+        needs of earlier pieces; None of the others.  CalibrationError where it needs the data rate and has none."""
+
     def undelayed(self, rate: Any) -> Any:
         """Its answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""
 
@@ -263,6 +268,10 @@ class BaseModel:
         """True rates (N, 3) rad/s of one log, each at its own sample; samples with the pre-calibrated force; began_s of the session when
         the log began; live: only the past is known, and the temperature is taken as it comes."""
         return self.undelayed(samples.gyro)
+
+    def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
+        """None: most kinds need whole samples, or nothing of earlier ones."""
+        return None
 
     def undelayed(self, rate: Any) -> Any:
         """The model's answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""

@@ -12,7 +12,7 @@ from session.io.errors import FormatError
 from session.io.results import json_text
 from tinygc.annexes.arrays.model import ALONE, ArrayModel, load_array_model, to_table
 from tinygc.annexes.arrays.voting import ASIDE, BACK, FAST, FEWEST, SLOW, SOON_STUCK, LiveArray, Tables
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.source import FLAGS, commented, constant, initialiser, literal
 
 # The header of an array's C, facts left open.

@@ -14,6 +14,7 @@ from session.io.config import Accelerometer, Sensor
 from session.io.errors import CalibrationError, FormatError
 from session.io.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, shown
 from tinygc.annexes.arrays.clocks import UnitClock, UnitPlace
+from tinygc.models.files import ARRAY_SCHEMA as SCHEMA
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (
     COVARIANCE,
@@ -274,7 +275,7 @@ def instability_covariance(units: tuple[FusedUnit, ...]) -> np.ndarray | None:
 
 # An array's model as a file, ``tinygc-array-model/1`` (docs/formats.md); loading executes nothing.
 
-SCHEMA, UNITS = "tinygc-array-model/1", "rad/s in, rad/s out"
+UNITS = "rad/s in, rad/s out"
 #: of a rotation, and of weights that sum to identity
 ROUNDING = 1e-6
 #: the greatest number of a unit (session/io/folder.py), and of units
@@ -400,15 +401,6 @@ def _unit_table(unit: FusedUnit, weights: np.ndarray) -> dict:
 def load_array_model(path: Path | str) -> ArrayModel:
     """Read a file.  FormatError, in one line, for what is no array's model."""
     return from_table(read_json(Path(path)), str(path))
-
-
-def is_array_model(path: Path) -> bool:
-    """Whether a file is an array's model by its schema; what cannot be read is none."""
-    try:
-        table = read_json(path) if path.is_file() else None
-    except (FormatError, OSError):
-        return False
-    return isinstance(table, dict) and table.get("schema") == SCHEMA
 
 
 def from_table(table: Any, where: str = "array model") -> ArrayModel:

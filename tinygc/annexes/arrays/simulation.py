@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from math import isfinite
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.io.config import SCHEMA
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import FormatError
 from session.io.files import MOST_TOML, naming, read_bytes, result_folder
 from session.io.texts import comment
 from session.io.toml import line
 from session.io.units import DEG, MG
+from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import Plan
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
@@ -86,50 +85,6 @@ def knock_in(plan: Plan, turn: int, size_rad: float, odr_hz: float, rng: np.rand
     start, stop = plan.turns[turn]
     axis = rng.normal(size=3)
     return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
-
-
-# What a person may choose of a simulated array, beside what each unit's session is made of.
-
-MOST_UNITS = 64
-#: beyond any board, any reader and any hand
-LARGEST = {
-    "mounting_deg": 30.0,
-    "position_mm": 1000.0,
-    "clock_offset_ms": 10_000.0,
-    "clock_rate": 0.05,
-    "jerk_deg": 10.0,
-    "knock_deg": 10.0,
-    "false_reading_dps": 2000.0,
-    "reference_error_mg": 100.0,
-}
-
-
-def _choice(default: Any, meaning: str) -> Any:
-    return field(default=default, metadata={"help": meaning})
-
-
-@dataclass(frozen=True)
-class ArrayOptions:
-    """Several units on one body.  Places and clocks are drawn with the sizes given here (1 sigma), from the session's seed."""
-
-    units: int = _choice(1, "on one rigid body, each with errors, place, clock and noise of its own; 2 or more make an array")
-    mounting_deg: float = _choice(2.0, "deg about each axis, from the first unit's axes to another's")
-    position_mm: float = _choice(20.0, "mm along each axis, from the first unit to another")
-    clock_offset_ms: float = _choice(20.0, "ms, another unit's clock against the first one's")
-    clock_rate: float = _choice(0.002, "fraction, another unit's clock against the first one's")
-    synchronous: bool = _choice(False, "one reader takes all units at one moment, by one clock")
-    jerk_deg: float = _choice(0.0, "deg, jerks quicker than half the data rate, three a turn, felt by all; 0: none")
-    knock_deg: float = _choice(0.0, "deg, of one knock in the middle turn, felt by all; 0: none")
-    false_reading_dps: float = _choice(0.0, "dps, of three readings in a row of the last unit in the second turn; 0: none")
-    reference_error_mg: float = _choice(0.0, "mg, a level acceleration in each still, felt by all; 0: none")
-
-    def __post_init__(self) -> None:
-        for option in fields(self):
-            value, most = getattr(self, option.name), LARGEST.get(option.name)
-            if most is not None and not (isfinite(value) and 0 <= value <= most):
-                raise CalibrationError(f"--{option.name.replace('_', '-')} is {value!r}, expected 0 to {most:g}")
-        if not 1 <= self.units <= MOST_UNITS:
-            raise CalibrationError(f"--units is {self.units}, expected 1 to {MOST_UNITS}")
 
 
 # An array's units, each simulated as a session of its own is, under one motion of the body.

@@ -1,31 +1,20 @@
-"""The emulated board at the end of a cable: ``board --firmware``."""
+"""The emulated board at the end of a cable, and the session that its sensor feels."""
 
 from __future__ import annotations
 
-import argparse
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from session.io.errors import CalibrationError
 from session.io.registers import DEFAULT, RegisterUnits
 from tinygc.annexes.emulated.machine import UID, Machine
 from tinygc.annexes.emulated.readings import CLOCK_HZ, FINE_STEP, TEMPERATURE_ZERO_C, Oscillator
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
-from tinygc.cli.arguments import is_standard_output
-from tinygc.cli.results import write_json
 from tinygc.simulation.options import SimulatedUnit
 from tinygc.simulation.virtual_board import STILL_S, Clock, Source
-
-if TYPE_CHECKING:
-    from tinygc.annexes.emulated.readings import Fault
-    from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.terminal import Terminal
-
 
 # A session, simulated or recorded, as what the register model feels: its registers, back in physical units.
 
@@ -192,80 +181,3 @@ class EmulatedBoard:
             self.late_s -= ahead_s if self._speed else 0.0
             began_s -= ahead_s
         return began_s
-
-
-# ``board --firmware``: the real board's program on an emulated one.
-
-#: options of the virtual board that say what the program says itself
-ITS_OWN = ("frames", "physical", "uptime")
-
-
-def check_options(args: argparse.Namespace) -> None:
-    """CalibrationError where an option does not go with ``--firmware``, or what it needs is missing."""
-    from tinygc.annexes.emulated.cpu import missing
-
-    for name in ITS_OWN:
-        if getattr(args, name):
-            raise CalibrationError(f"board: with --firmware the program says that itself; leave --{name} out")
-    if missing():
-        raise CalibrationError(f"board: --firmware: {missing()}")
-    _faults(args.faults)
-
-
-def _faults(text: str) -> list[Fault]:
-    from tinygc.annexes.emulated.readings import Fault
-
-    try:
-        return [Fault.parse(word) for word in text.split(",") if word.strip()]
-    except ValueError as error:
-        raise CalibrationError(f"board: --faults: {error}") from None
-
-
-def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
-    """The simulated session's sensor, at the data rate that the register model has."""
-    from tinygc.simulation.simulator import unit_of
-
-    return with_its_own_rate(unit_of(options), options.odr_hz)
-
-
-def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, say: Callable[[str], None]) -> int:
-    """Stream until Ctrl-C or the end of ``--tail``.  CalibrationError where the program is none, or faults."""
-    from tinygc.annexes.emulated.cpu import ProgramError
-    from tinygc.annexes.emulated.sensor import Asm330lhh
-
-    motion = Replayed(source)
-    sensor = Asm330lhh(motion, oscillator_of(source.info.odr_hz), _faults(args.faults))
-    uid = (args.seed + 1).to_bytes(12, "little")
-    try:
-        board = EmulatedBoard(
-            args.firmware,
-            sensor,
-            terminal,
-            motion,
-            speed=args.speed if args.speed < math.inf else None,
-            lead_s=args.lead,
-            tail_s=args.tail,
-            uid=uid,
-            say=say,
-        )
-    except (ValueError, OSError, ProgramError) as error:
-        raise CalibrationError(f"board: --firmware: {error}") from None
-    machine = board.machine
-    try:
-        if not args.quiet and not is_standard_output(args.json):
-            print(terminal.name, flush=True)
-        say(f"{args.firmware.name} on an emulated STM32F405: open it with another program; Ctrl-C ends")
-        board.run()
-    except ProgramError as error:
-        raise CalibrationError(f"board: {args.firmware}: {error}") from None
-    finally:
-        for what in (*machine.bus.objections, *sensor.objections):
-            say(f"not as a real board would have it: {what}")
-        lost = sensor.fifo.lost
-        say(f"{sensor.samples} samples made, {lost} words overrun in the FIFO, {terminal.dropped} writes dropped since nobody read")
-        if board.late_s:
-            say(f"the emulation fell {board.late_s:.1f} s behind the clock: too busy for --speed {args.speed:g} (max never is)")
-        starts = machine.resets + 1
-        told = {"samples": sensor.samples, "dropped": terminal.dropped, "starts": starts, "take": source.number}
-        write_json(args.json, {"schema": "tinygc-board/1", **told})
-    return 0

@@ -1,46 +1,40 @@
-"""``fit`` over temperature: folders of rest logs, and sessions at several temperatures."""
+"""What the commands do over temperature: ``fit`` of rest logs and of sessions at several temperatures, ``simulate`` of rest logs.
+
+Imports nothing heavy at its top: the core's commands ask it for its options.
+"""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from session.io.errors import CalibrationError
-from tinygc.cli.arguments import count, path_read
+from tinygc.cli.arguments import add_field_arguments, count, given_fields
 from tinygc.cli.options import given
-from tinygc.cli.results import Done, output, try_destinations
+from tinygc.cli.results import Done, output, try_destinations, write_json
+
+if TYPE_CHECKING:
+    from tinygc.simulation.options import SimulationOptions
 
 HIGHEST_ORDER = 20  #: beyond it powers of a temperature are one and the same in float64
 
 
-def add_temperature_arguments(command: argparse.ArgumentParser) -> None:
-    """What asks for it, and how far it goes."""
-    command.add_argument(
-        "more", type=path_read, nargs="*", metavar="folder", help="further folders; with --temperature, of the same sensor"
-    )
+def add_fit_arguments(command: argparse.ArgumentParser) -> None:
+    """Of ``fit``."""
     command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rests")
     command.add_argument(
         "--temperature-order", type=count(0, HIGHEST_ORDER), metavar="N", help="highest power of the temperature that is tried (5)"
     )
 
 
-def has_only_rests(folder: Path) -> bool:
-    """Whether a folder holds rest logs and no log in which anything was turned."""
-    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
-
-
-def fit_temperature(args: argparse.Namespace) -> Done:
-    """The model, the tables, the files."""
+def fit(args: argparse.Namespace) -> Done:
+    """One model of all folders."""
     from tinygc.annexes.temperature.library import fit_temperature
     from tinygc.annexes.temperature.output import MODEL, save_thermal, temperature_report, to_json
     from tinygc.cli.console import progress_bar
 
-    idle = [
-        *given(args, ()),
-        *(["--limit"] if args.limit is not None and args.defaults is None else []),
-        *(["--model"] if args.model else []),
-    ]
-    if idle:
+    limit = ["--limit"] if args.limit is not None and args.defaults is None else []
+    if idle := [*given(args, ()), *limit, *(["--model"] if args.model else [])]:
         raise CalibrationError(
             f"{', '.join(idle)}: of no use over temperature, where each session is fitted by least squares; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
@@ -53,3 +47,28 @@ def fit_temperature(args: argparse.Namespace) -> Done:
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
     return Done(0, to_json(result), f"a model over temperature: {MODEL}")
+
+
+def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
+    """Of ``simulate``: a flag for each field of ``RestOptions``."""
+    from tinygc.annexes.temperature.options import RestOptions, rest_flag
+
+    flags = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}
+    add_field_arguments(command.add_argument_group("a rest log, with --rest-cycles"), flags)
+
+
+def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
+    """Simulate a rest log, in which nothing is turned; None where none is wanted."""
+    from tinygc.annexes.temperature.options import RestOptions
+
+    fields = given_fields(args, RestOptions, "rest_")
+    rest = RestOptions(**fields)
+    if not rest.cycles:
+        return None
+    from tinygc.annexes.temperature.rest_simulation import write_rest
+
+    folder = write_rest(rest, options, args.out, args.force)
+    output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    chosen = {f"rest_{name}": value for name, value in fields.items()}
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
+    return 0

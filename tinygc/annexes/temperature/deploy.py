@@ -7,11 +7,16 @@ from numpy.polynomial import Polynomial
 
 from session.io.units import DEG
 from tinygc.annexes.temperature.model import ThermalModel, time_and_share, weights
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.stages import Inputs, ProgramStage, single
+from tinygc.deploy.exports import ardupilot as ardupilot_format
+from tinygc.deploy.exports import px4 as px4_format
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._text import LinearPart
+from tinygc.deploy.exports._text import LinearPart, cannot_scale, remarks
 from tinygc.effects import Cost
+
+#: what a linear format cannot carry, and which formats can
+CARRIED = "a calibration over temperature; px4 and ardupilot carry its zero, c and json all of it"
 
 # A calibration over temperature in single precision: Horner's rule for zero and E, and the elements' temperatures where there is a lag.
 #
@@ -74,7 +79,7 @@ for (int i = 0; i < 3; i++)
     r[i] = x[i] + s[i];"""
 
 
-class Thermal(ProgramStage):
+class ThermalStage(ProgramStage):
     """r = E(T) (r - zero(T_e)) as x + (E(T) - I) x."""
 
     def __init__(self, model: ThermalModel, rate_hz: float | None):
@@ -133,6 +138,9 @@ class Thermal(ProgramStage):
             lost, state, before = carried - (total - state), total, now
             out[n] = total + share * (now - total)
         return out
+
+
+stage = ThermalStage  #: by the name that ``program`` knows
 
 
 def _lag(tau_s: float, rate_hz: float) -> tuple[float, float, float]:
@@ -200,3 +208,61 @@ def accel_change(context: Context) -> np.ndarray | None:
     change = context.table.get("accel_change_mps2")
     terms = np.asarray(change, dtype=float) if change else np.zeros((0, 3))
     return np.vstack([np.zeros(3), terms]) if terms.size and terms.ndim == 2 else None
+
+
+def px4(model: ThermalModel, context: Context) -> str:
+    """For PX4: the zero as a cubic about the model's own reference, and the accelerometer's change where it is known."""
+    part, reference = part_at_reference(model), model.reference_c
+    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, reference)
+    say_lost(model, context, px4_format.NAME, lost)
+    values = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", terms[0], strict=True)}
+    values |= _px4_terms("G", terms, model)
+    accel = accel_change(context)
+    switches: tuple[str, ...] = ("G",)
+    if accel is not None:
+        values |= _px4_terms("A", cubic_about(accel, reference, model.range_c, reference)[0], model)
+        switches = ("G", "A")
+    head = remarks(
+        context,
+        *cannot_scale(part),
+        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF, T held",
+        "within TC_G0_TMIN to TC_G0_TMAX; rad/s, degC, in the sensor's axes before PX4 rotates the board.  TC_A0 likewise, m/s^2: what",
+        "the accelerometer reads otherwise than at TC_A0_TREF in the one attitude in which it lay.  CAL_GYRO0_ID, TC_G0_ID and TC_A0_ID",
+        "must hold this sensor's device ids: they are not known here.  Change the 0 if it is another instance.",
+    )
+    return head + px4_format.table(values, switches)
+
+
+def _px4_terms(sensor: str, terms: np.ndarray, model: ThermalModel) -> dict[str, float]:
+    values = {f"TC_{sensor}0_TMIN": model.range_c[0], f"TC_{sensor}0_TMAX": model.range_c[1], f"TC_{sensor}0_TREF": model.reference_c}
+    return values | {f"TC_{sensor}0_X{power}_{axis}": terms[power, axis] if power else 0.0 for power in range(4) for axis in range(3)}
+
+
+def ardupilot(model: ThermalModel, context: Context) -> str:
+    """For ArduPilot: the zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
+    part, reference = part_at_reference(model), model.reference_c
+    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, ardupilot_format.ABOUT_C)
+    say_lost(model, context, ardupilot_format.NAME, lost)
+    values: dict[str, float] = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
+    values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": model.range_c[0]}
+    values |= {"INS_TCAL1_TMAX": max(model.range_c[1], model.range_c[0] + ardupilot_format.LEAST_C), "INS_GYR1_CALTEMP": reference}
+    values |= _ardupilot_terms("GYR", terms)
+    accel = accel_change(context)
+    if accel is not None:
+        values |= _ardupilot_terms("ACC", cubic_about(accel, reference, model.range_c, ardupilot_format.ABOUT_C)[0])
+    head = remarks(
+        context,
+        *cannot_scale(part),
+        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3),",
+        "T and CALTEMP held within INS_TCAL1_TMIN to TMAX; rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.",
+        "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first.",
+        "It calibrates the gyro's offset anew at each boot unless INS_GYR_CAL is 0.",
+        longest=ardupilot_format.LONGEST,
+    )
+    return head + ardupilot_format.table(values)
+
+
+def _ardupilot_terms(sensor: str, terms: np.ndarray) -> dict[str, float]:
+    return {
+        f"INS_TCAL1_{sensor}{power}_{axis}": terms[power, i] * ardupilot_format.SCALE for power in (1, 2, 3) for i, axis in enumerate("XYZ")
+    }

@@ -120,15 +120,17 @@ class ThermalModel(BaseModel):
         """A filter for each axis' element."""
         return [ElementTemperature(float(tau), step_s) for tau in self.lag_s]
 
-    def follower(self, step_s: float) -> ThermalStream:
-        """A log by itself, piece by piece; step_s between two samples."""
-        return ThermalStream(self, step_s)
+    def stream(self, rate_hz: float | None) -> ThermalStream:
+        """A log by itself, piece by piece.  CalibrationError where the temperature has a lag and the data rate is not known."""
+        if self.lag_s.any() and rate_hz is None:
+            raise CalibrationError("the model follows temperature with a lag: time matters to it; load it with rate_hz=")
+        return ThermalStream(self, 1 / (rate_hz or 1.0))
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log.  CalibrationError where it has no temperature.  What has been is all that is looked at."""
         if samples.temp_c is None or not np.isfinite(samples.temp_c).all():
             raise CalibrationError("the log has no temperature, which this model follows; give temp, or another model")
-        return self.follower(samples.period_s if len(samples) > 1 else 1.0)(samples.gyro, samples.temp_c)
+        return ThermalStream(self, samples.period_s if len(samples) > 1 else 1.0)(samples.gyro, samples.temp_c)
 
     def with_bias_moved(self, change: np.ndarray) -> ThermalModel:
         """The calibrated rate greater by ``change`` (3,) rad/s at the reference temperature; elsewhere by as much times E(T) over E(T0)."""

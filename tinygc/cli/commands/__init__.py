@@ -4,7 +4,18 @@ A command's file has ``SUMMARY`` (one line), ``add_arguments(command)`` and ``ru
 nothing heavy at its top: ``--help`` is instant.  ``USES_EFFECTS = True`` gives it ``--effects DIR``; ``DEFAULTS`` says which of
 its arguments, left open, a person's own file fills in (``tinygc/cli/defaults.py``).  A new command is a new file, named
 below.
+
+A command of an annex stands there by its name in ``session/io/annexes.py``; ``tinygc/cli/extensions.py`` has what annexes add to commands
+of the core.
 """
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from types import ModuleType
+
+from session.io.annexes import SERVICES, find, need
 
 COMMANDS = {
     "sensors": "tinygc.cli.commands.sensors",
@@ -22,9 +33,19 @@ COMMANDS = {
     "apply": "tinygc.cli.commands.apply",
     "export": "tinygc.cli.commands.export",
     "compare": "tinygc.cli.commands.compare",
-    "fleet": "tinygc.annexes.lots.fleet_command",
-    "lot": "tinygc.annexes.lots.command",
-    "challenge": "tinygc.annexes.challenge.command",
+    "fleet": SERVICES["fleet"],
+    "lot": SERVICES["lot"],
+    "challenge": SERVICES["challenge"],
     "simulate": "tinygc.cli.commands.simulate",
     "completion": "tinygc.cli.commands.completion",
 }
+
+
+def command_module(name: str) -> ModuleType:
+    """The module of a command.  Raises MissingAnnexError where it is an annex's, and that is not there."""
+    return need(name) if name in SERVICES else importlib.import_module(COMMANDS[name])
+
+
+def present_commands() -> Iterator[str]:
+    """The commands without those of annexes that are not there."""
+    return (name for name in COMMANDS if name not in SERVICES or find(name) is not None)

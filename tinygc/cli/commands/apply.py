@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.annexes.arrays.command import fuse
 from tinygc.cli.arguments import STANDARD, filled, is_standard_output, log_written, path_read
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import beside_log, write_json
@@ -35,10 +34,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates and specific force."""
+    from session.io.annexes import need
     from session.io.errors import CalibrationError
-    from tinygc.annexes.arrays.model import is_array_model
     from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
+    from tinygc.models.files import is_array_model
 
     to_stdout = is_standard_output(args.out)
     if to_stdout and is_standard_output(args.json):
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
     if is_array_model(args.model):
-        return fuse(args, out)
+        return need("commands on arrays").apply(args, out)
     if args.log.is_dir():
         raise CalibrationError(f"{args.log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
     if args.which:

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.texts import printable
-from tinygc.annexes.emulated.board import check_options, run_emulated, unit_of_the_model
 from tinygc.cli.arguments import (
     accel_full_scale,
     count,
@@ -47,12 +47,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         const=30.0,
         metavar="MG",
         help="one that nobody has calibrated: bias of so many mg (30), scale 1 %%, axes 5 mrad; --config then says nothing of it",
-    )
-    command.add_argument(
-        "--firmware",
-        type=path_read,
-        metavar="ELF",
-        help="run this program on an emulated STM32F405 with a model of the ASM330LHH that feels the session (docs/emulated-board.md)",
     )
     takes = "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)"
     command.add_argument("--take", type=count(1), metavar="N", help=takes)
@@ -116,7 +110,7 @@ def _board(args: argparse.Namespace) -> int:
     if args.folder and args.take:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
     if args.firmware:
-        check_options(args)
+        need("the emulated board").check_options(args)
     elif args.speed == math.inf:
         raise CalibrationError("board: --speed max: only with --firmware, whose time is its own")
     faults = Faults() if args.firmware else Faults.parse(args.faults)
@@ -132,7 +126,7 @@ def _board(args: argparse.Namespace) -> int:
         raise
     with terminal:
         if args.firmware:
-            return run_emulated(args, source, terminal, say)
+            return need("the emulated board").run(args, source, terminal, say)
         board = Board(
             source=source,
             terminal=terminal,
@@ -174,6 +168,6 @@ def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) ->
     again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"
     say(f"simulating a session, take {take} of seed {args.seed}{again} …")
     options = taken(options, take)
-    source = simulated(options, calibrated=not raw, unit=unit_of_the_model(options) if args.firmware else None)
+    source = simulated(options, calibrated=not raw, unit=need("the emulated board").unit_of_the_model(options) if args.firmware else None)
     remember(link, args.seed, take)
     return replace(source, number=take)

@@ -6,10 +6,10 @@ import argparse
 import os
 from pathlib import Path
 
+from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
 from session.io.texts import shell_word
-from tinygc.annexes.arrays.command import explain_array_folder
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.results import complain, output, try_destinations, verdict, write_json
 
@@ -33,7 +33,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Why recording and simulation differ; of an array, what is whose."""
     if is_array(args.folder):
-        return explain_array_folder(args)
+        return need("commands on arrays").explain(args)
     from tinygc.cli.console import progress_bar
     from tinygc.library.explanations import explain
 

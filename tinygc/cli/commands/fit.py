@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
+from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
-from tinygc.annexes.arrays.command import fit_array_folder
-from tinygc.annexes.temperature.command import add_temperature_arguments, fit_temperature, has_only_rests
 from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.options import add_fit_arguments, fit_options, given
 from tinygc.cli.results import Done, complain, output, run_each, try_destinations, write_json
-from tinygc.estimation.options import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth", "bias")
@@ -28,7 +27,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=path_read, help="session folder, or one of an array; several are fitted one by one")
-    add_temperature_arguments(command)
+    more = "further folders; with --temperature, of the same sensor"
+    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help=more)
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
@@ -40,9 +40,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures; of several sessions, each by itself."""
-    if args.temperature or (args.more and has_only_rests(args.folder)):
-        done = fit_temperature(args)
-    elif rests := [folder for folder in args.more if has_only_rests(folder)]:
+    if args.temperature or (args.more and _has_only_rests(args.folder)):
+        done = need("rest logs and temperature").fit(args)
+    elif rests := [folder for folder in args.more if _has_only_rests(folder)]:
         raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
     elif args.more:
         return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
 def _fit(args: argparse.Namespace) -> Done:
     """One session, one array, or one folder of rest logs."""
     if is_array(args.folder):
-        return fit_array_folder(args)
-    if has_only_rests(args.folder):
-        return fit_temperature(args)
+        return need("commands on arrays").fit(args)
+    if _has_only_rests(args.folder):
+        return need("rest logs and temperature").fit(args)
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not _resumable(args):
@@ -93,6 +93,11 @@ def _fit(args: argparse.Namespace) -> Done:
     return _done(1 if above or failed else 0, table, use.method or use.best, says)
 
 
+def _has_only_rests(folder: Path) -> bool:
+    """Whether a folder holds rest logs and no log in which anything was turned."""
+    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
+
+
 def _done(code: int, table: dict, method: str | None, says: str) -> Done:
     """With the figures of one method."""
     if method is None:
@@ -117,6 +122,8 @@ def _physics(words: str) -> tuple[str, ...]:
 
 def _resumable(args: argparse.Namespace) -> bool:
     """Whether anything of the fit is trained by adamw."""
+    from tinygc.estimation.options import METHODS
+
     return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 

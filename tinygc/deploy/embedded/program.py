@@ -13,9 +13,7 @@ from session.io.config import Accelerometer, Config
 from session.io.errors import FormatError
 from session.io.registers import DEFAULT, RegisterUnits
 from session.io.sensors.profile import Thermometer
-from tinygc.annexes.temperature.deploy import Thermal
-from tinygc.annexes.temperature.model import ThermalModel
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError, annex_exports
 from tinygc.deploy.embedded.stages import (
     CalibrationNetStage,
     Conditioned,
@@ -75,7 +73,8 @@ def program(model: Model, rate_hz: float | None = None) -> Program:
 
     ExportError says what cannot be carried.
     """
-    stages: tuple[ProgramStage, ...] = (Thermal(model, rate_hz),) if isinstance(model, ThermalModel) else tuple(_stages(model))
+    annex = annex_exports(model)
+    stages: tuple[ProgramStage, ...] = tuple(_stages(model)) if annex is None else (annex.stage(model, rate_hz),)
     names = [name for stage in stages for name in stage.constants]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.io.units import G
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.effects import AppliedEffect, Conditions, Cost, MatrixC, NoC, PerAxisC, StageC
 from tinygc.models.conditions_net import CONDITIONS, ConditionsModel
 from tinygc.models.denoiser import Denoiser

@@ -8,7 +8,8 @@ An exporter's file is named below.  It has
 
 ``model`` is what ``tinygc.models.load`` gives; ``context`` (``Context``) is what is known around it.  An exporter that cannot carry the
 model raises ``ExportError`` with one line: what cannot be carried, and which format can.  What it carries only in part it says in
-``context.say(line)``.  Files that begin with an underscore are shared by exporters.  A new format is a new file and a name below.
+``context.say(line)``.  Files that begin with an underscore are shared by exporters.  A new format is a new file and a name in
+``FORMATS`` (``tinygc/deploy/__init__.py``).
 """
 
 from __future__ import annotations
@@ -16,11 +17,9 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import FORMATS, ExportError
 
 __all__ = ["FORMATS", "ExportError", "exporter"]
-
-FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
 
 
 def exporter(name: str) -> ModuleType:

@@ -17,7 +17,8 @@ from session.io.names import log_paths
 from session.io.texts import printable, shell_word
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
-from tinygc.deploy.calibration import ExportError, Needs
+from tinygc.deploy import ExportError
+from tinygc.deploy.calibration import Needs
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.results import AT_END, read_judged

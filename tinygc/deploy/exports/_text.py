@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from session.io.config import Sensor
 from session.io.texts import comment
 from session.io.units import DEG, G
-from tinygc.annexes.temperature.model import ThermalModel
-from tinygc.deploy.calibration import Calibration, ExportError
+from tinygc.deploy import ExportError, annex_exports
+from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports._context import Context
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
@@ -72,8 +72,8 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
     if model.kind in NETS_BESIDE:
         raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
-    if isinstance(model, ThermalModel):
-        raise ExportError(f"{name} cannot carry a calibration over temperature; px4 and ardupilot carry its zero, c and json all of it")
+    if (annex := annex_exports(model)) is not None:
+        raise ExportError(f"{name} cannot carry {annex.CARRIED}")
     if isinstance(model, PhysicsModel):
         unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
         if unable:

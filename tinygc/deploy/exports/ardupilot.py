@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.annexes.temperature.deploy import accel_change, cubic_about, part_at_reference, say_lost
-from tinygc.annexes.temperature.model import ThermalModel
+from tinygc.deploy import annex_exports
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
 from tinygc.models.model import Model
@@ -26,8 +25,8 @@ LEAST_C = 10.0  #: INS_TCAL1_TMAX must be so far above INS_TCAL1_TMIN
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """The zero of linear models, with thermal bias or over temperature."""
-    if isinstance(model, ThermalModel):
-        return {FILE: _over_temperature(model, context)}
+    if (annex := annex_exports(model)) is not None:
+        return {FILE: annex.ardupilot(model, context)}
     part, celsius = offsets(model, context, NAME)
     values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -49,36 +48,9 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "INS_GYR_CAL is 0.",
         longest=LONGEST,
     )
-    return {FILE: head + _table(values)}
+    return {FILE: head + table(values)}
 
 
-def _over_temperature(model: ThermalModel, context: Context) -> str:
-    """The zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
-    part, reference = part_at_reference(model), model.reference_c
-    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, ABOUT_C)
-    say_lost(model, context, NAME, lost)
-    values: dict[str, float] = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
-    values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": model.range_c[0]}
-    values |= {"INS_TCAL1_TMAX": max(model.range_c[1], model.range_c[0] + LEAST_C), "INS_GYR1_CALTEMP": reference}
-    values |= _terms("GYR", terms)
-    accel = accel_change(context)
-    if accel is not None:
-        values |= _terms("ACC", cubic_about(accel, reference, model.range_c, ABOUT_C)[0])
-    head = remarks(
-        context,
-        *cannot_scale(part),
-        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3),",
-        "T and CALTEMP held within INS_TCAL1_TMIN to TMAX; rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.",
-        "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first.",
-        "It calibrates the gyro's offset anew at each boot unless INS_GYR_CAL is 0.",
-        longest=LONGEST,
-    )
-    return head + _table(values)
-
-
-def _terms(sensor: str, terms: np.ndarray) -> dict[str, float]:
-    return {f"INS_TCAL1_{sensor}{power}_{axis}": terms[power, i] * SCALE for power in (1, 2, 3) for i, axis in enumerate("XYZ")}
-
-
-def _table(values: dict[str, float]) -> str:
+def table(values: dict[str, float]) -> str:
+    """The parameter file: a line each."""
     return "".join(f"{name},{np.float32(value):.9g}\n" for name, value in values.items())

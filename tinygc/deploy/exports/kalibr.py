@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.io.units import DEG_PER_HOUR
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import LinearPart, linear_part, remarks, words, yaml_text
 from tinygc.models.model import Model

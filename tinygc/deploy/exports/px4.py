@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.annexes.temperature.deploy import accel_change, cubic_about, part_at_reference, say_lost
-from tinygc.annexes.temperature.model import ThermalModel
+from tinygc.deploy import annex_exports
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
 from tinygc.models.model import Model
@@ -18,8 +17,8 @@ INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """The zero of linear models, with thermal bias or over temperature."""
-    if isinstance(model, ThermalModel):
-        return {FILE: _over_temperature(model, context)}
+    if (annex := annex_exports(model)) is not None:
+        return {FILE: annex.px4(model, context)}
     part, celsius = offsets(model, context, NAME)
     rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -39,38 +38,11 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID, CAL_ACC0_ID (and TC_G0_ID) must hold its id:",
         "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
-    return {FILE: head + _table(rates, ("G",) if celsius is not None else ())}
+    return {FILE: head + table(rates, ("G",) if celsius is not None else ())}
 
 
-def _over_temperature(model: ThermalModel, context: Context) -> str:
-    """The zero as a cubic about the model's own reference, and the accelerometer's change where it is known."""
-    part, reference = part_at_reference(model), model.reference_c
-    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, reference)
-    say_lost(model, context, NAME, lost)
-    values = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", terms[0], strict=True)}
-    values |= _terms("G", terms, model)
-    accel = accel_change(context)
-    switches: tuple[str, ...] = ("G",)
-    if accel is not None:
-        values |= _terms("A", cubic_about(accel, reference, model.range_c, reference)[0], model)
-        switches = ("G", "A")
-    head = remarks(
-        context,
-        *cannot_scale(part),
-        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF, T held",
-        "within TC_G0_TMIN to TC_G0_TMAX; rad/s, degC, in the sensor's axes before PX4 rotates the board.  TC_A0 likewise, m/s^2: what",
-        "the accelerometer reads otherwise than at TC_A0_TREF in the one attitude in which it lay.  CAL_GYRO0_ID, TC_G0_ID and TC_A0_ID",
-        "must hold this sensor's device ids: they are not known here.  Change the 0 if it is another instance.",
-    )
-    return head + _table(values, switches)
-
-
-def _terms(sensor: str, terms: np.ndarray, model: ThermalModel) -> dict[str, float]:
-    values = {f"TC_{sensor}0_TMIN": model.range_c[0], f"TC_{sensor}0_TMAX": model.range_c[1], f"TC_{sensor}0_TREF": model.reference_c}
-    return values | {f"TC_{sensor}0_X{power}_{axis}": terms[power, axis] if power else 0.0 for power in range(4) for axis in range(3)}
-
-
-def _table(values: dict[str, float], switches: tuple[str, ...]) -> str:
+def table(values: dict[str, float], switches: tuple[str, ...]) -> str:
+    """The parameter file: a line each."""
     lines = [f"1\t1\tTC_{sensor}_ENABLE\t1\t{INT32}\n" for sensor in switches]
     lines += [f"1\t1\t{name}\t{np.float32(value):.9g}\t{FLOAT}\n" for name, value in values.items()]
     return "# Vehicle-Id\tComponent-Id\tName\tValue\tType\n" + "".join(lines)

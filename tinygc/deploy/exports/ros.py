@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
 from tinygc.models.linear import NAMES

@@ -6,7 +6,7 @@ import numpy as np
 
 from session.io.results import json_text
 from session.io.units import DEG, G
-from tinygc.deploy.calibration import ExportError
+from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import linear_part, remarks
 from tinygc.models.model import Model

@@ -1,0 +1,97 @@
+"""``fit`` and ``explain`` of an array for Python: several units on one rigid body, estimated together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Group
+
+from session.annexes.arrays.recording import ArraySession, read_array
+from tinygc.annexes.arrays.explanation import ArrayExplanation, explain_array, explained_to_json, save_array_explanation
+from tinygc.annexes.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
+from tinygc.annexes.arrays.text import array_explain_page, array_page
+from tinygc.library.sessions import as_html, as_text
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FittedArray:
+    """What ``fit`` gives; ``result`` holds everything that was found, in SI."""
+
+    result: ArrayFit
+
+    def __repr__(self) -> str:
+        return repr(self.result)
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, for rich."""
+        return array_page(self.result)
+
+    def summary(self) -> str:
+        """The same as plain text."""
+        return as_text(self.page)
+
+    def _repr_html_(self) -> str:
+        return as_html(self.page)
+
+    def to_json(self) -> dict:
+        """``tinygc-array-fit/1`` (docs/formats.md)."""
+        return array_to_json(self.result)
+
+    def save(self, folder: Path | str | None = None) -> Path:
+        """Write figures, and each unit's model, into a folder (``fit`` in the array's); returns it."""
+        return save_array(self.result, None if folder is None else Path(folder))
+
+
+def fit(
+    array: ArraySession | Path | str,
+    *,
+    bias: str = "auto",
+    accelerometer: str = "auto",
+    use_earth: bool = True,
+    progress: Progress = lambda what, done, of: None,
+) -> FittedArray:
+    """Fit an array, or an array's folder.  Raises CalibrationError, in one line, for what cannot be read or fitted."""
+    read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
+    told = fit_array(read, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
+    return FittedArray(told)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExplainedArray:
+    """What ``explain`` of an array gives; ``result`` holds everything that was found, in SI."""
+
+    result: ArrayExplanation
+
+    def __repr__(self) -> str:
+        return f"<ExplainedArray {self.result.fit.array.name}: {self.result.verdict}>"
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, for rich."""
+        return array_explain_page(self.result)
+
+    def summary(self) -> str:
+        """The same as plain text."""
+        return as_text(self.page)
+
+    def to_json(self) -> dict:
+        """``tinygc-array-explain/1`` (docs/formats.md)."""
+        return explained_to_json(self.result)
+
+    def save(self, folder: Path | str | None = None) -> Path:
+        """Write the result, and each unit's, into a folder (``explain`` in the array's); returns it."""
+        return save_array_explanation(self.result, None if folder is None else Path(folder))
+
+
+def explain(
+    array: ArraySession | Path | str, *, seed: int = 0, use_earth: bool = True, progress: Progress = lambda what, done, of: None
+) -> ExplainedArray:
+    """Explain an array, or an array's folder.  Raises CalibrationError, in one line, for what cannot be read or fitted."""
+    read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
+    return ExplainedArray(explain_array(read, seed=seed, use_earth=use_earth, progress=progress))

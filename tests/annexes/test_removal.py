@@ -1,0 +1,158 @@
+"""Annexes can be removed: without their folders the core's commands run, and what is gone says so in one line with exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import processes
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+#: annex -> its folders
+FOLDERS = {
+    "arrays": ("session/annexes/arrays", "tinygc/annexes/arrays"),
+    "public": ("session/annexes/public",),
+    "lots": ("tinygc/annexes/lots",),
+    "temperature": ("tinygc/annexes/temperature",),
+    "discovery": ("tinygc/annexes/discovery",),
+    "emulated": ("tinygc/annexes/emulated",),
+    "challenge": ("tinygc/annexes/challenge",),
+}
+#: annex -> commands that need it
+GONE = {
+    "arrays": (
+        ["simulate", "--units", "3", "--out", "array"],
+        ["fit", "body"],
+        ["explain", "body"],
+        ["apply", "array.json", "body", "-o", "a.csv"],
+    ),
+    "public": (),
+    "lots": (
+        ["fleet", "data"],
+        ["lot", "data"],
+        ["fit", "data/session1", "--lot", "lot.json"],
+        ["plan", "data/session1", "--lot", "lot.json"],
+    ),
+    "temperature": (
+        ["fit", "data/session1", "--temperature"],
+        ["fit", "rests"],
+        ["simulate", "--rest-cycles", "2", "--out", "rests"],
+        ["apply", "thermal.json", "data/session1/log0001.csv.gz", "-o", "t.csv"],
+    ),
+    "discovery": (["explain", "data/session1", "--discover"],),
+    "emulated": (["board", "--firmware", "board.elf"],),
+    "challenge": (["challenge", "--cases", "1", "--out", "c"],),
+}
+MAIN_JOB = (
+    ["check", "data/session1"],
+    ["fit", "data/session1", "--methods", "raw,least_squares", "--folds", "2"],
+    ["explain", "data/session1", "--no-pictures"],
+    ["report", "data/session1", "--methods", "raw,least_squares", "--folds", "2"],
+    ["apply", "data/session1/fit/model_least_squares.json", "data/session1/log0001.csv.gz", "-o", "calibrated.csv"],
+    ["export", "data/session1", "--to", "px4"],
+    ["export", "data/session1", "--to", "c"],
+    ["simulate", "--segments", "4", "--odr-hz", "104", "--out", "simulated"],
+)
+#: runs commands in one process and prints the exit codes as JSON on the last line of standard output
+RUN = """
+import json, sys
+import calibrate
+codes = []
+for words in json.loads(sys.argv[1]):
+    print("#", *words, file=sys.stderr, flush=True)
+    codes.append(calibrate.main(words))
+print(json.dumps(codes))
+"""
+IMPORT = """
+import importlib, sys
+from pathlib import Path
+for path in sorted(p for room in ("session", "tinygc") for p in Path(room).rglob("*.py")):
+    if "annexes" not in path.parts and path.stem != "__main__" and path != Path("session/public.py"):
+        importlib.import_module(".".join(path.with_suffix("").parts).removesuffix(".__init__"))
+"""
+
+
+def without(annexes: tuple[str, ...], folder: Path) -> Path:
+    """A copy of the product and of a recording in which these annexes are removed."""
+    for room in ("session", "tinygc"):
+        shutil.copytree(ROOT / room, folder / room)
+    shutil.copy2(ROOT / "calibrate.py", folder)
+    shutil.copytree(ROOT / "data/session1", folder / "data/session1", ignore=shutil.ignore_patterns("fit", "explain", "report.html"))
+    for annex in annexes:
+        for gone in FOLDERS[annex]:
+            shutil.rmtree(folder / gone)
+    body = folder / "body"
+    body.mkdir()
+    (body / "session.toml").write_text((folder / "data/session1/session.toml").read_text() + "\n[[array.unit]]\nnumber = 0\n")
+    (folder / "rests").mkdir()
+    shutil.copy(folder / "data/session1/session.toml", folder / "rests")
+    shutil.copy(folder / "data/session1/log0001.csv.gz", folder / "rests/rest0001.csv.gz")
+    for name, table in (
+        ("array.json", {"schema": "tinygc-array-model/1"}),
+        ("thermal.json", {"schema": "tinygc-model/1", "kind": "thermal"}),
+        ("lot.json", {"schema": "tinygc-lot/1"}),
+    ):
+        (folder / name).write_text(json.dumps(table))
+    return folder
+
+
+def python(folder: Path, code: str, *words: str) -> processes.CompletedProcess:
+    environment = {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1", "TINYGC_DEFAULTS": ""}
+    return processes.run([sys.executable, "-c", code, *words], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def run(folder: Path, *commands: list[str]) -> tuple[list[int], str, list[list[str]]]:
+    """Exit codes; what was printed; of each command the lines on standard error."""
+    done = python(folder, RUN, json.dumps(commands))
+    assert done.returncode == 0, done.stderr
+    printed, _, codes = done.stdout.rstrip().rpartition("\n")
+    return json.loads(codes), printed, [part.splitlines()[1:] for part in done.stderr.split("# ")[1:]]
+
+
+def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
+    commands = [command for annex in annexes for command in GONE[annex]]
+    if not commands:
+        return
+    codes, _, lines = run(folder, *commands)
+    owners = [annex for annex in annexes for _ in GONE[annex]]
+    for command, annex, code, errors in zip(commands, owners, codes, lines, strict=True):
+        assert code == 2, command
+        assert len(errors) == 1, (command, errors)
+        assert f"the annex {annex}, which is not there" in errors[0], command
+    assert python(folder, IMPORT).stderr == ""
+    whole = processes.run(
+        [sys.executable, "calibrate.py", "--help"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+    )
+    for name, annex in (("fleet", "lots"), ("lot ", "lots"), ("challenge", "challenge")):
+        assert (f"\n    {name}" in whole.stdout) == (annex not in annexes), (name, whole.stdout)
+
+
+def hold_main_job(folder: Path) -> None:
+    codes, printed, _ = run(folder, *MAIN_JOB)
+    assert codes == [0] * len(MAIN_JOB), printed
+    assert (folder / "data/session1/report.html").is_file()
+
+
+@pytest.mark.parametrize("annex", FOLDERS)
+def test_what_an_annex_served_says_so(annex, tmp_path):
+    hold_gone(without((annex,), tmp_path), (annex,))
+
+
+def test_the_main_job_runs_without_any_annex(tmp_path):
+    folder = without(tuple(FOLDERS), tmp_path)
+    hold_gone(folder, tuple(FOLDERS))
+    hold_main_job(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("annex", FOLDERS)
+def test_the_main_job_runs_without_one(annex, tmp_path):
+    hold_main_job(without((annex,), tmp_path))

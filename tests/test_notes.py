@@ -13,7 +13,7 @@ from session.io.config import LeftOut, read_config
 from session.io.errors import FormatError
 from session.io.folder import add_exclude, add_notes
 from session.io.toml import value_text
-from tinygc.reporting.html.sections import provenance
+from tinygc.reporting.html.markup import render
 
 NOTES = """
 [notes]  # of the bench
@@ -138,10 +138,11 @@ def test_like_lends_no_notes_and_a_rewrite_keeps_them(tmp_path):
 
 
 def test_the_report_shows_them_escaped():
-    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True}, exclude=(LeftOut("<i>.csv", 3.0),))
-    html = provenance.noted(config)
+    config = SimpleNamespace(notes={"<b>who</b>": "<script>", "warm": True, "cold": False}, exclude=(LeftOut("<i>.csv", 3.0),))
+    html = render("notes.html", config=config)
     assert "<script>" not in html
     assert "&lt;script&gt;" in html
     assert "&lt;b&gt;who&lt;/b&gt;" in html
     assert "&lt;i&gt;.csv" in html
-    assert provenance._noted(False) == "no"
+    assert "<dt>warm</dt><dd>yes</dd>" in html
+    assert "<dt>cold</dt><dd>no</dd>" in html

@@ -2,6 +2,7 @@
 
 import re
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from explained_sessions import make_explained, make_session
 from tinygc.explanation.result import HEADING, channel_rms, residual_table
 from tinygc.library.sessions import as_text
 from tinygc.reporting.explanation_text import explanation_page
-from tinygc.reporting.html.sections.explanation import _channels
+from tinygc.reporting.html.sections.explanation import section
 
 
 @pytest.fixture(scope="module")
@@ -26,10 +27,10 @@ def on_terminal(e) -> list[list[str]]:
 
 
 def in_report(e) -> list[list[str]]:
-    html = _channels(e)
+    html = section(SimpleNamespace(explanation=e)).html
     assert HEADING in unescape(html)
-    body = html[html.index("<tbody>") :]
-    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", body)]
+    body = html[html.index("<tbody>", html.index("channel</th>")) :]
+    rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", body[: body.index("</tbody>")])]
     return [[unescape(cell) for cell in row if cell] for row in rows]
 
 

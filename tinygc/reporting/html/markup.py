@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape as _escape
 from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from session.io.texts import printable
 from session.io.units import DEG
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 # Numbers as a person reads them: as many digits as are known, a true minus sign, thin spaces between thousands.
 
@@ -70,7 +75,7 @@ def power_of_ten(value: float) -> str:
     return f"{value / 10**exponent:.0f} × 10{superscript}"
 
 
-# Pieces of the page: everything that may come from a file goes through ``escape``.
+# Markup lies in ``templates``, which escape what they show.  The functions here call their macros for pages that annexes put together.
 
 #: a picture is drawn twice, for a wide page and for a telephone, and the style sheet shows one: its letters keep their size
 WIDE, NARROW = 860, 340
@@ -85,6 +90,49 @@ class Section:
     html: str
 
 
+@cache
+def _environment() -> Environment:
+    """Jinja's: every text that a template shows is escaped, its control characters as well; the thin space of numbers stays."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    def shown(value: object) -> object:
+        return value if hasattr(value, "__html__") else "\u202f".join(map(printable, str(value).split("\u202f")))
+
+    loader = PackageLoader("tinygc.reporting.html")
+    environment = Environment(
+        loader=loader, autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals |= {"wide": WIDE, "narrow": NARROW}
+    environment.tests["finite"] = isfinite
+    environment.filters |= {number.__name__: number for number in (fixed, significant, degrees, probability)}
+    environment.filters["sentence"] = lambda words: f"{words[:1].upper()}{words[1:]}."
+    return environment
+
+
+def render(template: str, **values: object) -> str:
+    """A file of ``templates`` filled with values."""
+    return _environment().get_template(template).render(values)
+
+
+def _html(value: Any) -> Any:
+    """Texts, also those in a sequence, as HTML that is not escaped again."""
+    from markupsafe import Markup
+
+    if isinstance(value, str):
+        return Markup(value)
+    return [_html(each) for each in value] if isinstance(value, Iterable) else value
+
+
+def _macro(name: str, *values: object, **more: object) -> str:
+    macro = getattr(_environment().get_template("macros.html").module, name)
+    return str.__str__(macro(*values, **more))
+
+
+def small(text: str) -> str:
+    """Text in small letters, for a cell of a template's table."""
+    return _html(_macro("small", text))
+
+
 def escape(text: object) -> str:
     """Text as HTML: no markup, and no control characters, gets through."""
     return _escape(printable(str(text)), quote=True)
@@ -92,25 +140,22 @@ def escape(text: object) -> str:
 
 def paragraph(html: str, kind: str = "") -> str:
     """HTML as a paragraph, with a class of the style sheet."""
-    return f"<p{_kind(kind)}>{html}</p>"
+    return f'<p class="{kind}">{html}</p>' if kind else f"<p>{html}</p>"
 
 
 def code(text: str) -> str:
     """A block of code, escaped; its own line ends stay."""
-    shown = "\n".join(map(printable, text.split("\n")))
-    return f'<pre tabindex="0"><code>{_escape(shown)}</code></pre>'
+    return _macro("code", text)
 
 
 def key(kind: str, text: str, shape: str = "dot") -> str:
     """One entry of a picture's key; text is HTML; shape: dot, ring, line, dash, block."""
-    return f'<span class="key k-{kind}"><i class="{shape}"></i>{text}</span>'
+    return _macro("key", kind, _html(text), shape)
 
 
 def figure(draw: Callable[[int], str], caption: str = "", keys: Sequence[str] = (), kind: str = "") -> str:
     """A picture; draw(width) returns its SVG; caption and keys are HTML."""
-    head = f'<div class="keys">{"".join(keys)}</div>' if keys else ""
-    foot = f"<figcaption>{caption}</figcaption>" if caption else ""
-    return f'<figure{_kind(kind)}>{head}<div class="wide">{draw(WIDE)}</div><div class="narrow">{draw(NARROW)}</div>{foot}</figure>'
+    return _macro("figure", draw, _html(keys), kind, **({"caller": lambda: _html(caption)} if caption else {}))
 
 
 def table(
@@ -122,24 +167,9 @@ def table(
     minor: Iterable[int] = (),
 ) -> str:
     """A table of HTML cells, the first of each row its heading; marked: rows that stand out; minor: columns that a telephone leaves out."""
-    marked, minor = set(marked), set(minor)
-    head = "".join(f'<th scope="col"{_kind("minor" if i in minor else "")}>{cell}</th>' for i, cell in enumerate(header))
-    body = "".join(
-        f'<tr{_kind("marked" if number in marked else "")}><th scope="row">{row[0]}</th>'
-        + "".join(f"<td{_kind('minor' if i in minor else '')}>{cell}</td>" for i, cell in enumerate(row[1:], start=1))
-        + "</tr>"
-        for number, row in enumerate(rows)
-    )
-    # Beside the table, not in it: a caption would be as wide as what is scrolled.
-    above = f'<p class="caption">{caption}</p>' if caption else ""
-    whole = f"<table{_kind(kind)}><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'{above}<div class="scroll" tabindex="0" role="region" aria-label="table">{whole}</div>'
+    return _macro("table", _html(header), _html(rows), _html(caption), kind, set(marked), set(minor))
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
     """A list of names and values, both HTML."""
-    return '<dl class="facts">' + "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in pairs) + "</dl>"
-
-
-def _kind(kind: str) -> str:
-    return f' class="{kind}"' if kind else ""
+    return _macro("facts", _html(pairs))

@@ -12,20 +12,6 @@ from tinygc.reporting.html.markup import significant
 # How far gravity's length spreads over the stills, before and after: a card of the answer, and what the accelerometer's section charts.
 
 
-def card(evidence: Evidence) -> tuple[str, str, str] | None:
-    """Name, figure and words for the answer's box: gravity's spread; None where the session has no stills that say it."""
-    before, after = misses_of(evidence)
-    if evidence.problem.session.truths is not None or not after.size:
-        return None
-    found = evidence.fit.accelerometer
-    arrow = "" if before is None else f"<small>{spread_text(before)} →</small> "
-    left = len(found.unobserved)
-    words = {"fit": "from these very stills and turns", "prior": "the given one, sharpened", "given": "as given"}[found.mode]
-    words = "nobody has calibrated it" if found.calibration.source == "none" else words
-    tail = f"; <strong>{left} of its 9 numbers not observed</strong>" if left else ""
-    return "Accelerometer", f"{arrow}{spread_text(after)}", f"spread of gravity’s length over {after.size} stills; {words}{tail}"
-
-
 def spread_text(misses: np.ndarray) -> str:
     """Their standard deviation, in mg."""
     return f"{significant(float(np.std(misses)) / MG, 2)} mg"

@@ -11,9 +11,8 @@ from session.io.results import write_text_whole
 from session.io.units import DEG
 from tinygc.estimation.choice import run_figures
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, escape, tilt_rms
+from tinygc.reporting.html.markup import Section, render, tilt_rms
 from tinygc.reporting.html.sections import modules
-from tinygc.reporting.html.style import style_sheet
 
 # The report for other programs: ``tinygc-report/1``.
 
@@ -65,28 +64,17 @@ def summary(evidence: Evidence) -> dict:
 
 # The whole page: head, list of contents, sections.
 
-#: nothing is fetched and nothing runs, whatever a file's text may try
-POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-
 
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
     sections = [made for part in modules() if (made := part.section(evidence)) is not None]
-    return document(f"Calibration report: {evidence.fit.session.name}", _head(evidence), sections, _foot(evidence))
+    title = f"Calibration report: {evidence.fit.session.name}"
+    return document(title, render("head.html", e=evidence), sections, render("foot.html", e=evidence))
 
 
 def document(title: str, head: str, sections: Sequence[Section], foot: str) -> str:
     """A page of sections with a list of contents; head and foot are HTML, title is text."""
-    contents = "".join(f'<li><a href="#{section.id}">{section.title}</a></li>' for section in sections)
-    return (
-        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
-        f"<title>{escape(title)}</title><style>{style_sheet()}</style></head>"
-        f'<body><div class="sheet"><nav aria-label="Contents"><ol>{contents}</ol></nav>'
-        f"<main>{head}{''.join(map(_section, sections))}{foot}</main></div></body></html>\n"
-    )
+    return render("page.html", title=title, head=head, sections=sections, foot=foot) + "\n"
 
 
 def save(evidence: Evidence, path: Path) -> Path:
@@ -95,32 +83,3 @@ def save(evidence: Evidence, path: Path) -> Path:
     with result_folder(path.parent):
         write_text_whole(path, text)
     return path
-
-
-def _head(evidence: Evidence) -> str:
-    sensor = evidence.fit.session.config.sensor
-    serial = f" · {escape(sensor.serial)}" if sensor.serial else ""
-    return (
-        '<header><p class="kicker">Calibration report</p>'
-        f"<h1>{escape(sensor.model)}{serial}</h1>"
-        f'<p class="kicker">Gyroscope at ±{sensor.gyro_fs_dps:g} dps and {sensor.odr_hz:g} Hz · session '
-        f"{escape(evidence.fit.session.name)} · "
-        f"made {escape(evidence.made)}</p></header>"
-    )
-
-
-def _section(section: Section) -> str:
-    if section.id == "answer":
-        return section.html
-    return (
-        f'<section id="{section.id}" aria-labelledby="{section.id}-title"><h2 id="{section.id}-title">{section.title}'
-        f"</h2>{section.html}</section>"
-    )
-
-
-def _foot(evidence: Evidence) -> str:
-    version = escape(evidence.versions["TinyGC"])
-    return (
-        "<footer>A calibration report of the instrument with this serial number, in the conditions of this session; it is no certificate. "
-        f"TinyGC {version}, {escape(evidence.made)}.</footer>"
-    )

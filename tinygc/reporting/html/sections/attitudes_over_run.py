@@ -12,7 +12,7 @@ from tinygc.models.linear import bias_only
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.evidence import Evidence, rmse
-from tinygc.reporting.html.markup import Section, aligned_decimals, degrees, escape, figure, fixed, key, paragraph, probability, table
+from tinygc.reporting.html.markup import Section, aligned_decimals, fixed, render, small
 
 DENOISED = "tinygc_denoised"
 
@@ -21,56 +21,35 @@ def section(evidence: Evidence) -> Section | None:
     """None without a closure run."""
     if not evidence.fit.runs:
         return None
-    html = paragraph(
-        "A still, a long turn about all axes, and a still in the same attitude again. No fit has seen it. At the return roll, "
-        "pitch and yaw must be what "
-        "they were: what they are not is the error of the calibration, and of the noise."
-    )
-    for number, run in enumerate(evidence.fit.runs):
-        html += _run(evidence, number, run)
-    return Section("runs", "Closure runs", html)
+    runs = [_run(evidence, number, run) for number, run in enumerate(evidence.fit.runs)]
+    return Section("runs", "Closure runs", render("runs.html", runs=runs))
 
 
-def _run(evidence: Evidence, number: int, run: ClosureRun) -> str:
+def _run(evidence: Evidence, number: int, run: ClosureRun) -> dict:
     adopted = evidence.adopted
     rates = _rates(evidence, run)
     tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
     t = np.concatenate([[0.0], np.cumsum(run.batch.dt[0])])
     # The denoised rate is late, and its attitude with it: it has strayed only as far as it is late.
     moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
-    html = f"<h3>{escape(run.file)}, {run.duration_s:.0f} s</h3>"
-    html += figure(
-        lambda width: _attitude(t, tracks[adopted.name], tracks.get("raw"), width),
-        f"Attitude over the run by the calibration of this report. Thin: without calibration, "
-        f"{degrees(rmse(_error(evidence, run, 'raw', number)))} off at the return.",
-        [key("x", "roll", "line"), key("y", "pitch", "line"), key("z", "yaw", "line")],
-    )
-    html += figure(
-        lambda width: _straying(t, tracks, adopted.name, run, width),
-        "How far each method’s attitude has strayed from that of this report’s calibration.",
-        [*(key(name, escape(TITLES.get(name, name)), "line") for name in moved), key("floor", "noise of the integrated rate, 1σ", "dash")],
-    )
-    rows, decimals = [], aligned_decimals(float(run.floor_rad.min()) / DEG)
+    floor, decimals = run.floor_rad / DEG, aligned_decimals(float(run.floor_rad.min()) / DEG)
+    rows: list[list[str]] = []
     for name in rates:
         error = _error(evidence, run, name, number) / DEG
-        rows.append(
-            (escape(TITLES.get(name, name)), *(_signed(value, decimals) for value in error), fixed(np.sqrt(np.mean(error**2)), decimals))
-        )
-    floor = run.floor_rad / DEG
-    rows.append(("<small>noise floor, 1σ</small>", *(f"<small>{fixed(v, decimals)}</small>" for v in (*floor, np.sqrt(np.mean(floor**2))))))
-    html += table(("At the return, degrees", "roll", "pitch", "yaw", "RMSE"), rows, marked=[list(rates).index(adopted.name)])
-    html += paragraph(
-        "Noise, the uncertainty of the parameters, and a bias that has wandered on since the session together allow an error of "
-        f"this size with {probability(adopted.run_p[number])}.",
-        "soft",
-    )
-    if run.earth.source == "unknown":
-        html += paragraph(
-            "Of the Earth’s rotation only the vertical part is taken off: the heading is unknown, or the run does not go on where "
-            "the log ended.",
-            "soft",
-        )
-    return html
+        rows.append([TITLES.get(name, name), *(_signed(value, decimals) for value in error), fixed(rmse(error), decimals)])
+    rows.append([small(text) for text in ("noise floor, 1σ", *(fixed(value, decimals) for value in (*floor, rmse(floor))))])
+    return {
+        "file": run.file,
+        "seconds": run.duration_s,
+        "attitude": lambda width: _attitude(t, tracks[adopted.name], tracks.get("raw"), width),
+        "raw": rmse(_error(evidence, run, "raw", number)),
+        "straying": lambda width: _straying(t, tracks, adopted.name, run, width),
+        "lines": [*((name, TITLES.get(name, name), "line") for name in moved), ("floor", "noise of the integrated rate, 1σ", "dash")],
+        "rows": rows,
+        "marked": list(rates).index(adopted.name),
+        "p": adopted.run_p[number],
+        "no_heading": run.earth.source == "unknown",
+    }
 
 
 def _rates(evidence: Evidence, run: ClosureRun) -> dict[str, np.ndarray]:

@@ -8,8 +8,8 @@ from session.io.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.models.linear import bias_only
 from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, Adopted, Evidence, agrees
-from tinygc.reporting.html.markup import Section, degrees, escape, figure, key, paragraph, significant, tilt_rms
+from tinygc.reporting.html.evidence import NEAR_FLOOR, Evidence, agrees
+from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
 
 #: of a direction's two errors, the share within one, two, three sigmas
 RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))
@@ -23,49 +23,28 @@ def section(evidence: Evidence) -> Section:
     numbers = [segment.number for segment in problem.used]
     by_number = dict(zip(numbers, sigma, strict=True))
     own = np.array([by_number.get(number, sigma.mean()) for number in adopted.numbers])
-    worst = int(np.argmax(np.linalg.norm(adopted.angles[:, :2], axis=1) / own))
-    html = figure(
-        lambda width: _by_segment(evidence, raw, numbers, width),
-        "Each segment judged by a fit that had not seen it. "
-        f"Rms {degrees(tilt_rms(raw))} raw, {degrees(tilt_rms(adopted.angles))} calibrated, {degrees(adopted.floor_rms)} from "
-        "noise alone.",
-        [
-            key("before", "raw"),
-            key("after", f"calibrated ({escape(adopted.title)}), held out"),
-            key("floor", "noise floor", "dash"),
-            *_limit_key(evidence),
-        ],
-    )
     ratio = np.linalg.norm(adopted.angles[:, :2], axis=1) / own
-    inside = [float(np.mean(ratio <= k)) for k, _ in RINGS]
-    html += f'<div class="pair"><div>{figure(lambda width: _target(evidence, own, width), kind="target")}</div><div>'
-    html += paragraph(
-        "<strong>The same errors from above.</strong> Each dot is one segment's error of tilt about the table's two horizontal "
-        "axes. The rings are one, two and "
-        "three sigmas of noise alone."
+    worst = int(np.argmax(ratio))
+    html = render(
+        "closure.html",
+        e=evidence,
+        raw=tilt_rms(raw),
+        after=tilt_rms(adopted.angles),
+        by_segment=lambda width: _by_segment(evidence, raw, numbers, width),
+        keys=[
+            ("before", "raw"),
+            ("after", f"calibrated ({adopted.title}), held out"),
+            ("floor", "noise floor", "dash"),
+            *([("limit", "limit", "dash")] if evidence.limit_deg else []),
+        ],
+        target=lambda width: _target(evidence, own, width),
+        inside=[(np.mean(ratio <= k), expected) for k, expected in RINGS],
+        worst=adopted.numbers[worst],
+        furthest=ratio[worst],
+        closes=agrees(adopted.closure_p),
+        near=adopted.times_floor <= NEAR_FLOOR,
     )
-    html += paragraph(
-        "Within the rings lie "
-        + ", ".join(f"{100 * share:.0f} % (noise alone: {expected})" for share, (_, expected) in zip(inside, RINGS, strict=True))
-        + f". The furthest beyond its floor is segment {adopted.numbers[worst]}, {significant(ratio[worst], 2)} sigmas. "
-        f"{_width(adopted)}"
-    )
-    html += "</div></div>"
     return Section("closure", "Closure per segment", html)
-
-
-def _width(adopted: Adopted) -> str:
-    """How much wider than noise the held-out errors are, and what that means."""
-    ratio = f"Held out, they are {significant(adopted.times_floor)} times what noise alone leaves, rms: "
-    if not agrees(adopted.closure_p):
-        return ratio + "more than noise allows even on the fitted segments, so something is missing from the model."
-    if adopted.times_floor > NEAR_FLOOR:
-        return ratio + f"{adopted.in_numbers} do not hold the fit that judges a segment; record more turns."
-    return ratio + f"with {adopted.in_numbers}, the fit that judges a segment has a little less to go by."
-
-
-def _limit_key(evidence: Evidence) -> list[str]:
-    return [key("limit", "limit", "dash")] if evidence.limit_deg else []
 
 
 def _by_segment(evidence: Evidence, raw: np.ndarray, numbers: list[int], width: int) -> str:

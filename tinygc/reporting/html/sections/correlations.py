@@ -7,7 +7,7 @@ import numpy as np
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, escape, figure, fixed, key, paragraph
+from tinygc.reporting.html.markup import Section, fixed, render
 
 #: of the field's 18 quantities those that are independent: scale factors, misalignments, biases
 INDEPENDENT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17)
@@ -23,19 +23,14 @@ def section(evidence: Evidence) -> Section:
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
     pairs = sorted(((abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i)), reverse=True)
-    strong = [(i, j) for size, i, j in pairs if size > STRONG][:6]
-    words = "; ".join(f"{NAMES[j]} and {NAMES[i]} {fixed(correlation[i, j], 2)}" for i, j in strong)
-    said = f"Above {STRONG:g}: {escape(words)}." if strong else f"None is above {STRONG:g}: the movements tell all twelve parameters apart."
-    html = '<div class="pair"><div>' + figure(
-        lambda width: _matrix(correlation, min(width, 400)), keys=[key("z", "positive", "block"), key("x", "negative", "block")]
+    strong = [f"{NAMES[j]} and {NAMES[i]} {fixed(correlation[i, j], 2)}" for size, i, j in pairs if size > STRONG][:6]
+    html = render(
+        "correlations.html",
+        matrix=lambda width: _matrix(correlation, min(width, 400)),
+        strong=strong,
+        limit=f"{STRONG:g}",
     )
-    html += f"</div><div>{paragraph(said)}" + paragraph(
-        "A strong correlation means that the sum, or the difference, of two parameters is known better than each: use the "
-        "covariance, which the model’s file has, and not the single "
-        "uncertainties, wherever both matter.",
-        "soft",
-    )
-    return Section("correlations", "Correlations", html + "</div></div>")
+    return Section("correlations", "Correlations", html)
 
 
 def _matrix(correlation: np.ndarray, side: int) -> str:

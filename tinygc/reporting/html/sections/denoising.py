@@ -9,7 +9,7 @@ from tinygc.closure.problem import Problem
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, degrees, facts, figure, key, paragraph, significant, tilt_rms
+from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
 from tinygc.reporting.html.measures import density
 from tinygc.reporting.html.sections.noise import still_pieces
 
@@ -29,31 +29,21 @@ def section(evidence: Evidence) -> Section | None:
     settle = [slice(min(model.denoiser.reach, len(piece) // 2), None) for piece in before]
     quiet = [_scatter([piece[part] for piece, part in zip(pieces, settle, strict=True)]) for pieces in (before, after)]
     calibrated = evidence.fit.methods.get("tinygc")
-    html = paragraph("Trained second, the calibration frozen. Causal: each value rests on the newest 50 samples, so it comes late.")
-    html += facts(
-        [
+    still = max(range(len(before)), key=lambda i: len(before[i]))
+    period_s = problem.logs[0].samples.period_s
+    spectra = [found for pieces in (before, after) if (found := density(pieces, period_s))]
+    html = render(
+        "denoising.html",
+        numbers=[
             ("Scatter at rest, rms", f"{significant(quiet[0] / DEG * 1e3)} → {significant(quiet[1] / DEG * 1e3)} mdps"),
             ("Less by a factor of", significant(quiet[0] / quiet[1])),
             ("Delay", f"{significant(1e3 * model.delay_s)} ms"),
             ("Closure, held out", (f"{degrees(tilt_rms(calibrated.held_out))} → " if calibrated else "") + degrees(tilt_rms(fit.held_out))),
-        ]
+        ],
+        at_rest=lambda width: _at_rest(before[still], after[still], period_s, width),
+        turning=lambda width: _turning(problem, model, width),
+        spectra=(lambda width: _spectra(spectra, width)) if len(spectra) == 2 else None,
     )
-    still = max(range(len(before)), key=lambda i: len(before[i]))
-    period_s = problem.logs[0].samples.period_s
-    keys = [key("before", "calibrated", "line"), key("tinygc_denoised", "denoised", "line")]
-    html += figure(
-        lambda width: _at_rest(before[still], after[still], period_s, width),
-        "At rest: the longest still, axis z, its mean taken off.",
-        keys,
-    )
-    html += figure(
-        lambda width: _turning(problem, model, width),
-        "A turn, axis of its fastest rate: the denoised rate is late by the delay, and no smaller.",
-        keys,
-    )
-    spectra = [found for pieces in (before, after) if (found := density(pieces, period_s))]
-    if len(spectra) == 2:
-        html += figure(lambda width: _spectra(spectra, width), "Amplitude density at rest, mean of the axes.", keys)
     return Section("denoiser", "Before and after the denoiser", html)
 
 

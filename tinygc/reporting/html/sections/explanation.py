@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from session.io.units import DEG
@@ -25,16 +27,9 @@ from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import Evidence
 from tinygc.reporting.html.markup import (
     Section,
-    code,
-    degrees,
-    escape,
-    figure,
     fixed,
-    key,
-    paragraph,
-    probability,
+    render,
     significant,
-    table,
     tilt_rms,
 )
 from tinygc.reporting.pictures.values import (
@@ -51,114 +46,68 @@ from tinygc.reporting.pictures.values import (
 
 #: pictures of what turns show
 OF_TURNS = (TURNS, SCALE_LAW, LAG_LAW, ENERGY_LAW)
-AXIS_KEYS = [key(axis, axis) for axis in "xyz"]
+#: what the template says of a claim
+WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parameter_lines, rival_words)}
 
 
 def section(evidence: Evidence) -> Section | None:
     """None where explain was not asked."""
+    from tinygc.explanation.evidence import candidates
+
     e = evidence.explanation
     if e is None:
         return None
-    words, _ = VERDICTS[e.verdict]
-    html = paragraph(f"<strong>{escape(words[:1].upper() + words[1:])}</strong> ({probability(e.p_value)}).")
-    for claim in e.claimed:
-        html += _claim(claim)
-    for claim in e.findings:
-        html += _claim(claim, "A finding without a name in the catalogue. ")
-    html += _place(e)
-    html += _channels(e)
-    html += _pictures(e)
-    html += _considered(e)
-    html += _noise(e)
-    html += _tested(e)
-    if following := what_next(e):
-        html += paragraph(f"<strong>Next:</strong> {escape(following)}.")
+    claim = told(e)
+    turning = claim is not None and claim.effect.pair in OF_TURNS
+    in_stills = claim is not None and not turning and "still" in claim.effect.seen_in
+    laws = axis_laws(e, claim) if claim is not None and turning else None
+    header, residuals = residual_rows(e)
+    html = render(
+        "explanation.html",
+        e=e,
+        verdict=VERDICTS[e.verdict][0],
+        words=WORDS,
+        place=_place(e),
+        heading=HEADING,
+        header=header,
+        residuals=residuals,
+        refitted=is_refitted(e),
+        told=claim,
+        laws=laws,
+        law=partial(_law, e, claim, laws) if claim is not None and turning else None,
+        stills=lambda width: _stills_along(e, claim, width),
+        recorded=partial(_said_against_recorded, e, claim) if claim is not None and in_stills else None,
+        proof=lambda width: _proof(e, width),
+        tilt_rms=tilt_rms,
+        considered=considered_lines(e),
+        noise=noise_rows(e),
+        tried=sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed}),
+        next=what_next(e),
+    )
     return Section("explain", "Why recording and simulation differ", html)
 
 
-def _claim(claim: Claim, before: str = "") -> str:
-    says = escape(claim.says[:1].upper() + claim.says[1:])
-    html = f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{before}{says}.")}'
-    chance = escape(f"probability {chance_words(claim.probability)}")
-    html += paragraph(f"<code>{escape(claim.effect.equation)}</code>, {chance}, {probability(claim.p_value)}", "soft")
-    if claim.parameters:
-        html += code("\n".join(parameter_lines(claim)))
-    if claim.equivalent:
-        names = ", ".join(equivalent_words(claim))
-        html += paragraph(f"This recording cannot tell it from {escape(names)}: {escape(claim.effect.splits)}.")
-    if rivals := rival_words(claim):
-        html += paragraph(f"Weighed in its place, with their probabilities: {escape(', '.join(rivals))}.")
-    return html + "</div>"
-
-
-def _place(e: Explanation) -> str:
+def _place(e: Explanation) -> list[str]:
     place = where(e)
     if not place["phases"]:
-        return paragraph(
-            "The simulation replays this recording’s own movement through the linear model, the Earth and the noise, and nothing "
-            "is left to explain."
-        )
+        return []
     words = [f"It lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"on {', '.join(place['axes'])}")
     words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
-    return paragraph(escape("; ".join(words)) + ".")
+    return words
 
 
-def _channels(e: Explanation) -> str:
-    """The same numbers as on the page of ``explain``."""
-    refitted = is_refitted(e)
-    header = ("channel", "values", *(("linear model", "with what is named") if refitted else ("rms",)))
+def residual_rows(e: Explanation) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the residuals' table, with the numbers of the page of ``explain``."""
+    header = ["channel", "values", *(("linear model", "with what is named") if is_refitted(e) else ("rms",))]
     rows = []
     for row in residual_table(e):
-        shown = [fixed(row.before, 2)] + ([] if row.after is None else [fixed(row.after, 2)])
-        rows.append((escape(row.channel), str(row.values), *shown, *[""] * (len(header) - 2 - len(shown))))
-    return paragraph(f"{escape(HEADING)}:") + table(header, rows)
-
-
-def _pictures(e: Explanation) -> str:
-    claim = told(e)
-    html = ""
-    turning = claim is not None and claim.effect.pair in OF_TURNS
-    if claim is not None and turning:
-        laws = axis_laws(e, claim)
-        says = f"what {escape(claim.effect.id)} makes it miss" if laws is None else f"its {laws.follows}"
-        asked = "what each turn misses, parameter by parameter, against" if laws is None else f"the {laws.words} of each turn against"
-        html += figure(
-            lambda width: _law(e, claim, laws, width),
-            f"Where it lives: {asked} {says}, all else of the fit taken off. The line is the law.",
-            AXIS_KEYS if laws is not None or claim.effect.parameter.size == 3 else [],
-        )
-    else:
-        html += figure(
-            lambda width: _stills_along(e, claim, width),
-            "Where it lives: the mean rate in each still, less what the model predicts. Filled: linear model. Ring: with what is named."
-            if is_refitted(e)
-            else "The mean rate in each still, less what the model predicts.",
-            AXIS_KEYS,
-        )
-    if claim is not None and not turning and "still" in claim.effect.seen_in:
-        html += figure(
-            lambda width: _said_against_recorded(e, claim, width),
-            f"Recorded in each still against what {escape(claim.effect.id)} says.",
-            AXIS_KEYS,
-        )
-    if e.proof.changed:
-        before, after = (degrees(tilt_rms(x)) for x in (e.proof.before, e.proof.after))
-        gone = f" {100 * e.proof.removed:.1f} % of the excess over the floor is gone." if e.proof.removed is not None else ""
-        html += figure(
-            lambda width: _proof(e, width),
-            f"Proof: closure of segments that the fit never saw, {before} before, {after} after, floor {degrees(e.proof.floor_rms)}.{gone}",
-            _before_after_keys(True),
-        )
-    return html
-
-
-def _before_after_keys(named: bool) -> list[str]:
-    after = [key("after", "with what is named")] if named else []
-    return [key("before", "linear model"), *after, key("floor", "noise floor", "dash")]
+        cells = [row.channel, str(row.values), fixed(row.before, 2), *([] if row.after is None else [fixed(row.after, 2)])]
+        rows.append(cells + [""] * (len(header) - len(cells)))
+    return header, rows
 
 
 def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
@@ -239,28 +188,3 @@ def _proof(e: Explanation, width: int) -> str:
         [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.after_numbers, after, strict=True)],
     )
     return chart.svg()
-
-
-def _considered(e: Explanation) -> str:
-    """What fired, or was weighed, and is not borne out, as the page of ``explain`` has it."""
-    lines = "".join(f"<li>{escape(line)}</li>" for line in considered_lines(e))
-    return paragraph("Considered, and not borne out:") + f"<ul>{lines}</ul>" if lines else ""
-
-
-def _noise(e: Explanation) -> str:
-    """Components of the noise, each with its size ± one standard deviation."""
-    rows = [(escape(name), escape(size), escape(says)) for name, size, says in noise_rows(e)]
-    caption = "Noise beyond white, which everything here is judged against: estimated from this recording, ± one standard deviation."
-    return table(("component", "size", "what it is"), rows, caption) if rows else ""
-
-
-def _tested(e: Explanation) -> str:
-    """Which effects were tried and not found: a name that is missing here was not looked for."""
-    from tinygc.explanation.evidence import candidates
-
-    tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
-    return paragraph(
-        f"Tried, and not found: {escape(', '.join(tried))}. Looked for in the registers as well: clipping, false readings, lost "
-        "samples, stills that move.",
-        "soft",
-    )

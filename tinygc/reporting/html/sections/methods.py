@@ -12,68 +12,44 @@ from tinygc.reporting.html.markup import (
     Section,
     aligned_decimals,
     degrees,
-    escape,
-    figure,
     fixed,
-    key,
-    paragraph,
+    render,
     significant,
-    table,
     tilt_rms,
 )
 
 
 def section(evidence: Evidence) -> Section:
     """Table and picture."""
-    rows = _rows(evidence)
-    floor = evidence.problem.floor.tilt_rms
-    runs = bool(evidence.fit.runs)
-    words = f"{min(evidence.fit.options.folds, len(evidence.problem.used))} folds"
-    html = paragraph(
-        "All methods minimise the same residual on the same segments: what is left between the attitude that the integrated rate predicts "
-        "at the end of a turn and the one that gravity shows there. <em>Held out</em> is the honest figure: each segment is judged "
-        "by a fit "
-        f"that has not seen it ({words})."
-    )
-    html += figure(
-        lambda width: _picture(evidence, rows, width),
+    rows, adopted = _rows(evidence), evidence.adopted
+    floor, runs = evidence.problem.floor.tilt_rms, bool(evidence.fit.runs)
+    # Physics is judged on the repaired log, whose floor is wider by what nobody can know of the gaps.
+    own = adopted.floor_rms
+    wider = f", of the mended log with physics {degrees(own)}" if adopted.name == "physics" and abs(own / floor - 1) > SAME_FLOOR else ""
+    html = render(
+        "methods.html",
+        e=evidence,
+        titles=TITLES,
+        folds=min(evidence.fit.options.folds, len(evidence.problem.used)),
+        picture=lambda width: _picture(evidence, rows, width),
         keys=[
-            key("after", "held out"),
-            key("after", "fitted", "ring"),
-            *([key("physics", "closure run, RMSE")] if runs else []),
-            key("floor", "noise floor", "dash"),
+            ("after", "held out"),
+            ("after", "fitted", "ring"),
+            *([("physics", "closure run, RMSE")] if runs else []),
+            ("floor", "noise floor", "dash"),
         ],
-    )
-    marked = [number for number, row in enumerate(rows) if row[0] == evidence.adopted.name]
-    # Physics is judged on the mended log, whose floor is wider by what nobody can know of the gaps.
-    own = evidence.adopted.floor_rms
-    mended = evidence.adopted.name == "physics" and abs(own / floor - 1) > SAME_FLOOR
-    cells = [_cells(row, own if row[0] == evidence.adopted.name else floor, runs) for row in rows]
-    html += table(
-        ("Method", "parameters", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *(("closure run",) if runs else ()), "seconds"),
-        cells,
-        f"Degrees. Fitted, held out: rms of tilt. Roll, pitch, yaw: held out, about the table's axes. Noise floor: {degrees(floor)}"
-        f"{f', of the mended log with physics {degrees(own)}' if mended else ''}. "
-        "In bold: the calibration that this report states.",
-        marked=marked,
+        header=(
+            *("Method", "parameters", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw"),
+            *(("closure run",) if runs else ()),
+            "seconds",
+        ),
+        rows=[_cells(row, own if row[0] == adopted.name else floor, runs) for row in rows],
+        caption="Degrees. Fitted, held out: rms of tilt. Roll, pitch, yaw: held out, about the table's axes. "
+        f"Noise floor: {degrees(floor)}{wider}. In bold: the calibration that this report states.",
+        marked=[number for number, row in enumerate(rows) if row[0] == adopted.name],
         minor=(1, 5, 6, 7, *((9,) if runs else (8,))),
     )
-    html += paragraph(_use(evidence))
-    if evidence.adopted.name == "physics":
-        html += paragraph(
-            'The linear model with physics is the one of <a href="#explain">what explain found</a>, held out over ten folds. '
-            "<code>calibrate.py fit --physics auto</code> fits it beside the others.",
-            "soft",
-        )
     return Section("methods", "Methods side by side", html)
-
-
-def _use(evidence: Evidence) -> str:
-    """Which of the methods that were fitted to use, and why."""
-    fit = evidence.fit
-    if fit.use.method is None:
-        return f"<strong>Of these methods use none:</strong> {escape(fit.use.why)}."
-    return f"<strong>Of these methods use {escape(TITLES[fit.use.method])}</strong>: {escape(fit.use.why)}."
 
 
 def _rows(evidence: Evidence) -> list[tuple]:
@@ -94,7 +70,7 @@ def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
     figures, decimals = closure_figures(held_out), aligned_decimals(floor / DEG)
     tilt = figures["tilt_rms_deg"]
     cells = [
-        escape(TITLES.get(name, name)),
+        TITLES.get(name, name),
         str(parameters),
         NONE if fitted is None else fixed(tilt_rms(fitted) / DEG, decimals),
         fixed(tilt, decimals),
@@ -117,7 +93,7 @@ def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
         values += [] if fitted is None else [tilt_rms(fitted) / DEG]
     x, count = log_axis(values, "closure, degrees", margin=1.3), len(rows)
     narrow = width < 500
-    y = Axis(-0.7, count - 0.3, ticks=[] if narrow else [(count - 1 - i, _short(row[0])) for i, row in enumerate(rows)])
+    y = Axis(-0.7, count - 0.3, ticks=[] if narrow else [(count - 1 - i, TITLES.get(row[0], row[0])) for i, row in enumerate(rows)])
     chart = Chart(
         width, (46 if narrow else 30) * count + 62, x, y, "Closure by method", left=18 if narrow else 190, right=20 if narrow else 14
     )
@@ -135,7 +111,3 @@ def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
             chart.dots([tilt_rms(fitted) / DEG], [level], kind, [f"{title}, fitted: {degrees(tilt_rms(fitted))}"], ring=True, radius=5.5)
         chart.dots([tilt_rms(held_out) / DEG], [level], kind, [f"{title}, held out: {degrees(tilt_rms(held_out))}"], radius=5)
     return chart.svg()
-
-
-def _short(name: str) -> str:
-    return TITLES.get(name, name)

@@ -10,7 +10,7 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, figure, key, paragraph, significant
+from tinygc.reporting.html.markup import Section, render, significant
 from tinygc.reporting.html.measures import density
 
 
@@ -21,21 +21,15 @@ def section(evidence: Evidence) -> Section | None:
         return None
     walks = [angle_random_walk(curve, axis) for axis in range(3)]
     white = ", ".join(f"{axis} {significant(n / DEG * 1e3, 2)}" for axis, n in zip("xyz", problem.noise.gyro, strict=True))
-    html = paragraph(
-        f"White noise, one-sided density: {white} mdps/√Hz (its angle random walk is that divided by √2). All stillness there is: "
-        f"{_total(problem):.0f} s, in pieces of at most "
-        f"{significant(curve.longest_s, 2)} s; longer averages than half a piece do not exist here."
+    found = density(still_pieces(problem, problem.first), problem.logs[0].samples.period_s)
+    html = render(
+        "noise.html",
+        white=white,
+        total_s=sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0),
+        longest_s=curve.longest_s,
+        allan=lambda width: _allan(curve, walks, width),
+        spectrum=found and (lambda width: _spectrum(*found, width)),
     )
-    keys = [key(axis, axis, "line") for axis in "xyz"]
-    html += figure(
-        lambda width: _allan(curve, walks, width),
-        "Overlapping Allan deviation, pieces pooled, with one sigma. Dashed: the white noise’s slope −1/2. Below 0.05 s the "
-        "sensor’s low-pass filter holds the curve down.",
-        [*keys, key("floor", "white noise", "dash")],
-    )
-    pieces = still_pieces(problem, problem.first)
-    if found := density(pieces, problem.logs[0].samples.period_s):
-        html += figure(lambda width: _spectrum(*found, width), "Amplitude density at rest.", keys)
     return Section("noise", "Noise at rest", html)
 
 
@@ -50,10 +44,6 @@ def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
         for still in log.stills
         if still.problem is None and still.bumps == 0
     ]
-
-
-def _total(problem: Problem) -> float:
-    return sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0)
 
 
 def _allan(curve: AllanCurve, walks: list[Reading], width: int) -> str:

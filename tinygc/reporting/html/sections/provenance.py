@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from session.io.config import BoardGiven, Config
+from session.io.config import BoardGiven
 from session.io.texts import STANDIN_NAME
-from session.io.toml import Note
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, escape, facts, paragraph, table
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
 #: source of the accelerometer's calibration -> in words
@@ -21,14 +20,13 @@ SOURCES = {
 
 def section(evidence: Evidence) -> Section:
     """Everything that would be needed to make the same report again."""
-    config, options = evidence.fit.session.config, evidence.fit.options
-    rows = [(escape(name), f'<span class="hash">{digest}</span>') for name, digest in evidence.hashes.items()]
-    html = table(("File", "SHA-256, of the bytes on the disk"), rows, kind="words stack")
-    html += "<h3>Sensor and site</h3>"
-    sensor, site = config.sensor, config.site
-    html += facts(
-        (name, escape(value))
-        for name, value in [
+    session, options, accelerometer = evidence.fit.session, evidence.fit.options, evidence.adopted.accelerometer
+    sensor, site = session.config.sensor, session.config.site
+    registers = [f"{name}={value}" for log in session.logs for name, value in sorted(log.comments.items())]
+    html = render(
+        "provenance.html",
+        e=evidence,
+        sensor_and_site=[
             ("Model", sensor.model),
             ("Serial", sensor.serial or "not given"),
             ("Full scales", f"±{sensor.gyro_fs_dps:g} dps, ±{sensor.accel_fs_g:g} g"),
@@ -37,40 +35,26 @@ def section(evidence: Evidence) -> Section:
             ("Latitude", "not given" if site.latitude_deg is None else f"{site.latitude_deg:g}°"),
             ("Gravity", "not given" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"),
             ("Heading", "not given" if site.heading_deg is None else f"{site.heading_deg:g}°"),
-            ("Board", board_said(config.board)),
-            ("Registers", _registers(evidence)),
-        ]
+            ("Board", board_said(session.config.board)),
+            ("Registers", ", ".join(dict.fromkeys(registers)) or "not stated in the logs"),
+        ],
+        source=SOURCES[accelerometer.source],
+        matrix="; ".join(", ".join(f"{value:.6f}" for value in row) for row in accelerometer.matrix).replace("-", "−"),
+        bias=", ".join(f"{value:.5f}" for value in accelerometer.bias_mps2).replace("-", "−"),
+        settings=[
+            ("Seed", options.seed),
+            ("Folds", min(options.folds, len(evidence.problem.used))),
+            ("Integrator", options.integrator),
+            ("Net’s optimizer", options.optimizer),
+            ("Rates of the stills as data", "yes" if options.still_rates else "no"),
+            ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
+            ("Explain", "asked" if evidence.verdict else "not asked"),
+            *evidence.versions.items(),
+            ("Made", evidence.made),
+        ],
+        reused=[TITLES.get(name, name) for name in evidence.reused],
     )
-    accelerometer = evidence.adopted.accelerometer
-    matrix = "; ".join(", ".join(f"{value:.6f}" for value in row) for row in accelerometer.matrix).replace("-", "−")
-    bias = ", ".join(f"{value:.5f}" for value in accelerometer.bias_mps2).replace("-", "−")
-    html += paragraph(
-        f"Calibration of the accelerometer that the references rest on ({SOURCES[accelerometer.source]}), <i>f</i> = matrix "
-        f"(measured − bias): matrix {escape(matrix)}; bias {escape(bias)} m/s².",
-        "soft",
-    )
-    html += noted(config)
-    html += "<h3>How it was made</h3>"
-    html += facts((name, escape(value)) for name, value in [*_settings(evidence), *evidence.versions.items(), ("Made", evidence.made)])
-    if evidence.reused:
-        names = ", ".join(TITLES.get(name, name) for name in evidence.reused)
-        html += paragraph(
-            f"Taken from the session’s own fit, which was made from these very files with these settings: {escape(names)}.", "soft"
-        )
-    for log in (*evidence.fit.session.logs, *evidence.fit.session.closures):
-        for note in log.notes:
-            html += paragraph(f"{escape(log.path.name)}: {escape(note)}.")
-    if options.exclude:
-        html += paragraph(f"Left out by request: segments {', '.join(map(str, options.exclude))}.")
     return Section("provenance", "Provenance", html)
-
-
-def noted(config: Config) -> str:
-    """What a person wrote into session.toml beside the data: notes, and turns that do not count."""
-    html = "<h3>Notes</h3>" + facts((escape(name), escape(_noted(value))) for name, value in config.notes.items()) if config.notes else ""
-    for row in config.exclude:
-        html += paragraph(f"Left out in session.toml: the turn of {escape(row.log)} that moved at {row.at_s:g} s of its clock.")
-    return html
 
 
 def board_said(board: BoardGiven) -> str:
@@ -87,27 +71,3 @@ def board_said(board: BoardGiven) -> str:
     if board.registers:
         said.append(f"CTRL1_XL to CTRL10_C {board.registers}")
     return "; ".join(said)
-
-
-def _noted(value: Note) -> str:
-    """A note as a person reads it."""
-    return "yes" if value is True else "no" if value is False else str(value)
-
-
-def _settings(evidence: Evidence) -> list[tuple[str, str]]:
-    options = evidence.fit.options
-    return [
-        ("Seed", str(options.seed)),
-        ("Folds", str(min(options.folds, len(evidence.problem.used)))),
-        ("Integrator", options.integrator),
-        ("Net’s optimizer", options.optimizer),
-        ("Rates of the stills as data", "yes" if options.still_rates else "no"),
-        ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
-        ("Explain", "asked" if evidence.verdict else "not asked"),
-    ]
-
-
-def _registers(evidence: Evidence) -> str:
-    """What the log's own comments say of the sensor's settings."""
-    said = [f"{name}={value}" for log in evidence.fit.session.logs for name, value in sorted(log.comments.items())]
-    return ", ".join(dict.fromkeys(said)) or "not stated in the logs"

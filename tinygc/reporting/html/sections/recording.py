@@ -11,7 +11,7 @@ from tinygc.closure.problem import Problem
 from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
 from tinygc.reporting.html.evidence import Evidence
-from tinygc.reporting.html.markup import Section, escape, facts, figure, fixed, key, paragraph, significant, table
+from tinygc.reporting.html.markup import Section, fixed, render, significant
 
 #: columns of the picture over time, two to a pixel of the wide one
 COLUMNS = 1600
@@ -23,43 +23,36 @@ AXES_PER_TURN = 25
 def section(evidence: Evidence) -> Section:
     """What was recorded."""
     problem = evidence.problem
-    rejected = [segment for segment in problem.segments if not segment.accepted]
-    html = _facts(evidence)
-    html += figure(
-        lambda width: _over_time(problem, width),
-        "Size of the measured rate over the session, as an envelope. Below it, each still and each turn as it was judged.",
-        [key("turn", "turn", "block"), key("still", "still", "block")]
-        + ([key("bad", "left out", "block")] if rejected or any(still.problem for still in problem.stills) else []),
+    segments = [(s.number, f"{s.start_s:.0f} s", s.problem) for s in problem.segments if s.problem]
+    segments += [(s.number, f"{s.start_s:.0f} s", f"used: {s.note}") for s in problem.used if s.note]
+    segments += [(each.segment, "", f"used: {each.words}") for each in problem.widened]
+    html = render(
+        "session.html",
+        problem=problem,
+        numbers=_numbers(problem),
+        earth=earth_words(evidence.fit).replace(" -", " −"),
+        over_time=lambda width: _over_time(problem, width),
+        some_left_out=any(not segment.accepted for segment in problem.segments) or any(still.problem for still in problem.stills),
+        temperature=any(_temperature_of(log.samples) is not None for log in problem.logs) and (lambda width: _temperature(problem, width)),
+        segments=segments,
+        rests=[(f"{rest.start_s:.1f} s", f"{rest.duration_s:.1f} s", rest.why) for _, rest in problem.unused_rests],
+        covered=_coverage(problem),
+        warnings=evidence.fit.warnings,
     )
-    if any(_temperature_of(log.samples) is not None for log in problem.logs):
-        html += figure(lambda width: _temperature(problem, width))
-    html += _left_out(problem)
-    html += "<h3>What it covers</h3>" + _coverage(problem)
-    for finding in evidence.fit.warnings:
-        where = f"<strong>{escape(finding.where)}: {escape(finding.what)}</strong>"
-        html += f'<div class="warning">{paragraph(f"{where}. {escape(finding.says)}; {escape(finding.do)}")}</div>'
     return Section("session", "The session", html)
 
 
-def _facts(evidence: Evidence) -> str:
-    problem = evidence.problem
-    used, found = len(problem.used), len(problem.segments)
-    good = [still for still in problem.stills if still.problem is None]
-    periods = [log.samples.period_s for log in problem.logs]
-    seconds = problem.began_s[-1]
-    pairs = [
-        ("Length", f"{seconds / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
-        ("Stills", f"{len(good)}, median {np.median([still.duration_s for still in good]):.1f} s" if good else "none"),
-        ("Segments used" if problem.session.truths else "Turns used", f"{used} of {found}"),
-        ("True data rate", f"{1 / np.median(periods):.2f} Hz"),
+def _numbers(problem: Problem) -> list[tuple[str, str]]:
+    good = [still.duration_s for still in problem.stills if still.problem is None]
+    rate_hz = 1 / np.median([log.samples.period_s for log in problem.logs])
+    return [
+        ("Length", f"{problem.began_s[-1] / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
+        ("Stills", f"{len(good)}, median {np.median(good):.1f} s" if good else "none"),
+        ("Segments used" if problem.session.truths else "Turns used", f"{len(problem.used)} of {len(problem.segments)}"),
+        ("True data rate", f"{rate_hz:.2f} Hz"),
         ("Fastest", f"{_fastest_dps(problem):.0f} dps"),
         ("Reference", REFERENCES[problem.session.config.protocol.reference]),
     ]
-    return facts((name, escape(value)) for name, value in pairs) + paragraph(escape(_sentence(earth_words(evidence.fit))), "soft")
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:].replace(" -", " −") + "."
 
 
 def _fastest_dps(problem: Problem) -> float:
@@ -139,19 +132,7 @@ def _temperature(problem: Problem, width: int) -> str:
     return chart.svg()
 
 
-def _left_out(problem: Problem) -> str:
-    rows = [(str(s.number), f"{s.start_s:.0f} s", escape(s.problem)) for s in problem.segments if s.problem]
-    rows += [(str(s.number), f"{s.start_s:.0f} s", f"used: {escape(s.note)}") for s in problem.used if s.note]
-    rows += [(str(each.segment), "", f"used: {escape(each.words)}") for each in problem.widened]
-    rests = [(f"{rest.start_s:.1f} s", f"{rest.duration_s:.1f} s", escape(rest.why)) for _, rest in problem.unused_rests]
-    said = table(("Segment", "begins", "why"), rows, kind="words") if rows else ""
-    if rests:
-        said += paragraph(f"{len(rests)} rest{'s' * (len(rests) != 1)} of the log{'s' * (len(problem.logs) != 1)} served as no reference.")
-        said += table(("Rest begins", "lasts", "why it is no reference"), rests, kind="words")
-    return said or paragraph("Nothing was left out.", "soft")
-
-
-def _coverage(problem: Problem) -> str:
+def _coverage(problem: Problem) -> dict:
     good = [(number, still) for number, still in enumerate(problem.stills) if still.problem is None]
     down = np.array([-still.accel_mean for _, still in good]).reshape(-1, 3)
     axes, instants, share = _turn_axes(problem)
@@ -178,13 +159,7 @@ def _coverage(problem: Problem) -> str:
             names + attitudes + turns,
         )
 
-    caption = (
-        "In the sensor's own frame, equal-area; rings at 30° and 60° from the z axis. "
-        + (f"{100 * coverage(down):.0f} % of all attitudes of gravity lie within 30° of a still, " if good else "")
-        + f"{100 * coverage(instants):.0f} % of all turn axes within 30° of one that was turned about. "
-        f"Share of turning about x, y, z: {', '.join(f'{100 * s:.0f} %' for s in share)}."
-    )
-    return figure(draw, caption, [key("still", "one still"), key("turn", "one turn, its main axis (right hand); small: at each instant")])
+    return {"draw": draw, "attitudes": coverage(down) if good else None, "axes": coverage(instants), "share": share}
 
 
 def _turn_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

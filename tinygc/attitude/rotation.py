@@ -261,6 +261,20 @@ def log(q: np.ndarray) -> np.ndarray:
     return ratio[..., None] * q[..., 1:]
 
 
+def from_matrix(matrix: np.ndarray) -> np.ndarray:
+    """Unit quaternion (4,) of a rotation matrix (3, 3), by its largest component (Shepperd 1978)."""
+    trace, i = np.trace(matrix), int(np.argmax(np.diag(matrix)))
+    if trace > matrix[i, i]:
+        skew = matrix - matrix.T
+        q = np.array([1 + trace, skew[2, 1], skew[0, 2], skew[1, 0]])
+    else:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        q[0], q[1 + i] = matrix[k, j] - matrix[j, k], 1 - trace + 2 * matrix[i, i]
+        q[1 + j], q[1 + k] = matrix[j, i] + matrix[i, j], matrix[k, i] + matrix[i, k]
+    return q / np.linalg.norm(q)
+
+
 def matrix(q: Array) -> Array:
     """Rotation matrix (..., 3, 3) of unit quaternions (..., 4)."""
     xp = namespace(q)

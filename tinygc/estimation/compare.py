@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
-from scipy.linalg import eigh
 
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
@@ -18,6 +16,7 @@ from session.io.folder import sha256_of
 from session.io.names import log_paths, refuse_array
 from session.io.texts import printable, shell_word
 from tinygc import models
+from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.results import read_fit
 from tinygc.models.linear import BIAS, MATRIX, NAMES, WORDS, LinearModel, field_jacobian, field_vector
@@ -45,7 +44,7 @@ def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
     left = vectors - mean
     chi_square = float(np.einsum("si,sij,sj->", left, weights, left))
     freedom = (len(vectors) - 1) * vectors.shape[1]
-    return Agreement(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+    return Agreement(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
 # The accelerometers of several sessions side by side, and the body frames that they define.
@@ -195,6 +194,8 @@ def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
 
     Where data have a share s in what is known, and what was given has 1 - s, apart is s of the whole, too.
     """
+    from scipy.linalg import eigh
+
     share, directions = eigh(apart, whole)
     return directions[:, share > LEAST_SHARE]
 
@@ -382,7 +383,7 @@ def _moved(
     found = []
     for s in range(len(sessions)) if len(sessions) > 2 else [1]:
         for q in np.flatnonzero(looked_at):
-            p_value = float(-np.expm1(looks * np.log1p(-min(2 * stats.norm.sf(abs(off[s, q])), 1 - 1e-16))))
+            p_value = float(-np.expm1(looks * np.log1p(-min(2 * normal_above(abs(off[s, q])), 1 - 1e-16))))
             word, component, unit = labels[q]
             found.append(Moved(sessions[s].name, word, component, unit, float(by[s, q]), float(off[s, q]), p_value))
     found = [moved for moved in found if moved.p_value < DIFFERS_P]

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from session.io.errors import CalibrationError
-from tinygc.models.model import Model
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from tinygc.models.model import Model
 
 # The methods by name, in the order of the report.  Adding a method is adding a line here, and the module that it names.
 #

@@ -14,7 +14,6 @@ import numpy as np
 
 from session import VERSION
 from session.detect.findings import Finding
-from session.detect.truth_alignment import alignment_table
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
 from session.io.folder import Session, file_key, input_hashes
@@ -228,7 +227,7 @@ def to_json(result: FitResult) -> dict:
         "bias_from": result.bias_from.to_json(),
         "lot": None if result.lot is None else result.lot.to_json(),
         "known_turns": known_turns_json(result),
-        "truth": None if result.session.alignment is None else alignment_table(result.session.alignment),
+        "truth": _truth_table(result.session),
         "unobserved": result.linear.notes.get("unobserved", []),
         "earth": {
             "source": earth.source,
@@ -398,6 +397,14 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         write_whole(folder / "fit.json", to_json(result))
         write_whole(folder / SAVED_NAME, made)
     return folder
+
+
+def _truth_table(session: Session) -> dict | None:
+    if session.alignment is None:
+        return None
+    from session.detect.truth_alignment import alignment_table  # whose SciPy no session without a truth waits for
+
+    return alignment_table(session.alignment)
 
 
 def model_tables(result: FitResult) -> dict[str, dict]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from session.io.units import DEG
 from tinygc.attitude import rotation
@@ -133,7 +132,7 @@ def field_vector(vector: np.ndarray) -> np.ndarray:
     skew = [np.arcsin(np.clip(u[i] @ u[j], -1, 1)) for i, j in ((0, 1), (1, 2), (2, 0))]
     left, _, right = np.linalg.svd(u)
     triad = left @ right  # rows: the right-angled triad nearest to the input axes
-    turn = Rotation.from_matrix(triad.T).as_rotvec() if np.linalg.det(triad) > 0 else np.full(3, np.nan)
+    turn = rotation.log(rotation.from_matrix(triad.T)) if np.linalg.det(triad) > 0 else np.full(3, np.nan)
     return np.concatenate([length - 1, lean, skew, turn, -M @ B])
 
 

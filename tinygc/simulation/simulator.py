@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfreqz
 
 from session.io.registers import RegisterUnits
 from session.io.sensors.profile import REGISTER_MAX
@@ -34,6 +33,8 @@ def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.ran
     summed over octaves that is sigma^2 / (ln 2 f), so sigma = B sqrt(ln 2 / pi).  All together scatter by 1.7 B (1 sigma), most
     of it slower than a session and so no more than a little turn-on bias.
     """
+    from scipy.signal import lfilter  # takes longer to import than a fit takes
+
     duration_s = count / rate_hz
     knots = int(duration_s * FLICKER_KNOTS_HZ) + 2
     sigma = coefficient * np.sqrt(np.log(2) / np.pi)
@@ -70,6 +71,8 @@ def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: fl
     The noise enters before the filter, like the element's own, so it is coloured as in the chip.  The filter begins in the steady
     state of the first (noiseless) value.
     """
+    from scipy.signal import butter, sosfilt, sosfilt_zi, sosfreqz
+
     fine_hz = factor * odr_hz
     sos = butter(2, bandwidth_hz, fs=fine_hz, output="sos")
     # Decimation folds the noise at every multiple of the output rate onto zero: so much less must go in.

@@ -14,7 +14,7 @@ from simulated_lots import simulated_lot
 
 import calibrate
 from tinygc.annexes.lots.files import read_lot, save, to_json
-from tinygc.annexes.lots.lot import NAMES, OWN, SEEN, PooledEffect, jacobian, seen, seen_covariance
+from tinygc.annexes.lots.lot import NAMES, OWN, SENSOR_ERRORS, PooledEffect, error_covariance, jacobian, sensor_errors
 from tinygc.annexes.lots.page import page
 from tinygc.annexes.lots.report import lot_of
 from tinygc.annexes.lots.text import lot_page
@@ -44,7 +44,7 @@ def printed(report):
 def test_numbers_of_people_are_those_of_the_model():
     values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0) + np.random.default_rng(0).normal(size=21) * 0.01
     field = field_vector(values[:12])
-    in_si = seen(values) * [each.si for each in SEEN]
+    in_si = sensor_errors(values) * [each.si for each in SENSOR_ERRORS]
     assert in_si[:9] == pytest.approx(field[:9], abs=1e-15)
     assert in_si[9:12] == pytest.approx(field[15:18], abs=1e-15)
     # The accelerometer: f = M (m - b), so that its output at no force is b, and its scale the length of a row of M^-1.
@@ -59,23 +59,23 @@ def test_a_covariance_goes_over_as_draws_do():
     values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
     B = rng.normal(size=(21, 21))
     covariance = 1e-8 * B @ B.T
-    draws = seen(rng.multivariate_normal(values, covariance, size=20_000))
-    told = seen_covariance(covariance, jacobian(values))
+    draws = sensor_errors(rng.multivariate_normal(values, covariance, size=20_000))
+    told = error_covariance(covariance, jacobian(values))
     assert np.cov(draws.T).diagonal() == pytest.approx(told.diagonal(), rel=0.05)
 
 
 def test_what_is_not_told_hides_its_own_number_only():
     values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
     values[[3, 13]] = np.nan
-    assert set(np.flatnonzero(np.isnan(seen(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
+    assert set(np.flatnonzero(np.isnan(sensor_errors(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
 
 
 def test_the_report_says_what_was_put_in(report):
-    by_key = {each.seen.key: each for each in report.quantities}
+    by_key = {each.error.key: each for each in report.quantities}
     bias = by_key["gyro_bias_x_mdps"]
     assert bias.spread == pytest.approx(600, rel=0.35)
     # 1.5 spreads over 60 units, per 1000; the sensor's bias is minus the correction's.
-    assert bias.drift == pytest.approx(-1.5 * 600 * 1000 / 59, abs=4 * bias.drift_sigma)
+    assert bias.drift_per_1000 == pytest.approx(-1.5 * 600 * 1000 / 59, abs=4 * bias.drift_sigma)
     assert report.hierarchy.drifts
     (odd,) = report.outliers
     assert odd.serial == "serial 00007"

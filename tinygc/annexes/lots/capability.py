@@ -14,14 +14,14 @@ from scipy import signal, stats
 from session.io.errors import FormatError
 from session.io.results import shown
 from session.io.toml import read_toml
-from tinygc.annexes.lots.lot import SEEN
+from tinygc.annexes.lots.lot import SENSOR_ERRORS
 
 # Limits of a lot's numbers, from a person's TOML file: lower and upper, in the units that people see (docs/lots.md).
 
 SCHEMA = "tinygc-limits/1"
 #: a section may name all components of one kind: ``gyro_bias_mdps``
-GROUPS = {f"{each.sensor} {each.word} {each.unit}".replace(" ", "_") for each in SEEN}
-KEYS = {each.key for each in SEEN}
+GROUPS = {f"{each.sensor} {each.word} {each.unit}".replace(" ", "_") for each in SENSOR_ERRORS}
+KEYS = {each.key for each in SENSOR_ERRORS}
 _SIDES = ("lower", "upper")
 
 
@@ -42,7 +42,7 @@ def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
             hint = f"; did you mean {near[0]}?" if near else "; the names are in docs/lots.md"
             raise FormatError(f"{path}: {name} is no number of a lot{hint}")
         limits = _limits(sections[name], f"{path}: {name}")
-        for each in SEEN:
+        for each in SENSOR_ERRORS:
             if name in (each.key, f"{each.sensor} {each.word} {each.unit}".replace(" ", "_")):
                 found[each.key] = limits
     if not found:
@@ -235,7 +235,7 @@ COUNT_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class ControlChart:
     """One number's charts, in its unit.
 
     place (N,) in production, y (N,), sigma (N,) short-term and the point's own noise; centre; short_term: one sigma of the process without
@@ -262,7 +262,7 @@ class Chart:
     broken: tuple[str, ...]
 
 
-def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1, place: np.ndarray | None = None) -> Chart:
+def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1, place: np.ndarray | None = None) -> ControlChart:
     """Of points y (N,) in production order with one sigma of noise each (N,), a unit each; tails: degrees of freedom of the units'
     distribution; charts: how many the lot has in all; place (N,): which unit made, from 0.
 
@@ -288,7 +288,7 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     # Hits of a rule come in runs: a run of up to so many counts as one draw of chance.
     runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
     broken = tuple(name for name in RULES if stats.poisson.sf((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
-    return Chart(
+    return ControlChart(
         np.arange(n) if place is None else place,
         y,
         sigma,

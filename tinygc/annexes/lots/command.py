@@ -26,13 +26,15 @@ def run(args: argparse.Namespace) -> int:
     """All that a lot's sessions say of it."""
     from tinygc.annexes.lots.capability import read_limits
     from tinygc.annexes.lots.files import save, to_json
-    from tinygc.annexes.lots.fleet_summary import lot_of_fleet
+    from tinygc.annexes.lots.fleet_summary import lot_of_table
+    from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.annexes.lots.page import save as save_page
     from tinygc.annexes.lots.text import headline, lot_page
 
     folder = args.table.parent if args.table.name == TABLE else args.table
     limits = read_limits(args.limits) if args.limits else None
-    report = lot_of_fleet(folder, args.model, limits, args.seed)
+    with read_table(folder) as table:
+        report = lot_of_table(table, args.model, limits, args.seed)
     output(args).print(lot_page(report))
     verdict(args, headline(report))
     if args.out is not None:

@@ -155,7 +155,7 @@ def _beside_the_fit(closure: np.ndarray, columns: np.ndarray) -> np.ndarray:
 # columns beside the calibration and the other names, linear around the fit: no selection, so that many of them average to the truth.
 
 #: of that prior's sigma, above which a number is not told
-SEEN = 0.3
+SENSOR_ERRORS = 0.3
 CLOCKS = "timing.gyro_accel_offset"
 
 
@@ -184,7 +184,7 @@ def effects_of(explanation: Explanation) -> dict[str, Weighed]:
         theta, covariance = told @ theta, told @ covariance @ told.T
         chi_square = float(theta @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ theta)
         sigma = np.sqrt(np.diag(covariance))
-        unseen = sigma > SEEN * WIDE * effect.parameter.plausible
+        unseen = sigma > SENSOR_ERRORS * WIDE * effect.parameter.plausible
         theta, sigma = np.where(unseen, np.nan, theta), np.where(unseen, np.nan, sigma)
         found[name] = _weighed(effect, theta, sigma, chi_square, name in claims, chances.get(name))
     gravity, clocks = explanation.gravity, catalogue().get(CLOCKS)

@@ -11,11 +11,11 @@ import numpy as np
 from session import VERSION
 from session.io.errors import FormatError
 from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, shown, write_whole
-from tinygc.annexes.lots.capability import Capability, Chart, Indices
+from tinygc.annexes.lots.capability import ControlChart
 from tinygc.annexes.lots.gauge import Gauge
 from tinygc.annexes.lots.lot import NAMES, Lot, PooledEffect
 from tinygc.annexes.lots.outliers import Outlier
-from tinygc.annexes.lots.report import LotReport, Quantity
+from tinygc.annexes.lots.report import LotQuantity, LotReport
 
 # A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for what no session told.
 
@@ -55,17 +55,6 @@ LOT = Keys(
 
 def lot_table(lot: Lot, **more: Any) -> dict:
     """JSON-ready; ``more`` is added as it is, and no reader of a lot needs it."""
-    effects = {
-        name: {
-            "share": e.share,
-            "mean": dict(e.mean),
-            "spread": dict(e.spread),
-            "p_value": e.p_value,
-            "units": e.units,
-            "equivalent": list(e.equivalent),
-        }
-        for name, e in lot.effects.items()
-    }
     return {
         "schema": SCHEMA,
         "version": VERSION,
@@ -78,7 +67,7 @@ def lot_table(lot: Lot, **more: Any) -> dict:
         "spread": lot.spread.tolist(),
         "tails": lot.tails,
         "repeatability": lot.repeatability.tolist(),
-        "effects": effects,
+        "effects": {name: vars(effect) for name, effect in lot.effects.items()},
         **more,
     }
 
@@ -183,7 +172,7 @@ def to_json(report: LotReport) -> dict:
         quantities=[_quantity(each) for each in report.quantities if each.units],
         charts={key: _chart(each, report) for key, each in report.charts.items()},
         gauges={key: _gauge(each) for key, each in report.gauges.items()},
-        capabilities={key: _capability(each) for key, each in report.capabilities.items()},
+        capabilities={key: asdict(each) for key, each in report.capabilities.items()},
         outliers_found=len(report.outliers),
         outliers=[_outlier(each) for each in report.outliers[:MOST_OUTLIERS]],
     )
@@ -194,27 +183,11 @@ def save(report: LotReport, path: Path | str) -> None:
     write_whole(Path(path), to_json(report))
 
 
-def _quantity(each: Quantity) -> dict:
-    return {
-        "key": each.seen.key,
-        "unit": each.seen.unit,
-        "units": each.units,
-        "mean": each.mean,
-        "mean_sigma": each.mean_sigma,
-        "spread": each.spread,
-        "spread_interval": list(each.spread_interval),
-        "noise": each.noise,
-        "repeatability": each.repeatability,
-        "repeatability_interval": list(each.repeatability_interval),
-        "drift_per_1000": each.drift,
-        "drift_sigma": each.drift_sigma,
-        "drift_p_value": each.drift_p,
-        "stated_ratio": each.ratio,
-        "stated_p_value": each.ratio_p,
-    }
+def _quantity(each: LotQuantity) -> dict:
+    return {"key": each.error.key, "unit": each.error.unit, **{name: value for name, value in vars(each).items() if name != "error"}}
 
 
-def _chart(each: Chart, report: LotReport) -> dict:
+def _chart(each: ControlChart, report: LotReport) -> dict:
     return {
         "points": len(each.y),
         "centre": each.centre,
@@ -233,7 +206,7 @@ def _chart(each: Chart, report: LotReport) -> dict:
     }
 
 
-def _points(alarms: np.ndarray, chart: Chart) -> list[dict[str, Any]]:
+def _points(alarms: np.ndarray, chart: ControlChart) -> list[dict[str, Any]]:
     return [{"place": int(chart.place[n]), "value": float(chart.y[n]), "sigmas": float(chart.score[n])} for n in alarms[:MOST_ALARMS]]
 
 
@@ -257,29 +230,5 @@ def _gauge(each: Gauge) -> dict:
     }
 
 
-def _capability(each: Capability) -> dict:
-    table = {name: value for name, value in asdict(each).items() if not isinstance(value, dict)}
-    for name in ("within", "overall", "seen"):
-        table[name] = _indices(getattr(each, name))
-    return table
-
-
-def _indices(each: Indices) -> dict:
-    return {
-        "index": each.index,
-        "index_interval": list(each.index_interval),
-        "centred": each.centred,
-        "centred_interval": list(each.centred_interval),
-    }
-
-
 def _outlier(each: Outlier) -> dict:
-    reasons = [{"what": reason.what, "value": reason.value, "sigmas": reason.sigmas} for reason in each.reasons]
-    return {
-        "serial": each.serial,
-        "session": each.session,
-        "kind": each.kind,
-        "p_value": each.p_value,
-        "says": each.says,
-        "reasons": reasons,
-    }
+    return {**vars(each), "reasons": [vars(reason) for reason in each.reasons]}

@@ -358,7 +358,7 @@ class Tally:
         return self.done + self.failed + self.reused
 
 
-class _Run:
+class _FleetRun:
     def __init__(self, table: Table, executor: Executor, options: FleetOptions, retry: bool, progress: Callable[[Tally], None]):
         self._table, self._executor, self._options, self._retry = table, executor, options, retry
         self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
@@ -439,7 +439,7 @@ def run_fleet(
     retry: failures that are there are computed again.  progress is told after each folder.  Whatever ends this (an interrupt, a full disk)
     leaves every finished row in the table.  StorageError and FormatError of the table.
     """
-    run = _Run(table, executor, options, retry, progress)
+    run = _FleetRun(table, executor, options, retry, progress)
     for folder in folders:
         run.take(folder)
     run.drain()

@@ -161,20 +161,7 @@ class Summary:
     def to_json(self) -> dict:
         """``tinygc-fleet/1`` (docs/formats.md), but for what the run itself was."""
         return {
-            "folders": self.folders,
-            "sessions": self.sessions,
-            "done": self.done,
-            "failed": self.failed,
-            "died": self.died,
-            "unreadable": self.unreadable,
-            "passed": self.passed,
-            "missed": self.missed,
-            "units": self.units,
-            "limit_deg": self.limit_deg,
-            "cpu_s": self.cpu_s,
-            "first_look": self.first_look,
-            "verdicts": self.verdicts,
-            "effects": self.effects,
+            **{name: value for name, value in vars(self).items() if name != "slowest"},
             "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
             "failures": [{"folder": folder, "step": step, "error": error} for folder, step, error in self.failures],
             "distributions": [
@@ -268,15 +255,9 @@ MOST_NAMED = 5
 FEWEST_UNITS = 8
 
 
-def lot_of_fleet(out: Path, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
-    """Of the folder that ``fleet`` wrote.  Raises CalibrationError where its sensors are of several models and none is named, and where
-    fewer than two units were fitted."""
-    with read_table(out) as table:
-        return lot_of_table(table, model, limits, seed)
-
-
 def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
-    """The same, of a table that is open."""
+    """Of an open table.  Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units
+    were fitted."""
     fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
     models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
     named = ", ".join(printable(name or "(no name)") for name in models[:MOST_NAMED]) + (", …" if len(models) > MOST_NAMED else "")

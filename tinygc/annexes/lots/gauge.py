@@ -18,6 +18,7 @@ from scipy import optimize, stats
 #: the interaction is pooled with repeatability where chance gives as much as often as this (AIAG's choice: 0.25 guards the more)
 POOL_P = 0.25
 DRAWS = 20_000
+NAN = float("nan")
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def anova(y: np.ndarray, pool_p: float = POOL_P) -> Anova:
         ]
     )
     freedom = np.array([parts - 1, appraisers - 1, (parts - 1) * (appraisers - 1), parts * appraisers * (trials - 1)], dtype=float)
-    f = p = float("nan")
+    f = p = NAN
     if freedom[2] > 0 and freedom[3] > 0 and squares[3] > 0:
         f = float(squares[2] / freedom[2] / (squares[3] / freedom[3]))
         p = float(stats.f.sf(f, freedom[2], freedom[3]))
@@ -249,7 +250,7 @@ class Gauge:
 
 
 def gauge(
-    y: np.ndarray, part: np.ndarray, appraiser: np.ndarray | None, tolerance: float = float("nan"), what: str = "operator", seed: int = 0
+    y: np.ndarray, part: np.ndarray, appraiser: np.ndarray | None, tolerance: float = NAN, what: str = "operator", seed: int = 0
 ) -> Gauge:
     """Of sessions y (S,), numbers of their units (S,), and of their appraisers (S,) or None; tolerance: upper less lower limit, or NaN."""
     fine = np.isfinite(y)
@@ -260,7 +261,8 @@ def gauge(
     study = _crossed(y, part, who)
     names, of = np.unique(part, return_inverse=True)
     if len(names) < 2 or (np.bincount(of) < 2).all():
-        return _nothing(len(names), len(y), "no unit has two sessions: repeatability is not told")
+        why = "no unit has two sessions: repeatability is not told"
+        return Gauge(NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, (NAN, NAN), (NAN, NAN), "none", None, "", len(names), len(y), why)
     if study is not None and (study.shape[1] > 1 or study.shape[2] > 1):
         table = anova(study)
         found, draws = components(table), drawn(table, seed)
@@ -273,12 +275,29 @@ def gauge(
         rng = np.random.default_rng(seed)
         steps = rng.multivariate_normal(np.zeros(4), np.nan_to_num(covariance), size=_DRAWS, method="eigh")
         draws = np.nan_to_num(found) * np.exp(np.clip(steps, -20, 20))
-    return _in_words(found, draws, tolerance, method, table, what if several else "", len(names), len(y), why)
-
-
-def _nothing(parts: int, sessions: int, why: str) -> Gauge:
-    nan = float("nan")
-    return Gauge(nan, nan, nan, nan, nan, nan, nan, nan, nan, (nan, nan), (nan, nan), "none", None, "", parts, sessions, why)
+    part_sigma, who_sigma, both, again = np.sqrt(np.nan_to_num(found))
+    grr, pv = float(np.sqrt(who_sigma**2 + both**2 + again**2)), float(part_sigma)
+    tv = float(np.hypot(grr, pv))
+    spread = np.sum(draws[:, 1:], axis=1)
+    return Gauge(
+        ev=float(again),
+        av=float(np.hypot(who_sigma, both)) if several else NAN,
+        interaction=float(both) if several else NAN,
+        grr=grr,
+        pv=pv,
+        tv=tv,
+        percent_grr=100 * grr / tv if tv else NAN,
+        percent_tolerance=100 * WIDTH * grr / tolerance if np.isfinite(tolerance) else NAN,
+        ndc=NDC * pv / grr if grr else float("inf"),
+        percent_grr_interval=_ends(100 * np.sqrt(spread / np.maximum(spread + draws[:, 0], 1e-300))),
+        ndc_interval=_ends(NDC * np.sqrt(draws[:, 0] / np.maximum(spread, 1e-300))),
+        method=method,
+        table=table,
+        appraisers=what if several else "",
+        parts=len(names),
+        sessions=len(y),
+        why=why,
+    )
 
 
 def _crossed(y: np.ndarray, part: np.ndarray, who: np.ndarray) -> np.ndarray | None:
@@ -301,45 +320,6 @@ def _looked_at(of: np.ndarray, seed: int) -> np.ndarray:
     order = np.argsort(rank)
     enough = order[np.cumsum(count[order]) <= MOST_SESSIONS]
     return np.flatnonzero(np.isin(of, enough))
-
-
-def _in_words(
-    found: np.ndarray,
-    draws: np.ndarray,
-    tolerance: float,
-    method: str,
-    table: Anova | None,
-    what: str,
-    parts: int,
-    sessions: int,
-    why: str,
-) -> Gauge:
-    part, who, both, again = np.sqrt(np.nan_to_num(found))
-    av = float(np.hypot(who, both)) if what else float("nan")
-    grr, pv = float(np.sqrt(who**2 + both**2 + again**2)), float(part)
-    tv = float(np.hypot(grr, pv))
-    spread = np.sum(draws[:, 1:], axis=1)
-    shares = 100 * np.sqrt(spread / np.maximum(spread + draws[:, 0], 1e-300))
-    categories = NDC * np.sqrt(draws[:, 0] / np.maximum(spread, 1e-300))
-    return Gauge(
-        float(again),
-        av,
-        float(both) if what else float("nan"),
-        grr,
-        pv,
-        tv,
-        100 * grr / tv if tv else float("nan"),
-        100 * WIDTH * grr / tolerance if np.isfinite(tolerance) else float("nan"),
-        NDC * pv / grr if grr else float("inf"),
-        _ends(shares),
-        _ends(categories),
-        method,
-        table,
-        what,
-        parts,
-        sessions,
-        why,
-    )
 
 
 def _ends(draws: np.ndarray) -> tuple[float, float]:

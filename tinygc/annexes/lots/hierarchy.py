@@ -9,7 +9,7 @@ from scipy import optimize, stats
 from scipy.special import gammaln, logsumexp
 
 from session.io.numeric import MEDIAN_SIGMAS
-from tinygc.annexes.lots.sessions import COUNT, Chunk, LotSessions
+from tinygc.annexes.lots.sessions import COUNT, LotSessions, UnitChunk
 
 # One pass over a lot: what all units together say of mean, spread and repeatability, given what is believed of them (EM, REML).
 #
@@ -73,7 +73,7 @@ class Combined:
     several: np.ndarray
 
 
-def combined(chunk: Chunk, repeatability: np.ndarray) -> Combined:
+def combined(chunk: UnitChunk, repeatability: np.ndarray) -> Combined:
     """Sessions of each unit, weighed by what they state and by how units repeat."""
     noise = chunk.noise + repeatability
     more = chunk.count > 1
@@ -109,7 +109,7 @@ def membership(delta: np.ndarray, told: np.ndarray, pulled: np.ndarray, W: np.nd
     return 1 / (1 + np.exp(np.minimum(odds, 700)))
 
 
-def add(sums: Sums, chunk: Chunk, belief: Belief, units: int) -> None:
+def add(sums: Sums, chunk: UnitChunk, belief: Belief, units: int) -> None:
     """A chunk's units into the sums; units: how many there are in all."""
     of = combined(chunk, belief.repeatability)
     W = np.linalg.inv(of.noise + belief.spread)
@@ -144,7 +144,7 @@ def add(sums: Sums, chunk: Chunk, belief: Belief, units: int) -> None:
         _repeats(sums, chunk, of, W, pulled, member, belief)
 
 
-def _repeats(sums: Sums, chunk: Chunk, of: Combined, W: np.ndarray, pulled: np.ndarray, member: np.ndarray, belief: Belief) -> None:
+def _repeats(sums: Sums, chunk: UnitChunk, of: Combined, W: np.ndarray, pulled: np.ndarray, member: np.ndarray, belief: Belief) -> None:
     """V's moments, of the units with more than one session."""
     unit = np.repeat(np.arange(len(chunk.count)), chunk.count)[of.several]
     along = chunk.place - 0.5

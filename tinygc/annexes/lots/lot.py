@@ -122,7 +122,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Seen:
+class SensorError:
     """One number as people see it: sensor, word, component, unit, and that unit in SI."""
 
     sensor: str
@@ -143,16 +143,16 @@ class Seen:
 
 
 _LEANS = [(i, j) for i in range(3) for j in range(3) if i != j]
-SEEN = (
-    *(Seen("gyro", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
-    *(Seen("gyro", "misalignment", f"{'xyz'[i]} to {'xyz'[j]}", "mrad", 1e-3) for i, j in _LEANS),
-    *(Seen("gyro", "bias", axis, "mdps", 1e-3 * DEG) for axis in "xyz"),
-    *(Seen("accel", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
-    *(Seen("accel", "nonorthogonality", pair, "mrad", 1e-3) for pair in ("xy", "xz", "yz")),
-    *(Seen("accel", "bias", axis, "mg", 1e-3 * G) for axis in "xyz"),
+SENSOR_ERRORS = (
+    *(SensorError("gyro", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
+    *(SensorError("gyro", "misalignment", f"{'xyz'[i]} to {'xyz'[j]}", "mrad", 1e-3) for i, j in _LEANS),
+    *(SensorError("gyro", "bias", axis, "mdps", 1e-3 * DEG) for axis in "xyz"),
+    *(SensorError("accel", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
+    *(SensorError("accel", "nonorthogonality", pair, "mrad", 1e-3) for pair in ("xy", "xz", "yz")),
+    *(SensorError("accel", "bias", axis, "mg", 1e-3 * G) for axis in "xyz"),
 )
 #: their units in SI (21,)
-UNITS = np.array([each.si for each in SEEN])
+UNITS = np.array([each.si for each in SENSOR_ERRORS])
 #: which number of a lot's vector each of them is, to first order
 OWN = np.array(
     [
@@ -168,7 +168,7 @@ OWN = np.array(
 NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 
 
-def seen(values: np.ndarray) -> np.ndarray:
+def sensor_errors(values: np.ndarray) -> np.ndarray:
     """(…, 21) as people see them, in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is not told.
 
     The others, which bend it by second order only, count as no error where they are not told.
@@ -191,13 +191,13 @@ def seen(values: np.ndarray) -> np.ndarray:
 
 
 def jacobian(values: np.ndarray) -> np.ndarray:
-    """(21, 21): of ``seen`` at values (21,), by central differences; what is not told counts as no error."""
+    """(21, 21): of ``sensor_errors`` at values (21,), by central differences; what is not told counts as no error."""
     at = np.where(np.isfinite(values), values, NO_ERROR)
     steps = np.eye(len(NAMES)) * _STEP
-    return (seen(at + steps) - seen(at - steps)).T / (2 * _STEP)
+    return (sensor_errors(at + steps) - sensor_errors(at - steps)).T / (2 * _STEP)
 
 
-def seen_covariance(covariance: np.ndarray, J: np.ndarray) -> np.ndarray:
+def error_covariance(covariance: np.ndarray, J: np.ndarray) -> np.ndarray:
     """(…, 21, 21) in people's units, of one in SI; NaN for what is not told."""
     unknown = ~np.isfinite(np.einsum("...ii->...i", covariance))
     found = J @ np.where(unknown[..., :, None] | unknown[..., None, :], 0.0, covariance) @ J.T

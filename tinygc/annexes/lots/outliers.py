@@ -13,7 +13,7 @@ from scipy import stats
 
 from session.io.numeric import sigma_of
 from tinygc.annexes.lots.hierarchy import Hierarchy, combined
-from tinygc.annexes.lots.lot import OWN, SEEN, jacobian
+from tinygc.annexes.lots.lot import OWN, SENSOR_ERRORS, jacobian
 from tinygc.annexes.lots.sessions import LotSessions
 
 #: p-value over all units and numbers, or all sessions, below which one does not belong: by chance one in a hundred lots has any
@@ -146,7 +146,7 @@ def _odd_units(lot: LotSessions, found: Hierarchy, closures: tuple, excused: set
                 continue  # the disagreement of its two sessions has said it
             alone = np.flatnonzero(p_each[u] * q[u] * tests < FAMILY_P)
             order = alone[np.argsort(-np.abs(z[u, alone]))]
-            reasons = [Reason(SEEN[n].key, float(moved[u, n]), float(z[u, n])) for n in order[:5]]
+            reasons = [Reason(SENSOR_ERRORS[n].key, float(moved[u, n]), float(z[u, n])) for n in order[:5]]
             if not len(alone):
                 reasons = _combination(J * S, r[u], whole[u], told[u], delta[u])
             kind = UNIT if lot.count[number] > 1 else SESSION if closure else UNKNOWN
@@ -172,20 +172,20 @@ def _numbers(JS: np.ndarray, d: np.ndarray, covariance: np.ndarray, told: np.nda
     moved = JS @ np.where(told, d, 0.0)
     sigma = np.sqrt(np.diag(JS @ np.where(told[:, None] & told, covariance, 0.0) @ JS.T))
     z = np.where(told[OWN], moved / np.maximum(sigma, 1e-300), 0.0)
-    return [Reason(SEEN[n].key, float(moved[n]), float(z[n])) for n in np.argsort(-np.abs(z)) if told[OWN[n]]]
+    return [Reason(SENSOR_ERRORS[n].key, float(moved[n]), float(z[n])) for n in np.argsort(-np.abs(z)) if told[OWN[n]]]
 
 
 def _combination(JS: np.ndarray, r: np.ndarray, covariance: np.ndarray, told: np.ndarray, delta: float) -> list[Reason]:
     """No number alone: the distance of all, and the numbers that the others least expect as they are."""
     some = np.flatnonzero(told[OWN])
-    seen_covariance = (JS @ np.where(told[:, None] & told, covariance, 0.0) @ JS.T)[np.ix_(some, some)]
-    size = np.sqrt(np.diag(seen_covariance))
-    inverse = np.linalg.pinv(seen_covariance / np.outer(size, size), hermitian=True)
+    error_covariance = (JS @ np.where(told[:, None] & told, covariance, 0.0) @ JS.T)[np.ix_(some, some)]
+    size = np.sqrt(np.diag(error_covariance))
+    inverse = np.linalg.pinv(error_covariance / np.outer(size, size), hermitian=True)
     moved = (JS @ np.where(told, r, 0.0))[some]
     expected = inverse @ (moved / size) / np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     most = np.argsort(-np.abs(expected))[:2]
     whole = Reason("combination", float(delta), float(np.sqrt(delta)))
-    return [whole, *(Reason(SEEN[some[n]].key, float(moved[n]), float(expected[n])) for n in most)]
+    return [whole, *(Reason(SENSOR_ERRORS[some[n]].key, float(moved[n]), float(expected[n])) for n in most)]
 
 
 def _said(serial: str, session: str, kind: str, p: float, reasons: list[Reason], words: str) -> Outlier:
@@ -196,7 +196,7 @@ def _said(serial: str, session: str, kind: str, p: float, reasons: list[Reason],
         elif reason.what == "combination":
             told.append("no number alone is far off, but their combination is")
         else:
-            (each,) = (each for each in SEEN if each.key == reason.what)
+            (each,) = (each for each in SENSOR_ERRORS if each.key == reason.what)
             value = f"{reason.value:+.0f}" if abs(reason.value) >= 100 else f"{reason.value:+.3g}"
             told.append(f"{each.name} {value} {each.unit} ({reason.sigmas:+.1f} sigmas)")
     return Outlier(serial, session, kind, float(min(p, 1.0)), tuple(reasons), f"{words}: {', '.join(told)}" if told else words)

@@ -9,9 +9,9 @@ import numpy as np
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_text_whole
-from tinygc.annexes.lots.capability import Chart as Control
+from tinygc.annexes.lots.capability import ControlChart
 from tinygc.annexes.lots.gauge import ACCEPTABLE, MARGINAL
-from tinygc.annexes.lots.lot import SEEN, Seen
+from tinygc.annexes.lots.lot import SENSOR_ERRORS, SensorError
 from tinygc.annexes.lots.report import LotReport
 from tinygc.annexes.lots.text import LEAST_PPM, MARKED_P, decimals, drift_words, effect_words, ppm
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
@@ -26,28 +26,28 @@ MOST_TITLES = 60
 HEIGHT, LOW = 220, 130
 
 
-def control_figure(chart: Control, seen: Seen, serials: list[str]) -> str:
+def control_figure(chart: ControlChart, error: SensorError, serials: list[str]) -> str:
     """Individuals and EWMA of one number; serials (U,) of units, in the order of production."""
     said = [f"{chart.limit:.1f} sigmas are the limit of a single point: one false alarm in a hundred lots, over all charts."]
     for rule in chart.broken:
         said.append(f"{escape(rule.capitalize())}: {chart.counts[rule]} times, by chance {significant(chart.chance[rule], 2)}.")
     keys = [key("after", "unit"), key("bad", "beyond its limit"), key("floor", "mean and limits", "dash"), key("physics", "EWMA", "line")]
-    return figure(lambda width: _individuals(chart, seen, serials, width), "", keys) + figure(
-        lambda width: _ewma(chart, seen, width), " ".join(said)
+    return figure(lambda width: _individuals(chart, error, serials, width), "", keys) + figure(
+        lambda width: _ewma(chart, error, width), " ".join(said)
     )
 
 
-def _axis(chart: Control) -> Axis:
+def _axis(chart: ControlChart) -> Axis:
     return Axis(float(chart.place[0]), float(max(chart.place[-1], chart.place[0] + 1)) + 1, "unit, in production order")
 
 
-def _individuals(chart: Control, seen: Seen, serials: list[str], width: int) -> str:
+def _individuals(chart: ControlChart, error: SensorError, serials: list[str], width: int) -> str:
     limit = chart.limit * chart.sigma
     # Wild points lie at the frame: they must not press all others into a line.
     usual = chart.y[np.abs(chart.score) <= chart.limit]
     high, low = chart.centre + np.median(limit), chart.centre - np.median(limit)
-    y = linear_axis(np.concatenate([usual, [high, low]]), f"{seen.name}, {seen.unit}")
-    drawn = Chart(width, HEIGHT, _axis(chart), y, f"{seen.name} by production order")
+    y = linear_axis(np.concatenate([usual, [high, low]]), f"{error.name}, {error.unit}")
+    drawn = Chart(width, HEIGHT, _axis(chart), y, f"{error.name} by production order")
     place = chart.place + 1.0
     drawn.line(place, chart.centre + limit, "floor", "dash").line(place, chart.centre - limit, "floor", "dash")
     drawn.across(chart.centre, "floor")
@@ -57,13 +57,13 @@ def _individuals(chart: Control, seen: Seen, serials: list[str], width: int) -> 
         drawn.line(place, chart.y, "after", "thin")
     shown = chart.alarms[np.argsort(-np.abs(chart.score[chart.alarms]))][:MOST_TITLES]
     names = [serials[int(chart.place[n])] or f"unit {int(chart.place[n]) + 1}" for n in shown]
-    titles = [f"{name}: {chart.y[n]:.4g} {seen.unit}, {chart.score[n]:+.1f} sigmas" for name, n in zip(names, shown, strict=True)]
+    titles = [f"{name}: {chart.y[n]:.4g} {error.unit}, {chart.score[n]:+.1f} sigmas" for name, n in zip(names, shown, strict=True)]
     return drawn.dots(place[shown], chart.y[shown], "bad", titles, ring=True, radius=5).svg()
 
 
-def _ewma(chart: Control, seen: Seen, width: int) -> str:
+def _ewma(chart: ControlChart, error: SensorError, width: int) -> str:
     reach = max(chart.ewma_limit * 1.15, float(np.abs(chart.ewma).max()) * 1.05)
-    drawn = Chart(width, LOW, _axis(chart), Axis(-reach, reach, "moving average, sigmas"), f"Moving average of {seen.name}")
+    drawn = Chart(width, LOW, _axis(chart), Axis(-reach, reach, "moving average, sigmas"), f"Moving average of {error.name}")
     drawn.across(chart.ewma_limit, "floor").across(-chart.ewma_limit, "floor")
     return drawn.line(chart.place + 1.0, chart.ewma, "physics").svg()
 
@@ -72,7 +72,7 @@ def _ewma(chart: Control, seen: Seen, width: int) -> str:
 
 #: charts on a page: those that ring first
 MOST_CHARTS, MOST_OUTLIERS = 6, 50
-BY_KEY = {each.key: each for each in SEEN}
+BY_KEY = {each.key: each for each in SENSOR_ERRORS}
 
 
 def lot_sections(report: LotReport) -> list[Section]:
@@ -89,12 +89,12 @@ def _numbers(report: LotReport) -> Section:
             continue
         digits = decimals(each.mean_sigma)
         fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
-        if report.hierarchy.drifts and each.drift_p < MARKED_P:
+        if report.hierarchy.drifts and each.drift_p_value < MARKED_P:
             marked.append(len(rows))
         lo, hi = each.spread_interval
         rows.append(
             [
-                f"{each.seen.name}, {each.seen.unit}",
+                f"{each.error.name}, {each.error.unit}",
                 f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
                 f"{fixed(each.spread, digits)} ({fixed(lo, digits)} to {fixed(hi, digits)})",
                 fixed(each.noise, fine),

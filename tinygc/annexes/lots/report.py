@@ -8,12 +8,22 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from tinygc.annexes.lots.capability import Capability, Chart, capability, chart
+from tinygc.annexes.lots.capability import Capability, ControlChart, capability, chart
 from tinygc.annexes.lots.gauge import Gauge, gauge
 from tinygc.annexes.lots.hierarchy import Hierarchy, hierarchy
-from tinygc.annexes.lots.lot import OWN, SEEN, Lot, PooledEffect, Seen, UnitResult, jacobian, seen, seen_covariance
+from tinygc.annexes.lots.lot import (
+    OWN,
+    SENSOR_ERRORS,
+    Lot,
+    PooledEffect,
+    SensorError,
+    UnitResult,
+    error_covariance,
+    jacobian,
+    sensor_errors,
+)
 from tinygc.annexes.lots.outliers import Outlier, outliers
-from tinygc.annexes.lots.sessions import LotSessions, Readings, lot_sessions, readings, stated
+from tinygc.annexes.lots.sessions import LotSessions, SessionErrors, lot_sessions, session_errors, stated
 
 #: points that a control chart needs
 FEWEST_POINTS = 8
@@ -22,13 +32,13 @@ PER_UNITS = 1000
 
 
 @dataclass(frozen=True)
-class Quantity:
+class LotQuantity:
     """One number of the lot in its unit: mean and its sigma; spread between units with its 95 % interval; noise, one sigma of a session
     as stated; repeatability, one sigma from session to session beyond that, with its interval; drift per 1000 units, its sigma, and the
     p-value that there is none; ratio of what sessions of one unit differ by to what they state, and its p-value.  NaN where not told.
     """
 
-    seen: Seen
+    error: SensorError
     units: int
     mean: float
     mean_sigma: float
@@ -37,11 +47,11 @@ class Quantity:
     noise: float
     repeatability: float
     repeatability_interval: tuple[float, float]
-    drift: float
+    drift_per_1000: float
     drift_sigma: float
-    drift_p: float
-    ratio: float
-    ratio_p: float
+    drift_p_value: float
+    stated_ratio: float
+    stated_p_value: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +60,15 @@ class LotReport:
     readings that they are of; appraisers: ``operator`` or ``station``, or empty where fewer than two are named."""
 
     lot: Lot
-    quantities: tuple[Quantity, ...]
-    charts: Mapping[str, Chart]
+    quantities: tuple[LotQuantity, ...]
+    charts: Mapping[str, ControlChart]
     gauges: Mapping[str, Gauge]
     capabilities: Mapping[str, Capability]
     outliers: tuple[Outlier, ...]
     appraisers: str
     hierarchy: Hierarchy
     sessions: LotSessions
-    readings: Readings
+    session_errors: SessionErrors
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
@@ -76,7 +86,7 @@ def lot_of(
     sessions = lot_sessions(results)
     found = hierarchy(sessions)
     J = jacobian(found.mean)
-    read = readings(sessions, J)
+    read = session_errors(sessions, J)
     quantities = _quantities(sessions, found, J, read)
     known = [n for n, each in enumerate(quantities) if each.units >= 2]
     charts = {}
@@ -85,20 +95,22 @@ def lot_of(
         if len(points) >= FEWEST_POINTS:
             again = np.nan_to_num(quantities[n].repeatability)
             noise = np.hypot(read.sigmas[points, n], again)
-            charts[SEEN[n].key] = chart(read.values[points, n], noise, found.tails, len(known), read.unit[points])
+            charts[SENSOR_ERRORS[n].key] = chart(read.values[points, n], noise, found.tails, len(known), read.unit[points])
     what, who = _appraisers(sessions)
     bounds = limits or {}
     gauges, capabilities = {}, {}
     belongs = found.belongs[read.unit] > 0.5
     for n in known:
-        key, limit = SEEN[n].key, bounds.get(SEEN[n].key, (-np.inf, np.inf))
+        key, limit = SENSOR_ERRORS[n].key, bounds.get(SENSOR_ERRORS[n].key, (-np.inf, np.inf))
         width = limit[1] - limit[0]
         gauges[key] = gauge(
             np.where(belongs, read.values[:, n], np.nan), read.unit, who, width if np.isfinite(width) else float("nan"), what, seed
         )
         if key in bounds:
-            within = charts[key].short_term if key in charts else quantities[n].spread
-            capabilities[key] = _capability(limit, quantities[n], within, float(found.spread_freedom[OWN[n]]), found.tails, read, n)
+            each, first = quantities[n], read.values[_points(read, n), n]
+            within = charts[key].short_term if key in charts else each.spread
+            noise, freedom = float(np.hypot(each.noise, np.nan_to_num(each.repeatability))), float(found.spread_freedom[OWN[n]])
+            capabilities[key] = capability(limit, each.mean, each.spread, noise, within, freedom, found.tails, first)
     lot = Lot(
         sensor,
         sessions.units,
@@ -114,23 +126,23 @@ def lot_of(
     return LotReport(lot, quantities, charts, gauges, capabilities, odd, what, found, sessions, read, _notes(sessions, found, what))
 
 
-def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: Readings) -> tuple[Quantity, ...]:
+def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: SessionErrors) -> tuple[LotQuantity, ...]:
     known = lot.known[OWN]
-    mean = np.where(known, seen(np.where(np.isfinite(found.mean), found.mean, lot.centre)), np.nan)
+    mean = np.where(known, sensor_errors(np.where(np.isfinite(found.mean), found.mean, lot.centre)), np.nan)
 
     def sigma(covariance: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.diag(seen_covariance(covariance, J)))
+        return np.sqrt(np.diag(error_covariance(covariance, J)))
 
     of_mean, spread, again, of_drift = map(sigma, (found.mean_covariance, found.spread, found.repeatability, found.drift_covariance))
     drift = J @ np.nan_to_num(found.drift)
     per = PER_UNITS / max(lot.units - 1, 1)
     p = 2 * stats.t.sf(np.abs(drift) / of_drift, max(lot.units - 2, 1))
-    honest = stated(read)
+    ratio, ratio_p = stated(read)
     units = np.logical_or.reduceat(np.isfinite(read.values), read.first).sum(axis=0)
     squares = np.where(np.isfinite(read.sigmas), read.sigmas**2, 0.0).sum(axis=0) / np.maximum(np.isfinite(read.sigmas).sum(axis=0), 1)
     return tuple(
-        Quantity(
-            SEEN[n],
+        LotQuantity(
+            SENSOR_ERRORS[n],
             int(units[n]),
             float(mean[n]),
             float(of_mean[n]),
@@ -142,10 +154,10 @@ def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: Reading
             float(drift[n] * per) if known[n] and lot.units > 2 else float("nan"),
             float(of_drift[n] * per) if lot.units > 2 else float("nan"),
             float(p[n]) if lot.units > 2 else float("nan"),
-            float(honest.ratio[n]),
-            float(honest.p_value[n]),
+            float(ratio[n]),
+            float(ratio_p[n]),
         )
-        for n in range(len(SEEN))
+        for n in range(len(SENSOR_ERRORS))
     )
 
 
@@ -159,7 +171,7 @@ def _interval(sigma: float, freedom: float) -> tuple[float, float]:
     return (float(sigma * np.sqrt(freedom / lo)), float(sigma * np.sqrt(freedom / hi)))
 
 
-def _points(read: Readings, n: int) -> np.ndarray:
+def _points(read: SessionErrors, n: int) -> np.ndarray:
     """Rows of each unit's first session that tells a number: the test at the end of production, in its order."""
     rows = np.flatnonzero(np.isfinite(read.values[:, n]))
     _, first = np.unique(read.unit[rows], return_index=True)
@@ -174,13 +186,6 @@ def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
         if len(kinds[kinds != ""]) > 1:
             return what, numbers
     return "", None
-
-
-def _capability(
-    limit: tuple[float, float], of: Quantity, within: float, freedom: float, tails: float, read: Readings, n: int
-) -> Capability:
-    noise = float(np.hypot(of.noise, np.nan_to_num(of.repeatability)))
-    return capability(limit, of.mean, of.spread, noise, within, freedom, tails, read.values[_points(read, n), n])
 
 
 def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from scipy import stats
 
 from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
-from tinygc.annexes.lots.lot import NAMES, OWN, UNITS, UnitResult, seen
+from tinygc.annexes.lots.lot import NAMES, UNITS, UnitResult, sensor_errors
 
 # The sessions of a lot as arrays: what a hundred thousand of them need of memory, and in the order of production.
 
@@ -23,7 +23,7 @@ CHUNK = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk:
+class UnitChunk:
     """Units side by side, and their sessions: y (S, 21) and noise (S, 21, 21) in scales about the centre; first (U,) of each unit among
     the sessions; count (U,); place (U,), of 0 to 1 through production; told (U,): how many numbers its sessions tell."""
 
@@ -90,7 +90,7 @@ class LotSessions:
         full[:, TRIANGLE[1], TRIANGLE[0]] = packed
         return full
 
-    def chunks(self, units: np.ndarray | None = None, at_once: int = CHUNK) -> Iterator[tuple[np.ndarray, Chunk]]:
+    def chunks(self, units: np.ndarray | None = None, at_once: int = CHUNK) -> Iterator[tuple[np.ndarray, UnitChunk]]:
         """Numbers of units and what is told of them, some at a time; all units, or those that are given."""
         numbers = np.arange(self.units) if units is None else units
         last = max(self.units - 1, 1)
@@ -101,7 +101,7 @@ class LotSessions:
             rows = np.repeat(self.first[part] - first, count) + np.arange(count.sum())
             y = np.where(self.told[rows], (self.values[rows] - self.centre) / self.scale, 0.0)
             told = np.logical_or.reduceat(self.told[rows], first).sum(axis=1)
-            yield part, Chunk(y, self.covariance(rows), first, count, self.place[part] / last, told)
+            yield part, UnitChunk(y, self.covariance(rows), first, count, self.place[part] / last, told)
 
 
 def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
@@ -109,13 +109,13 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
 
     Raises CalibrationError where fewer than two units tell anything.
     """
-    rows, seen = [], set()
+    rows, sensor_errors = [], set()
     values, packed = [], bytearray()  # which grows in its place, and becomes the array without a copy
     for each in results:
         variance = np.diag(each.covariance)
-        if each.key in seen or not (np.isfinite(each.values) & (variance > 0)).any():
+        if each.key in sensor_errors or not (np.isfinite(each.values) & (variance > 0)).any():
             continue
-        seen.add(each.key)
+        sensor_errors.add(each.key)
         values.append(np.array(each.values, dtype=float))
         packed += np.asarray(each.covariance, dtype=float)[TRIANGLE].tobytes()
         row = (each.serial or f"\0{each.key}", each.order, each.session, each.operator, each.station, each.closure_deg, each.floor_deg)
@@ -187,7 +187,7 @@ _AT_ONCE = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class SessionErrors:
     """values and sigmas (S, 21) in people's units and their order, NaN where not told; unit (S,); first (U,): the row of each unit's first
     session."""
 
@@ -197,7 +197,7 @@ class Readings:
     first: np.ndarray
 
 
-def readings(lot: LotSessions, J: np.ndarray) -> Readings:
+def session_errors(lot: LotSessions, J: np.ndarray) -> SessionErrors:
     """Of all sessions; J (21, 21): people's numbers by the lot's vector, at its mean."""
     JS = J * lot.scale
     sigmas = np.empty((lot.sessions, len(UNITS)))
@@ -206,22 +206,13 @@ def readings(lot: LotSessions, J: np.ndarray) -> Readings:
         told = lot.told[part]
         noise = np.where(told[:, :, None] & told[:, None, :], lot.covariance(part), 0.0)
         sigmas[part] = np.sqrt(np.maximum(np.einsum("snj,nj->sn", JS @ noise, JS), 0.0))
-    values = seen(lot.values)
-    return Readings(values, np.where(np.isfinite(values), sigmas, np.nan), lot.unit, lot.first)
+    values = sensor_errors(lot.values)
+    return SessionErrors(values, np.where(np.isfinite(values), sigmas, np.nan), lot.unit, lot.first)
 
 
-@dataclass(frozen=True, eq=False)
-class Stated:
-    """Whether stated sigmas are those by which sessions of one unit differ: ratio (21,), 1 where they are, of freedom (21,); p_value (21,)
-    of so large a ratio by chance; NaN where no unit has two sessions."""
-
-    ratio: np.ndarray
-    freedom: np.ndarray
-    p_value: np.ndarray
-
-
-def stated(found: Readings) -> Stated:
-    """Each number alone, about each unit's own weighed mean."""
+def stated(found: SessionErrors) -> tuple[np.ndarray, np.ndarray]:
+    """Whether stated sigmas are those by which sessions of one unit differ, each number alone, about each unit's own weighed mean: ratio
+    (21,), 1 where they are, and p-value (21,) of so large a ratio by chance; NaN where no unit has two sessions."""
     weight = np.where(np.isfinite(found.values), 1 / found.sigmas**2, 0.0)
     y = np.where(np.isfinite(found.values), found.values, 0.0)
     total = np.add.reduceat(weight, found.first)
@@ -231,9 +222,4 @@ def stated(found: Readings) -> Stated:
     freedom = np.maximum(told - 1, 0).sum(axis=0)
     some = freedom > 0
     ratio = np.where(some, np.sqrt(chi_square / np.maximum(freedom, 1)), np.nan)
-    return Stated(ratio, freedom.astype(float), np.where(some, stats.chi2.sf(chi_square, np.maximum(freedom, 1)), np.nan))
-
-
-def own_numbers(lot: LotSessions) -> np.ndarray:
-    """(21,) bool: which of people's numbers at least two units tell."""
-    return lot.known[OWN]
+    return ratio, np.where(some, stats.chi2.sf(chi_square, np.maximum(freedom, 1)), np.nan)

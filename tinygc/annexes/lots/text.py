@@ -12,8 +12,8 @@ from rich.text import Text
 
 from session.bench.console import one_line
 from session.io.texts import printable
-from tinygc.annexes.lots.lot import SEEN, PooledEffect
-from tinygc.annexes.lots.report import LotReport, Quantity
+from tinygc.annexes.lots.lot import SENSOR_ERRORS, PooledEffect
+from tinygc.annexes.lots.report import LotQuantity, LotReport
 
 if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_run import Tally
@@ -30,7 +30,7 @@ MARKED_P = 0.01
 FEWEST_DRIFT = 30
 #: ppm below which a tail is a formula's, and no sensor's
 LEAST_PPM = 0.001
-UNIT_OF = {each.key: each for each in SEEN}
+UNIT_OF = {each.key: each for each in SENSOR_ERRORS}
 
 
 def lot_page(report: LotReport) -> Group:
@@ -78,13 +78,13 @@ def _numbers(report: LotReport) -> Table:
         fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
         drift = drift_words(report, each, fixed)
         table.add_row(
-            f"{each.seen.name}, {each.seen.unit}",
+            f"{each.error.name}, {each.error.unit}",
             f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
             fixed(each.spread, digits),
             fixed(each.noise, fine),
             fixed(each.repeatability, fine),
-            Text(drift, "bold red" if _drifts(report, each) else ""),
-            Text(fixed(each.ratio, 2), "bold red" if each.ratio_p < MARKED_P / len(SEEN) else ""),
+            Text(drift, "bold red" if report.hierarchy.drifts and each.drift_p_value < MARKED_P else ""),
+            Text(fixed(each.stated_ratio, 2), "bold red" if each.stated_p_value < MARKED_P / len(SENSOR_ERRORS) else ""),
         )
     table.caption = (
         "spread: one sigma between units, measurement noise taken out; noise: one sigma of a session, as stated; "
@@ -94,16 +94,12 @@ def _numbers(report: LotReport) -> Table:
     return table
 
 
-def drift_words(report: LotReport, each: Quantity, written: Callable[[float, int], str]) -> str:
+def drift_words(report: LotReport, each: LotQuantity, written: Callable[[float, int], str]) -> str:
     """Per 1000 units with its sigma; a dash for a lot so small that this is no number for people."""
-    if report.lot.units < FEWEST_DRIFT or not np.isfinite(each.drift):
+    if report.lot.units < FEWEST_DRIFT or not np.isfinite(each.drift_per_1000):
         return NONE
     digits = decimals(each.drift_sigma)
-    return f"{written(each.drift, digits)} ± {written(each.drift_sigma, digits)}"
-
-
-def _drifts(report: LotReport, each: Quantity) -> bool:
-    return report.hierarchy.drifts and each.drift_p < MARKED_P
+    return f"{written(each.drift_per_1000, digits)} ± {written(each.drift_sigma, digits)}"
 
 
 def _gauges(report: LotReport) -> Table:
@@ -129,7 +125,7 @@ def _gauges(report: LotReport) -> Table:
 
 def _capabilities(report: LotReport) -> Table:
     table = Table(title="Capability, measurement noise taken out", title_justify="left", box=None, padding=(0, 1))
-    for column in (
+    for column in [
         "",
         "limits",
         "Cp",
@@ -142,7 +138,7 @@ def _capabilities(report: LotReport) -> Table:
         "found",
         "accepted wrongly, ppm",
         "guard band",
-    ):
+    ]:
         table.add_column(column, justify="right" if column else "left")
     for key, each in report.capabilities.items():
         lo, hi = each.overall.centred_interval
@@ -178,8 +174,7 @@ def _charts(report: LotReport) -> list[Text]:
         said = []
         if len(each.ewma_alarms):
             said.append(f"its moving average leaves its limits from unit {int(each.place[each.ewma_alarms[0]]) + 1} on")
-        found = [f"{rule} {each.counts[rule]} times, {each.chance[rule]:.1f} by chance" for rule in each.broken]
-        said += found
+        said += [f"{rule} {each.counts[rule]} times, {each.chance[rule]:.1f} by chance" for rule in each.broken]
         if said:
             lines.append(one_line(f"{UNIT_OF[key].name}: {'; '.join(said)}", "yellow"))
     if report.charts and not lines:

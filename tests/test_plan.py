@@ -179,4 +179,4 @@ def test_an_explanation_names_only_logs_of_its_own_folder(tmp_path, name):
 def test_a_folder_without_a_log_is_one_line(tmp_path, capsys):
     (tmp_path / "session.toml").write_text(CONFIG)
     assert calibrate.main(["plan", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.splitlines() == [f"calibrate: {tmp_path}: no log; expected log*.csv or log*.csv.gz beside session.toml"]
+    assert capsys.readouterr().err.splitlines() == [f"calibrate: {tmp_path}: no log; expected log*.csv or log*.csv.gz next to session.toml"]

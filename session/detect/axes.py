@@ -19,7 +19,7 @@ from session.io.units import DEG, NS
 #
 # A direction that is fixed in the world, gravity's for one, seen from a body that turns with omega moves as ``d' = d x omega``.
 # With ``omega = k P m`` for measured rates m, a scale k and one of 48 signed permutations P, that is linear in k: all P are tried on
-# one 9x9 matrix of sums.  It needs no attitude, only that hand turns push the accelerometer about by little beside gravity.
+# one 9x9 matrix of sums.  It needs no attitude, only that hand turns accelerate the sensor by little against gravity.
 # The scale is then sharpened where turns lead from still to still, and gravity is known without any push.
 
 BLOCKS_S = (0.05, 0.025, 0.0125)  #: a hand turns by some degrees in the first; the others are for the fastest turns
@@ -221,7 +221,7 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 # Checks of the gyroscope against gravity: axes and signs, then the sensitivity.
 
 CLEARLY = 0.5  #: another order of axes must halve what is unexplained
-EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes
+EXPLAINED = 0.5  #: of gravity's movement, or the axes are not reported
 SCALE_OK = 0.05  #: a gyro's sensitivity tolerance, misalignment and this coarse look together
 NAMED_WITHIN = 0.05
 CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalignment of some percent leave
@@ -301,7 +301,7 @@ def _axes_advice(axes: np.ndarray) -> str:
 def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config, raw: bool) -> Finding:
     """The factor that the rates need, against the factors of the usual mistakes."""
     k, bar = found.scale, max(SCALE_OK, found.scale_std)
-    says = f"gravity asks for rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
+    says = f"gravity requires rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
     if abs(k - 1) <= bar:
         return Finding("ok", where, "gyro scale", says)
     mistakes = _mistakes(config.sensor, raw)
@@ -313,7 +313,7 @@ def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config,
 
 
 def _mistakes(sensor: Sensor, raw: bool) -> dict[float, str]:
-    """Factor that mends it -> what went wrong."""
+    """Correction factor -> what went wrong."""
     full_scale_dps, profile = sensor.gyro_fs_dps, sensor.profile
     mistakes = {
         DEG: "the rates are in deg/s, but are read as rad/s: name the columns gx_dps, gy_dps, gz_dps",

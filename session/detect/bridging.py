@@ -17,11 +17,11 @@ from session.io.units import DEG
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
 #
 # A smooth movement asks for a high order, noise and long gaps for a low one.  Gaps of the same length where nothing is missing say which,
-# and how far off the rotation over the gap may be: so much nobody can know.
+# and how uncertain the rotation over the gap is.
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-#: share of the speed at the gaps, or of the bend beside one, from which on a place is like them, up to its inverse
+#: share of the speed at the gaps, or of the bend next to one, from which on a place is like them, up to its inverse
 #: (not critical: benchmarks/thresholds.py)
 AS_FAST = 0.5
 FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %; where fewer are alike, all that are as fast
@@ -52,18 +52,18 @@ def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, flo
     if not len(places):
         return 3, 0.0
     places = places[:: -(-len(places) // MOST_TRIALS)]
-    beside = np.concatenate([np.arange(-SIDE, 0), np.arange(count, count + SIDE)])
+    around = np.concatenate([np.arange(-SIDE, 0), np.arange(count, count + SIDE)])
     true = samples.gyro[places[:, None] + np.arange(count)].sum(axis=1)
     missed = {}
     for order in ORDERS:
-        crossed = np.einsum("s,psj->pj", _weights(count, order).sum(axis=0), samples.gyro[places[:, None] + beside])
+        crossed = np.einsum("s,psj->pj", _weights(count, order).sum(axis=0), samples.gyro[places[:, None] + around])
         missed[order] = float(np.sqrt(np.mean((crossed - true) ** 2))) * samples.period_s
     order = min(missed, key=missed.__getitem__)
     return order, missed[order]
 
 
 class Crossings:
-    """How well gaps of ``count`` readings are crossed where nothing is missing, in one log, at places that bend as it does beside a gap."""
+    """How well gaps of ``count`` readings are crossed in one log where nothing is missing, at places that bend as it does next to a gap."""
 
     def __init__(self, gyro: np.ndarray, count: int, spoilt: np.ndarray):
         """gyro (N, 3); spoilt (N,) bool: rows that are no example."""
@@ -86,8 +86,8 @@ class Crossings:
 
     def _tried(self, bent: float) -> tuple[int, np.ndarray]:
         places, factor = self._alike(bent)
-        beside = np.concatenate([np.arange(-SIDE, 0), np.arange(self._count, self._count + SIDE)])
-        known, true = self._gyro[places[:, None] + beside], self._gyro[places[:, None] + np.arange(self._count)]
+        around = np.concatenate([np.arange(-SIDE, 0), np.arange(self._count, self._count + SIDE)])
+        known, true = self._gyro[places[:, None] + around], self._gyro[places[:, None] + np.arange(self._count)]
         errors = {order: np.einsum("cs,ksi->kci", _weights(self._count, order), known) - true for order in ORDERS}
         order = min(errors, key=lambda each: float(np.mean(errors[each].sum(axis=1) ** 2)))
         return order, factor * errors[order]
@@ -127,9 +127,9 @@ def _weights(count: int, order: int) -> np.ndarray:
 #
 # A turn in which one to three readings are missing, or stood at the end of the register, is not lost: a movement is smooth.  What the
 # neighbours say is put in their place, by the polynomial that crosses this recording's own movement best where the rate bends as much, and
-# the error of those crossings is what nobody can know of it: the segment is so much less certain (``tinygc/closure/problem.py``).
+# the error of those crossings is its uncertainty: the segment is so much less certain (``tinygc/closure/problem.py``).
 
-#: readings: more are a movement that nobody saw (benchmarks/real_logs.py)
+#: readings: more are a movement without data (benchmarks/real_logs.py)
 MOST = 3
 #: s on either side of a reading at the register's end: where there are more of them, on any axis, the movement is beyond the sensor
 AROUND_S = 0.5
@@ -162,7 +162,7 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     if not len(rows):
         return rows, counts[rows].astype(int)
     steps = samples.dt_s / pace.period_s
-    # A reading that only came late has its time made up in the steps beside it.
+    # A reading that only came late has its time made up in the neighbouring steps.
     total = np.concatenate([[0.0], np.cumsum(steps - np.maximum(counts, 0) - 1)])
     over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
     rows = rows[over > -LATE]

@@ -88,7 +88,7 @@ def _integrated(log: Log, segment: Segment) -> np.ndarray:
     return steps.as_quat(scalar_first=True).reshape(4)
 
 
-# A truth file whose clock, frame or mounting is not the contract's: found out, taken into account, and said.
+# A truth file whose clock, frame or mounting departs from docs/formats.md: it is estimated, corrected and reported.
 
 CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
 #: what fit and explain say as well, where it is more than ok
@@ -100,7 +100,7 @@ WORLDS = {"ned": "z down", "enu": "z up", "y_up": "y up", "y_down": "y down", "x
 
 
 def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
-    """A session whose truth files are read as the recording asks for, where ``[truth]`` does not say how, and what to say of it.
+    """A session whose truth files are read as the recording shows, where ``[truth]`` does not state it, and the findings.
 
     A session without a truth is returned as it is.  So is one whose truth does not go with its gyro: the first look says that.
     """
@@ -265,7 +265,7 @@ MOST_MEANT = 3
 
 
 def check_known_turns(session: Session, found: SessionStills) -> list[Finding]:
-    """A finding for each turn of ``turns.csv``: the gyro's angle beside the stated one, or why the turn is not used."""
+    """A finding for each turn of ``turns.csv``: the gyro's angle next to the stated one, or why the turn is not used."""
     if not session.turns:
         return []
     samples: list[Samples] = []
@@ -300,7 +300,7 @@ def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
     return Finding("warning", NAME, KNOWN_TURN, f"{says}: {turn.problem}", do)
 
 
-# An accelerometer that nobody has calibrated: the session's own stills do it.
+# An uncalibrated accelerometer: the session's own stills calibrate it.
 
 SESSION_FILE, ACCELEROMETER = "session.toml", "accelerometer"
 #: of gravity: a sensor whose lengths are farther off has another unit or full scale, not another sensitivity
@@ -310,7 +310,7 @@ UNITS_RIGHT = 0.2
 def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit | None:
     """What the stills of a session give, as a correction of what its session.toml does; None where its readings are not gravity's.
 
-    known: the session's stills, where somebody has asked for them before.
+    known: the session's stills, where they were found before.
     """
     known = known or SessionStills(session)
     stills = [still for log in session.logs for still in known.of(log).stills]
@@ -327,7 +327,7 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
     """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to say of it.
 
     anew: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one whose
-    reference is a truth file, and one whose stills fix no number.  looked_at: its stills, where somebody has asked for them before.
+    reference is a truth file, and one whose stills fix no number.  known: its stills, where they were found before.
     """
     config = session.config
     none = config.accelerometer.source == "none"
@@ -339,7 +339,7 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
     given, known = "none is given", "give [accelerometer] where it is known better"
     if not none:
         given = "the one that is given is not used" + (", being of these stills itself" if config.accelerometer.own_stills else "")
-        known = "calibrate the accelerometer anew where it is to be known better"
+        known = "calibrate the accelerometer again where it is to be known better"
     if own.rung is None:
         do = f"its errors become the gyroscope's; rest it on more sides, or {known}"
         return session, [Finding("warning", SESSION_FILE, ACCELEROMETER, f"{given}, but {why_not(own)}", do)]

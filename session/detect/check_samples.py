@@ -29,7 +29,7 @@ STUCK = "look at the wiring, the register map, the columns; or is it quantisatio
 
 
 def check_reading(log: Log) -> list[Finding]:
-    """What the reader mended or left out."""
+    """What the reader repaired or left out."""
     return [Finding("note", log.path.name, "reading", note) for note in log.notes]
 
 
@@ -40,9 +40,9 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     """
     findings = []
     for key, declared in (("gyro_fs_dps", sensor.gyro_fs_dps), ("accel_fs_g", sensor.accel_fs_g)):
-        said = log.number(key)
-        if said is not None and abs(said / declared - 1) > 1e-6:
-            says = f"the log says {key}={said:g}, session.toml {declared:g}"
+        stated = log.number(key)
+        if stated is not None and abs(stated / declared - 1) > 1e-6:
+            says = f"the log says {key}={stated:g}, session.toml {declared:g}"
             findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
@@ -187,7 +187,7 @@ def _step(values: np.ndarray) -> float:
     return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
 
 
-# A gyro that stops at a level far below its full scale: looked for before its scale and its stills are judged, which it spoils.
+# A gyro that stops at a level far below its full scale: checked before its scale and its stills, which it spoils.
 
 #: readings at a level, of either sign, from which it is one; a turn's own peak is a few
 LEAST_AT = 20
@@ -286,7 +286,7 @@ def _dead_runs(samples: Samples, values: np.ndarray, number: int, absent: np.nda
     period_s = samples.period_s
     extremes = (values.min(), values.max())
     if extremes[0] == extremes[1]:
-        return []  # stuck throughout: said as such
+        return []  # stuck throughout: another finding
     starts, stops = runs_of((values[1:] == values[:-1]) & ~(absent[1:] & (number >= 3)))  # of steps: a run of readings is one longer
     lengths = stops - starts + 1
     long = (lengths * period_s >= LEAST_S) & (lengths >= LEAST_DEAD_READINGS)
@@ -328,8 +328,8 @@ def _scatter_bar(length: int) -> float:
     return min(SCATTERS, share)
 
 
-# Registers whose steps are larger than the noise: a gyro repeats one value at rest, and rest cannot be told from a slow turn; an
-# accelerometer repeats one in each still, and how far gravity is off cannot be told.
+# Registers whose steps are larger than the noise: a gyro repeats one value at rest, and rest cannot be separated from a slow turn; an
+# accelerometer repeats one in each still, and gravity's error cannot be estimated.
 
 QUANTISATION = "quantisation"
 #: of neighbours that are equal: a step of 2.5 sigma makes so many of pure noise
@@ -341,7 +341,7 @@ NO_SCATTER = 1e-3
 
 
 def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
-    """Of a log in which no still was found: whether its steps are the reason, axis by axis; one that never moves is said as stuck."""
+    """Of a log in which no still was found: whether its steps are the reason, axis by axis; one that never moves is reported as stuck."""
     gyro = log.samples.gyro
     moves = np.ptp(gyro, axis=0) > 0
     size = max(LEAST_READINGS, round(STRETCH_S / log.samples.period_s))
@@ -360,7 +360,7 @@ def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
     if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
         rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)
         says += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
-    do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be told from a slow turn"
+    do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be separated from a slow turn"
     return [Finding("error", log.path.name, QUANTISATION, says, do)]
 
 
@@ -382,7 +382,7 @@ def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
     return [Finding("error", log.path.name, QUANTISATION, says, do)]
 
 
-# One recording twice in a folder: it would count as twice the evidence, and judge itself.
+# One recording twice in a folder: it would count as twice the evidence, and validate itself.
 
 #: samples that two recordings cannot have in common by chance: a sensor has noise
 LEAST = 100

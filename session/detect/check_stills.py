@@ -29,12 +29,12 @@ ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes
 
 
 def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
-    """How many stills there are, how long, and those that are no reference; blind: the gyro shows no noise, which has been said."""
+    """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, which is reported elsewhere."""
     good = references(stills)
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
         if blind:
-            do = "no still can be found while the gyro shows no noise: mend that first"
+            do = "no still can be found while the gyro shows no noise: correct that first"
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])
@@ -50,7 +50,7 @@ def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[F
 
 
 def check_unused_rests(where: str, unused: Sequence[UnusedRest], stills: list[Still]) -> list[Finding]:
-    """Rests that became no still, each with its place and reason; those that are in the list of stills are said there."""
+    """Rests that became no still, each with its place and reason; those in the list of stills are reported there."""
     stood = {still.start_s for still in stills}
     rests = [rest for rest in unused if rest.start_s not in stood]
     if not rests:
@@ -78,7 +78,7 @@ def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[F
 
 
 def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:
-    """White noise in the stills against the sensor's own: of session.toml, else of its model; where neither tells, it is only said.
+    """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
     Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it; what raises it is vibration of the table, and
     then the stills are no longer still.
@@ -105,9 +105,9 @@ def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
     return typical and (f"the {typical[0]} has", typical[1])
 
 
-def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, ask: str) -> Finding:
+def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, do_unknown: str) -> Finding:
     if yardstick is None:
-        return Finding("note", where, what, f"{says}; what this sensor should have is not known", ask)
+        return Finding("note", where, what, f"{says}; what this sensor should have is not known", do_unknown)
     who, expected = yardstick
     ratio, says = found.max() / expected, f"{says}, {who} {expected:g}"
     if ratio > NOISE_RATIO:
@@ -158,7 +158,7 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the
     pre-calibration leaves: a spread of s turns the measured vertical by about s/g, to be held against what the gyro's own
     noise adds to a segment (angle random walk x sqrt(duration)).  A closure_run
-    rests in one attitude by protocol, so no others are asked for.
+    rests in one attitude by protocol, so no others are expected.
     """
     if not stills:
         return []
@@ -172,7 +172,7 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     elif abs(off) < GRAVITY_WRONG:
         do = "is [accelerometer] of session.toml this sensor's pre-calibration?"
         if config.accelerometer.source == "none":
-            do = "an accelerometer that nobody has calibrated may be so far off; rest it on all sides, and it is calibrated"
+            do = "an uncalibrated accelerometer may be so far off; rest it on all sides, and it is calibrated"
         findings = [Finding("warning", where, "gravity", says, do)]
     else:
         return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
@@ -223,9 +223,9 @@ def _unit_advice(factor: float, length: float, config: Config) -> str:
 
 WHAT = "temperature"
 TEMP_CHANGE_C = 3.0
-#: degC that a chip survives, where nobody knows which chip it is
+#: degC that a chip survives, where its model is unknown
 CHIP_C = (-60.0, 150.0)
-#: where somebody lives who handles a sensor, degC
+#: room and outdoor temperatures at which people handle a sensor, degC
 HANDLED_C = (0.0, 60.0)
 #: a chip that warms itself in a closed case is hardly warmer; in Fahrenheit it is where a cool room is
 WARM_C = 55.0
@@ -233,7 +233,7 @@ WARM_C = 55.0
 SCATTER_C, LEAST_READINGS = 2.0, 100
 #: of a register's step in another unit
 STEP_WITHIN = 0.02
-#: LSB, rms of the changes: a register of FINE_LSB_PER_C scatters by more, a number that somebody has converted moves in single steps
+#: LSB, rms of the changes: a register of FINE_LSB_PER_C scatters by more, a converted number moves in single steps
 SINGLE_STEPS, FINE_LSB_PER_C = 2.0, 100.0
 #: unit -> degC of a value of it
 OTHERS = {
@@ -255,7 +255,7 @@ def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Fin
     """
     temp_c, where = log.samples.temp_c, log.path.name
     if temp_c is None:
-        return [Finding("note", where, WHAT, "not recorded: a bias that follows temperature cannot be told from drift")]
+        return [Finding("note", where, WHAT, "not recorded: a bias that follows temperature cannot be separated from drift")]
     low, high = map(float, np.percentile(temp_c, [1, 99]))
     if (other := _scatters(temp_c, sensor.profile) or other_unit(low, high, sensor.profile, _step(temp_c))) is not None:
         level, says, do = other
@@ -282,8 +282,8 @@ def other_unit(low: float, high: float, profile: Profile | None, step: float = 0
         whose = "a chip survives" if works is CHIP_C else "the sensor works from"
         says = f"{low:.1f} to {high:.1f} degC; {whose} {works[0]:g} to {works[1]:g}"
         register = None if profile is None else profile.thermometer
-        said = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
-        return "warning", says, f"{said}look at the column and its unit{units_of_people(low, high, profile)}"
+        scale = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
+        return "warning", says, f"{scale}look at the column and its unit{units_of_people(low, high, profile)}"
     if low < WARM_C or not _handled("Fahrenheit", low, high):
         return None
     says = f"{low:.1f} to {high:.1f} degC, which in Fahrenheit is {_words('Fahrenheit', low, high)}"
@@ -328,13 +328,13 @@ def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
 
 def units_of_people(low: float, high: float, profile: Profile | None) -> str:
     """The units in which the values would be where people are: `` (in kelvin 24.9 to 25.3 degC)``."""
-    said = [f"in {unit} {_words(unit, low, high)}" for unit in OTHERS if unit != "degC" and _handled(unit, low, high)]
+    units = [f"in {unit} {_words(unit, low, high)}" for unit in OTHERS if unit != "degC" and _handled(unit, low, high)]
     if profile is not None and profile.thermometer is not None:
         register = profile.thermometer
         ends = [register.at_zero_c + value / register.lsb_per_c for value in (low, high)]
         if HANDLED_C[0] <= min(ends) and max(ends) <= HANDLED_C[1]:
-            said.append(f"as this sensor's register {ends[0]:.1f} to {ends[1]:.1f} degC")
-    return f" ({'; '.join(said)})" if said else ""
+            units.append(f"as this sensor's register {ends[0]:.1f} to {ends[1]:.1f} degC")
+    return f" ({'; '.join(units)})" if units else ""
 
 
 def _words(unit: str, low: float, high: float) -> str:
@@ -360,13 +360,13 @@ def _step(values: np.ndarray) -> float:
 
 # The first look at a rest log: was it still throughout, is it in the units that it says, and how far did the temperature go?
 
-#: of one g: what an accelerometer that nobody has calibrated may read at rest
+#: of one g: the error of an uncalibrated accelerometer at rest
 GRAVITY_WITHIN = 0.3
 #: degrees within a minute: more than an accelerometer's zero can do by temperature (1.5 mg/degC, 5 degC a minute: 0.4)
 TILT_DEG, TILT_BLOCKS = 0.5, 30
 #: share of blocks that may be left out before the log was not at rest at all
 KNOCKED_SHARE = 0.2
-#: degC: what a rest log must cover before a dependence on temperature can be told from one on time
+#: degC: what a rest log must cover before a dependence on temperature can be separated from one on time
 LEAST_RANGE_C = 5.0
 
 
@@ -390,23 +390,23 @@ def check_rest(log: RestLog) -> list[Finding]:
 
 def _gravity(log: RestLog, where: str) -> Finding:
     length_g = float(np.median(np.linalg.norm(log.accel, axis=1))) / G
-    said = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
+    says = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
     if abs(length_g - 1) <= GRAVITY_WITHIN:
-        return Finding("ok", where, "gravity", said)
-    return Finding("error", where, "gravity", said, "is the accelerometer's unit or full scale right, and does the sensor lie still?")
+        return Finding("ok", where, "gravity", says)
+    return Finding("error", where, "gravity", says, "is the accelerometer's unit or full scale right, and does the sensor lie still?")
 
 
 def _still(log: RestLog, where: str) -> Finding:
     out = knocked(log)
     share = float(out.mean())
     if share > KNOCKED_SHARE:
-        said = f"{100 * share:.0f} % of the time is more restless than the rest (at most {100 * KNOCKED_SHARE:.0f} %)"
-        return Finding("error", where, "stillness", said, "let the sensor lie where nobody walks, and nothing runs")
+        says = f"{100 * share:.0f} % of the time is more restless than the rest (at most {100 * KNOCKED_SHARE:.0f} %)"
+        return Finding("error", where, "stillness", says, "let the sensor lie away from footsteps and machines")
     if not out.any():
         return Finding("ok", where, "stillness", f"still for all of {log.duration_s:.0f} s")
     times = ", ".join(f"{t:.0f}" for t in log.t_s[np.flatnonzero(np.diff(out.astype(int), prepend=0) > 0)][:6])
-    said = f"knocks at {times} s{'' if np.count_nonzero(np.diff(out.astype(int), prepend=0) > 0) <= 6 else ' and later'}"
-    return Finding("note", where, "stillness", f"{said}: {np.count_nonzero(out) * log.block_s:.0f} s are left out")
+    says = f"knocks at {times} s{'' if np.count_nonzero(np.diff(out.astype(int), prepend=0) > 0) <= 6 else ' and later'}"
+    return Finding("note", where, "stillness", f"{says}: {np.count_nonzero(out) * log.block_s:.0f} s are left out")
 
 
 def _attitude(log: RestLog, where: str) -> list[Finding]:
@@ -420,22 +420,22 @@ def _attitude(log: RestLog, where: str) -> list[Finding]:
     if tilts[worst] <= TILT_DEG:
         return []
     at_s = float(log.t_s[min((worst + 1) * TILT_BLOCKS, len(log) - 1)])
-    said = f"tilts by {tilts[worst]:.2f}° around {at_s:.0f} s (at most {TILT_DEG:g}° within {2 * TILT_BLOCKS * log.block_s:.0f} s)"
-    return [Finding("warning", where, "attitude", said, "fix the sensor to something heavy; split the log where it was moved")]
+    says = f"tilts by {tilts[worst]:.2f}° around {at_s:.0f} s (at most {TILT_DEG:g}° within {2 * TILT_BLOCKS * log.block_s:.0f} s)"
+    return [Finding("warning", where, "attitude", says, "fix the sensor to something heavy; split the log where it was moved")]
 
 
 def _temperature(log: RestLog, where: str) -> Finding:
     if not log.has_temperature:
-        do = "log the sensor's temperature beside the rates (temp, or temp_c)"
-        return Finding("warning", where, "temperature", "no column of it: noise alone can be told", do)
+        do = "log the sensor's temperature with the rates (temp, or temp_c)"
+        return Finding("warning", where, "temperature", "no such column: only the noise can be estimated", do)
     low, high = float(log.temp_c.min()), float(log.temp_c.max())
-    said = f"{low:.1f} to {high:.1f} °C"
+    says = f"{low:.1f} to {high:.1f} °C"
     if low < CHIP_C[0] or high > CHIP_C[1]:
         do = f"is the column's unit right? temp_c is in °C{units_of_people(low, high, None)}"
-        return Finding("error", where, "temperature", f"{said}, where no chip lives", do)
+        return Finding("error", where, "temperature", f"{says}, where no chip survives", do)
     if (other := other_unit(low, high, None)) is not None:
         return Finding(other[0], where, "temperature", *other[1:])
     if high - low < LEAST_RANGE_C:
         do = "let it go through the temperatures of its use, up and down"
-        return Finding("warning", where, "temperature", f"{said}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)
-    return Finding("ok", where, "temperature", said)
+        return Finding("warning", where, "temperature", f"{says}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)
+    return Finding("ok", where, "temperature", says)

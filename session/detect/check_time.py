@@ -43,9 +43,9 @@ def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
     if (wrong := unit_factor(true_hz, sensor.odr_hz)) is not None:
         return [_wrong_unit(where, true_hz, sensor, wrong)]
     findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]
-    said_hz = log.number("odr_hz")
-    if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
-        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
+    stated_hz = log.number("odr_hz")
+    if stated_hz and abs(off := true_hz / stated_hz - 1) > ODR_CLOCKS:
+        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={stated_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
         findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
     return findings
 
@@ -69,10 +69,10 @@ def _against_declared(where: str, true_hz: float, sensor: Sensor) -> Finding:
 
 def _counted(log: Log, sensor: Sensor) -> Finding | None:
     """Stamps that say nothing of the true rate: the log says so, or each is a multiple of the declared period."""
-    said = log.comments.get("stamps") == "counted"
-    if not said and (log.in_memory or not _looks_counted(log.samples, sensor.odr_hz)):
+    stated = log.comments.get("stamps") == "counted"
+    if not stated and (log.in_memory or not _looks_counted(log.samples, sensor.odr_hz)):
         return None
-    why = "the log had no stamps, its samples were counted" if said else "and every step exactly so: they look counted, not measured"
+    why = "the log had no stamps, its samples were counted" if stated else "and every step exactly so: they look counted, not measured"
     says = f"{sensor.odr_hz:g} Hz as declared, {why}; the true rate is not known"
     do = "a true rate that differs is a scale error of the same size; log the device's own time"
     return Finding("note", log.path.name, "sample rate", says, do)
@@ -121,7 +121,7 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
     return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
 
 
-# Motion faster than half the data rate: what the readings of a turn miss of it, told from fewer of them.
+# Motion faster than half the data rate: what the readings of a turn miss of it, estimated by thinning them.
 #
 # A turn is the sum of its readings.  Every k-th, taken alone, misses more; of a spectrum that falls as a power of frequency,
 #
@@ -137,7 +137,7 @@ LEAST_EXPONENT = 1.0
 #: rows of rest at either end of a turn: every 4th reading then begins and ends at rest
 MARGIN = 4
 #: of the floor: less than that is nothing
-LEAST_SAID = 0.1
+LEAST_REPORTED = 0.1
 #: fewer turns tell no exponent
 LEAST_TURNS = 5
 #: rows that are looked at together
@@ -170,7 +170,7 @@ class Missed:
 def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, config: Config) -> list[Finding]:
     """Against what white noise makes of a turn: angle random walk x sqrt(duration).
 
-    Nothing is said where too few turns tell it, or where what is above that does not grow with the step as motion does.
+    No finding where the turns are too few, or where the excess does not grow with the step as motion does.
     """
     if noise is None:
         return []
@@ -181,7 +181,7 @@ def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, conf
     where, what, half_hz = log.path.name, "fast motion", missed.rate_hz / 2
     error, floor = (f"{angle / DEG:.2g}°" for angle in (missed.rms_rad, missed.floor_rad))
     if missed.rms_rad <= missed.floor_rad:
-        by = f"by about {error} rms" if missed.rms_rad > LEAST_SAID * missed.floor_rad else "nothing"
+        by = f"by about {error} rms" if missed.rms_rad > LEAST_REPORTED * missed.floor_rad else "nothing"
         says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
         return [Finding("ok", where, what, says)]
     if missed.exponent < LEAST_EXPONENT:

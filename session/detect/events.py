@@ -54,7 +54,7 @@ def accel_reach_g(sensor: Sensor) -> float:
 def register_end_dps(sensor: Sensor, gyro: np.ndarray) -> float:
     """From which rate on, dps, a reading stands at the register's end, by the sensor and its rates (N, 3) rad/s.
 
-    Of a sensor that is not known the register ends near its full scale, where the log's greatest reading is there; else nobody knows.
+    Of a sensor that is not known the register ends near its full scale, where the log's greatest reading is there; else the end is unknown.
     """
     end = gyro_reach_dps(sensor)
     if np.isfinite(end):
@@ -78,7 +78,7 @@ def run_bar(noise_std: float, step: float) -> int:
     """How many equal readings in a row noise does not make at a turn's peak, where the rate itself stands.
 
     Two neighbours with noise ``noise_std`` fall on the same register step with a chance of at most step / (2 sqrt(pi) noise_std),
-    so a run of n by chance^(n-1).  With three steps of noise that asks for 5 equal readings, with less noise for more.
+    so a run of n by chance^(n-1).  With three steps of noise that requires 5 equal readings, with less noise for more.
     """
     chance = step / (2 * sqrt(pi) * noise_std) if noise_std > 0 else 1.0
     if chance >= 0.9:
@@ -95,7 +95,7 @@ def plateau(values: np.ndarray, level: float, least_run: int) -> np.ndarray:
     return mask
 
 
-# Impacts: somebody hits a stop, or sets the sensor down hard.  A movement that lasts a few milliseconds falls between two readings.
+# Impacts: the table hits a stop, or the sensor is set down hard.  A movement that lasts a few milliseconds falls between two readings.
 #
 # The length of the specific force does not depend on how the sensor lies, and no hand changes it by ``JUMP_G`` between two readings: what
 # does, is shorter than they are apart.  What the gyroscope missed of it no reading tells; only the closure of such turns does.
@@ -132,7 +132,7 @@ def find_impacts(samples: Samples) -> list[Impact]:
     return [Impact(row, float(samples.t_s[row]), float(jump[row])) for row in greatest]
 
 
-# Blocks of a rest log in which somebody knocked, leant or walked: their scatter is beyond what the others have.
+# Blocks of a rest log with knocks or footsteps: their scatter is beyond what the others have.
 #
 # The scatter may follow temperature, so a block is held against its neighbours in time; how far the logarithm of a variance strays without
 # a knock is taken from the log itself.

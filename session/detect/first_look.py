@@ -144,7 +144,7 @@ def _rests_alone(folder: Path) -> list[Finding] | None:
 
 
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
-    """The first look at every log and closure run of a session that could be read; ``found`` is what others will ask for its stills."""
+    """The first look at every log and closure run of a session that could be read; ``found`` holds its stills for later steps."""
     found = found or SessionStills(session)
     logs, all_stills = (*session.logs, *session.closures), []
     findings = check_keys(session.config) + check_copies(logs) + check_standin(logs)
@@ -164,7 +164,7 @@ def check_keys(config: Config) -> list[Finding]:
     """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
     findings = []
     if not config.model_given:
-        says = f"sensor.model is not given: what is read and judged here is taken for an {config.sensor.model}'s"
+        says = f"sensor.model is not given: its registers and limits are taken to be those of an {config.sensor.model}"
         findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
     for key, near in config.unknown:
         do = f"did you mean {near}?" if near else "remove it"

@@ -58,7 +58,7 @@ class Segment:
 
     @property
     def stills(self) -> tuple[Still, Still]:
-        """The two between which it lies; a segment between moments of a truth file has none, and is not asked."""
+        """The two between which it lies; a segment between moments of a truth file has none."""
         assert self.first is not None
         assert self.last is not None
         return self.first, self.last
@@ -113,7 +113,7 @@ def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> 
     turn_s = (samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS
     margin = round(max((protocol.segment_s - turn_s) / 2, LEAST_MARGIN_S) / samples.period_s)
     start = max(first.stop - 1 - margin, first.middle)
-    stop = min(last.start + margin, last.middle) + 1  # neighbours share the middle sample: the step between is nobody's else
+    stop = min(last.start + margin, last.middle) + 1  # neighbours share the middle sample: the step between belongs to no other
     return start, stop
 
 
@@ -199,7 +199,7 @@ def _confirmed(steps_s: np.ndarray) -> float:
     """The period, s, that steps of whole periods have; begun at the steps near the median, which lies on a tick of a coarse clock."""
     median = float(np.median(steps_s))
     near = steps_s[np.abs(steps_s - median) <= median / 2]
-    # Of two steps or so, none may lie near the middle between them: then the shorter of the two beside it.
+    # Of two steps or so, none may lie near the middle between them: then the shorter of its two neighbours.
     period = float(near.mean()) if len(near) else float(np.quantile(steps_s, 0.5, method="lower"))
     for _ in range(ROUNDS):
         before, period = period, float(steps_s.sum() / np.rint(steps_s / period).sum())
@@ -291,7 +291,7 @@ def moved_at(segment: Segment, samples: Samples, at_s: float) -> bool:
 # The gyro's own angle is the integral of its rate less the bias of the stills on either side, in body axes: about a fixed axis it is that
 # axis times the whole angle, circles counted.
 
-#: of the angle, and rad, that a gyroscope which nobody has calibrated may be off by: its sensitivity by 1 to 3 %, its clock by 5.25 %
+#: of the angle, and rad, that an uncalibrated gyroscope may be off by: its sensitivity by 1 to 3 %, its clock by 5.25 %
 #: (docs/sensor.md); never so much that a circle more or less could be meant
 APART_SHARE, APART_RAD, MOST_APART_RAD = 0.10, 5 * DEG, 150 * DEG
 #: between the axis that was written and the one that the gyro turned about: "mounted by hand" ends here
@@ -364,7 +364,7 @@ def contradiction(turn: KnownTurn, reads: np.ndarray) -> str | None:
     size = float(np.linalg.norm(reads))
     along = float(reads @ turn.axis)
     cosine = abs(along) / size if size > 0 else 0.0
-    said = f"the gyro reads {along / DEG:.1f} deg about {turn.words}"
+    reading = f"the gyro reads {along / DEG:.1f} deg about {turn.words}"
     if cosine < np.cos(AXIS_APART_RAD):
         about = ";".join(f"{x:.2f}" for x in reads / max(size, 1e-12))
         return f"the gyro turned {size / DEG:.1f} deg about {about}, not about {turn.words}"
@@ -372,12 +372,12 @@ def contradiction(turn: KnownTurn, reads: np.ndarray) -> str | None:
     if _near(own, turn.angle_rad):
         return None
     if _near(own, -turn.angle_rad):
-        return f"{said}: the other way round"
+        return f"{reading}: the other way round"
     circles = round((own - turn.angle_rad) / (2 * np.pi))
     if circles and _near(own, turn.angle_rad + circles * 2 * np.pi):
         count = f"{abs(circles)} full circle{'s' * (abs(circles) != 1)}"
-        return f"{said}: {count} {'more' if circles > 0 else 'fewer'} than stated"
-    return said
+        return f"{reading}: {count} {'more' if circles > 0 else 'fewer'} than stated"
+    return reading
 
 
 def _near(read_rad: float, angle_rad: float) -> bool:

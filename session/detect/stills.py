@@ -1,4 +1,4 @@
-"""Find the still phases of a log, and say how good each one is."""
+"""Find the still phases of a log, and rate each one."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from session.io.numeric import runs_of, sigma_of, weighted_median
 from session.io.samples import Samples
 from session.io.units import DEG, NS
 
-# Short blocks of samples and their moments: what stillness and noise are judged by.
+# Short blocks of samples and their moments: the data for stillness and noise.
 
-BLOCK_S = 0.1  #: long beside a gyro's filter, short beside a hand's pause
+BLOCK_S = 0.1  #: long against a gyro's filter, short against a hand's pause
 MIN_BLOCK_SAMPLES = 8  #: below this a variance says little
 _CHUNK_BLOCKS = 20_000  #: keeps the working memory small on logs of any length
 
@@ -42,7 +42,7 @@ def block_size(period_s: float) -> int:
 
 
 def block_moments(samples: Samples, size: int | None = None) -> Blocks:
-    """Cut samples into blocks of ``size`` samples, or of about ``BLOCK_S``; what is left at the end and fills no block is not looked at."""
+    """Cut samples into blocks of ``size`` samples, or of about ``BLOCK_S``; an incomplete block at the end is left out."""
     size = size or block_size(samples.period_s)
     gyro_mean, gyro_var = _moments(samples.gyro, size)
     accel_mean, accel_var = _moments(samples.accel, size)
@@ -131,7 +131,7 @@ def _parts(spans: Spans) -> Iterator[slice]:
 #
 # No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
 # quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
-# Runs of quiet blocks are stills.  A constant slow turn is quiet too, so each still is also asked whether gravity moves in it.
+# Runs of quiet blocks are stills.  A constant slow turn is quiet too, so gravity must not move in a still.
 
 QUIET_VARIANCE_RATIO = 3.0  #: of a block's variance to the noise's; pure noise of 3 x 7 degrees of freedom exceeds it once in 10^6
 QUIET_ACCEL_RATIO = 6.0  #: looser: a table that trembles by some 0.1 mg still does not turn
@@ -213,7 +213,7 @@ def references(stills: Sequence[Still]) -> list[Still]:
 def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], Noise | None]:
     """Still phases of about ``still_s`` or longer, in order, and the noise in them (None where there is no still).
 
-    Phases that are quiet but no reference (they creep) are in the list, with their problem said.
+    Phases that are quiet but no reference (they creep) are in the list, with their problem.
     """
     blocks = block_moments(samples)
     if len(blocks) < 3:
@@ -310,7 +310,7 @@ def _same_rest(a: tuple[int, int], b: tuple[int, int], blocks: Blocks, spread: n
 
 
 def _noise(runs: list[list[tuple[int, int]]], blocks: Blocks) -> Noise:
-    """Overlapping Allan variance inside the stills (IEEE 952, C.1), over three blocks: long beside the sensor's own filter, whose
+    """Overlapping Allan variance inside the stills (IEEE 952, C.1), over three blocks: long against the sensor's own filter, whose
     correlation would hide some per cent of the noise from a shorter one."""
     longest = max(b - a for run in runs for a, b in run)
     size = min(NOISE_BLOCKS, longest // 2)
@@ -423,7 +423,7 @@ def usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
 
 LEAST_S = 0.25  #: a hand that changes its direction rests for less
 KNOCK_S = 1.0  #: rests of one attitude that are parted by less were one, and something knocked at it
-SAME_ATTITUDE_RAD = 0.5 * DEG  #: a table that somebody knocks at comes back to within this; a turn goes farther
+SAME_ATTITUDE_RAD = 0.5 * DEG  #: a table that is knocked comes back to within this; a turn goes farther
 
 
 @dataclass(frozen=True)
@@ -481,7 +481,7 @@ def _knock_s(number: int, runs: list[tuple[int, int]], blocks: Blocks) -> float 
     return None
 
 
-# The stills of a session's logs and closure runs, each looked for once, whoever asks for them.
+# The stills of a session's logs and closure runs, each found once.
 
 #: calibrations whose matrices differ by less find the same stills: a scatter moves by 1 %, and ends a still at 2.4 times the noise's
 NEARLY = 0.01
@@ -499,7 +499,7 @@ class LogStills:
 
     @cached_property
     def unused(self) -> list[UnusedRest]:
-        """Rests that are no reference, with their reasons; looked for when they are first asked for."""
+        """Rests that are no reference, with their reasons; found on first access."""
         return unused_rests(self.samples, self.stills, self.still_s)
 
 
@@ -507,13 +507,13 @@ class SessionStills:
     """Made once where a session is read, and handed on: to the first look, the problem, the closure runs."""
 
     def __init__(self, session: Session, known: SessionStills | None = None):
-        """known: of the same session before some of its logs were mended; the others are not looked at again."""
+        """known: of the same session before some of its logs were repaired; the others are not searched again."""
         self._session = session
         self._found: list[tuple[Log, LogStills]] = [] if known is None else list(known._found)
 
     def under(self, session: Session) -> SessionStills:
         """Of the same logs under another calibration of the accelerometer: the same stills where it is nearly the one before, else to be
-        looked for anew, since the scatter of each axis decides what is still."""
+        found again, since the scatter of each axis decides what is still."""
         return self.recalibrated(session) if abs(self._change(session) - np.eye(3)).max() < NEARLY else SessionStills(session)
 
     def recalibrated(self, session: Session) -> SessionStills:
@@ -546,7 +546,7 @@ class SessionStills:
         return [found.samples for _, found in self._found]
 
     def of(self, log: Log) -> LogStills:
-        """What is found in a log or closure run of the session: looked for when it is first asked for."""
+        """What is found in a log or closure run of the session: found on first access."""
         for looked_at, found in self._found:
             if looked_at is log:
                 return found

@@ -32,7 +32,7 @@ from session.io.units import DEG, NS, NS_PER_S
 
 # Short spans between moments of truth, and what the gyro makes of them at any offset of the truth's clock.
 
-#: as short as the truth allows: there the rates are greatest beside what the truth is wrong by
+#: as short as the truth allows: there the rates are greatest against the truth's own errors
 SPAN_S = 0.5
 #: over more, what is left of a bias of some dps turns too far to be a correction
 LONGEST_S = 10.0
@@ -53,7 +53,7 @@ class Carried:
     gaps: np.ndarray
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
-        """(K, 4): attitude at any times, from the nearest sample by the rate that is straight to its neighbour, or holds beside a gap."""
+        """(K, 4): attitude at any times, from the nearest sample by the rate that is straight to its neighbour, or holds next to a gap."""
         row, late = self._nearest(t_s)
         return product(self.q[row], turn((self.rate[row] + self._slope(row, late) * late[:, None] / 2) * late[:, None]))
 
@@ -157,7 +157,7 @@ def all_spans(session: Session) -> list[Spans]:
 MUCH_LESS = 0.5
 #: two ways that differ by less, of all that turns, are one: cells in another order against an inverse
 SAME = 0.02
-#: cosine of the angle from the nearest axis: an up that is farther off is nobody's world
+#: cosine of the angle from the nearest axis: an up that is farther off belongs to no known world
 UPRIGHT = 0.9
 #: of the mean specific force over its mean length: a body that a gyro can follow does not fly freely
 STEADY = 0.7
@@ -195,12 +195,12 @@ class AlignedLog:
 
 def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list[Way]:
     """Every way to read the files that is not ruled out by what is given, the contract's own first."""
-    told = TruthReading.of(given)
+    stated = TruthReading.of(given)
     senses = SENSES if given.sense is None else (given.sense,)
     orders = ORDERS if given.order is None else (given.order,)
     found = []
     for order, sense in combinations(orders, senses):
-        reading = replace(told, order=order, sense=sense, offset_s=offset_s)
+        reading = replace(stated, order=order, sense=sense, offset_s=offset_s)
         turns = [_turns(one, replace(reading, mounting=np.eye(3))) for one in seen]
         truth, gyro, duration = (np.concatenate(part) for part in zip(*turns, strict=True))
         mounting, misfit = _mounting(truth, gyro, duration, given.mounting)
@@ -482,7 +482,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-# A session's truth files, read as session.toml says, or else as the recording asks for.
+# A session's truth files, read as session.toml states, or else as the recording shows.
 
 #: an offset is taken off where it is as sure as this: of ten EuRoC sequences, whose clocks their authors have aligned, one shows 5.0 and
 #: the others 3.0 at most, errors of truth and gyro that go along with the movement (benchmarks/truth_alignment.py)
@@ -498,47 +498,47 @@ ROUGH_SPANS = 600
 
 
 def align(session: Session) -> Session:
-    """The session with its truths read anew where nothing was given and the recording asks for it; ``alignment`` says how.
+    """The session with its truths reread where nothing was given and the recording shows another convention; ``alignment`` states it.
 
     Sessions without a truth, or aligned before, are returned as they are; so is a truth that does not go with the gyro at all.
     """
     if session.truths is None or session.alignment is not None:
         return session
     given = session.config.truth
-    told = TruthReading.of(given)
-    alignment = _alignment(session, given, told)
-    truths = tuple(truth.reread(told, alignment.reading) for truth in session.truths)
+    stated = TruthReading.of(given)
+    alignment = _alignment(session, given, stated)
+    truths = tuple(truth.reread(stated, alignment.reading) for truth in session.truths)
     return replace(session, truths=truths, alignment=alignment)
 
 
-def _alignment(session: Session, given: TruthGiven, told: TruthReading) -> TruthAlignment:
+def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> TruthAlignment:
     source = {name: ASSUMED if value is None else GIVEN for name, value in vars(given).items()}
     if any(len(log.samples) < 3 for log in session.logs):
-        return _unknown(told, source)
-    seen = _seen(session, told)
+        return _unknown(stated, source)
+    seen = _seen(session, stated)
     if sum(len(one.spans) for one in seen) < FEWEST_SPANS:
-        return _unknown(told, source)
-    turns = [(one.spans, one.spans.turned(told.read(one.written))) for one in seen]
-    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], told.offset_s)
+        return _unknown(stated, source)
+    turns = [(one.spans, one.spans.turned(stated.read(one.written))) for one in seen]
+    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], stated.offset_s)
     if rough is None:
-        return _unknown(told, source)
+        return _unknown(stated, source)
     # What is given is finer than the search, unless the recording contradicts it.
-    start = told.offset_s if abs(rough - told.offset_s) < 1.5 * STEP_S and given.offset_s is not None else rough
+    start = stated.offset_s if abs(rough - stated.offset_s) < 1.5 * STEP_S and given.offset_s is not None else rough
     way = best_way(ways(seen, given, start))
     if 1 - way.misfit < EXPLAINED:
-        return _unknown(told, source)
+        return _unknown(stated, source)
     fine = refined(seen, [log.samples for log in session.logs], way.reading)
-    return _taken(given, told, source, way, fine)
+    return _adopted(given, stated, source, way, fine)
 
 
-def _seen(session: Session, told: TruthReading) -> list[AlignedLog]:
+def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
     """Spans at the truth's own stamps, and its cells as they are written."""
     found = []
     for log, truth, spans in zip(session.logs, session.truths or (), all_spans(session), strict=True):
-        own = replace(spans, begin_s=spans.begin_s - told.offset_s, end_s=spans.end_s - told.offset_s)
+        own = replace(spans, begin_s=spans.begin_s - stated.offset_s, end_s=spans.end_s - stated.offset_s)
         force = session.config.accelerometer.correct(log.samples.accel)
         force = np.where(np.abs(log.samples.accel).sum(axis=1, keepdims=True) > 0, force, 0.0)
-        found.append(AlignedLog(carried(log.samples, log.samples.gyro), own, told.written(truth.q_nb), force))
+        found.append(AlignedLog(carried(log.samples, log.samples.gyro), own, stated.written(truth.q_nb), force))
     return found
 
 
@@ -548,16 +548,16 @@ def _fewer(spans: Spans, turned: np.ndarray) -> tuple[Spans, np.ndarray]:
     return Spans(spans.begin_s[picked], spans.end_s[picked], spans.first[picked], spans.last[picked]), turned[picked]
 
 
-def _unknown(told: TruthReading, source: dict[str, str]) -> TruthAlignment:
+def _unknown(stated: TruthReading, source: dict[str, str]) -> TruthAlignment:
     nothing = np.full(3, np.nan)
-    return TruthAlignment(told, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
+    return TruthAlignment(stated, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
 
 
-def _taken(given: TruthGiven, told: TruthReading, source: dict[str, str], way: Way, fine: Fine | None) -> TruthAlignment:
-    """What of a way, and of what was found out finely, is taken; the rest stays as it was told."""
-    source, reading = dict(source), replace(way.reading, mounting=told.mounting, offset_s=told.offset_s)
+def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], way: Way, fine: Fine | None) -> TruthAlignment:
+    """What is adopted of a convention and of the refined estimate; the rest stays as stated."""
+    source, reading = dict(source), replace(way.reading, mounting=stated.mounting, offset_s=stated.offset_s)
     for name in ("order", "sense"):
-        if getattr(given, name) is None and getattr(reading, name) != getattr(told, name):
+        if getattr(given, name) is None and getattr(reading, name) != getattr(stated, name):
             source[name] = FOUND
     frame = frame_of(way)
     if given.frame is None and frame is not None:

@@ -1,7 +1,7 @@
 """Annexes: parts of the tool that the core does not know, a folder each in ``session/annexes`` or ``tinygc/annexes``.
 
 A folder may be removed.  The core holds this one table of names: which module of which annex serves what.  It imports none of them;
-``find`` and ``need`` import a module when somebody asks for what it serves.
+``find`` and ``need`` import a module when its service is needed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from types import ModuleType
 
 from session.io.errors import CalibrationError
 
-#: what an annex serves, as a person would ask for it -> its module
+#: what an annex serves, as messages name it -> its module
 SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
     "a lot as prior": "tinygc.annexes.lots.fit",
@@ -35,7 +35,7 @@ SERVICES = {
 
 
 class MissingAnnexError(CalibrationError):
-    """An annex is asked for whose folder is not there."""
+    """The folder of an annex is not there."""
 
 
 def find(service: str) -> ModuleType | None:

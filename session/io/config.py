@@ -44,7 +44,7 @@ SAME_FRAME = {"z_down": "ned", "z_up": "enu", "nwu": "enu", "nue": "y_up"}
 
 @dataclass(frozen=True, eq=False)
 class TruthGiven:
-    """What ``[truth]`` of session.toml says; None: to be found out.  mounting (3, 3): from the IMU's axes to the truth's body."""
+    """``[truth]`` of session.toml; None: to be estimated.  mounting (3, 3): from the IMU's axes to the truth's body."""
 
     offset_s: float | None = None
     frame: str | None = None
@@ -55,7 +55,7 @@ class TruthGiven:
 
 @dataclass(frozen=True, eq=False)
 class TruthReading:
-    """One way to read a truth file; as it is made, the contract's own.
+    """A convention of a truth file; the default is that of docs/formats.md.
 
     order: one of ``ORDERS``; sense: one of ``SENSES``; frame: one of ``FRAMES``; mounting (3, 3): takes vectors from the IMU's axes to
     those of the truth's body; offset_s: added to the truth's stamps it gives the log's clock.
@@ -69,9 +69,8 @@ class TruthReading:
 
     @classmethod
     def of(cls, given: TruthGiven) -> TruthReading:
-        """What is given, and the contract's own where nothing is."""
-        told = {name: value for name, value in vars(given).items() if value is not None}
-        return cls(**told)
+        """What is given, and the default elsewhere."""
+        return cls(**{name: value for name, value in vars(given).items() if value is not None})
 
     def read(self, q: np.ndarray) -> np.ndarray:
         """``q_nb`` (K, 4) of what is written, (K, 4)."""
@@ -133,7 +132,7 @@ GIVEN, FOUND, ASSUMED = "given", "found", "assumed"
 
 @dataclass(frozen=True, eq=False)
 class TruthAlignment:
-    """How a session's truth files are read, and what the recording says of it.
+    """How a session's truth files are read, and the alignment that the recording shows.
 
     reading: as they are read; source: of each of its parts, ``given``, ``found`` in the recording, or ``assumed`` (the contract's own).
     offset_s, offset_sigma_s: of the truth's clock, as the recording shows it, whatever is given or used; nan where it does not.  turned,
@@ -204,7 +203,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class BoardGiven:
-    """What the board said of itself when it was recorded, as session.toml keeps it; empty, or None, where it said nothing.
+    """The board's own description at recording time; empty, or None, where it stated nothing.
 
     source: sensor, or stand-in where there was none; registers: CTRL1_XL to CTRL10_C as hexadecimal digits.
     """
@@ -222,8 +221,8 @@ class Accelerometer:
     """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
 
     source: ``given``; ``prior``, where the recording has sharpened a given one; ``stills``, where the recording alone gave it; ``none``,
-    where nobody has calibrated it.  sigma_mg: of each number at one g, where it is stated.  own_stills: whether the stills of the very
-    recording gave it, so that it says nothing beside them.
+    where it is not calibrated.  sigma_mg: of each number at one g, where it is stated.  own_stills: whether it was estimated from this
+    recording's stills, so that it is no independent prior.
     """
 
     matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
@@ -287,7 +286,7 @@ class LeftOut:
 @dataclass(frozen=True)
 class Config:
     """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
-    notes: what a person wrote beside the data, by name; exclude: turns that do not count."""
+    notes: the operator's notes, by name; exclude: turns that do not count."""
 
     sensor: Sensor
     accelerometer: Accelerometer

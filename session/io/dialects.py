@@ -12,7 +12,7 @@ from session.io.errors import FormatError
 from session.io.registers import RegisterUnits
 from session.io.units import NS_PER_S, Unit
 
-# What a reader must know of a file: which column is what, in which unit; and what a person says where the file does not.
+# A file's layout: which column is what, in which unit; and the options that state what the file does not.
 
 #: the order of the axes as they are
 AXES = "x,y,z"
@@ -20,7 +20,7 @@ AXES = "x,y,z"
 
 @dataclass(frozen=True)
 class Answers:
-    """What a person says of a log that the log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
+    """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
 
     gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.
     """
@@ -95,7 +95,7 @@ class Layout:
     @property
     def time_column(self) -> int:
         """``time`` of a log that has stamps."""
-        assert self.time is not None  # who asks has stamps at hand
+        assert self.time is not None  # the log has stamps
         return self.time
 
     def is_register(self, column: int) -> bool:
@@ -112,7 +112,7 @@ class Layout:
 
     def gyro_si(self, units: RegisterUnits) -> float:
         """rad/s per written unit; units: of registers.  FormatError where it holds registers whose meaning is not known."""
-        assert self.gyro is not None  # who asks has seen that it is there
+        assert self.gyro is not None  # the caller has checked that it is there
         if self.gyro.unit.si is not None:
             return self.gyro.unit.si
         return units.gyro_rps
@@ -163,9 +163,9 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, in
                 return delimiter, number, tuple(f"column {place + 1}" for place in range(len(names))), columns
             return delimiter, number + 1, names, columns
     missing = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
-    said = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
+    problem = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
     first = next((line.strip()[:60] for line in lines if line.strip()), "")
-    raise FormatError(f"{name}: {said} (--columns); it begins {first!r}")
+    raise FormatError(f"{name}: {problem} (--columns); it begins {first!r}")
 
 
 def split(line: str, delimiter: str | None) -> tuple[str, ...]:
@@ -216,8 +216,8 @@ def _numeric(names: tuple[str, ...], places: dict[str, int]) -> bool:
 # The dialects.  A new one is one entry.
 #
 # Names are those of the header without unit, in small letters; ``{}`` stands for the axis.  A unit in the header, in [] or (), always
-# counts; the units here are those that the dialect is documented to use where its header says none.  No unit here and none in the
-# header: it is asked for.
+# counts; the units here are those that the dialect is documented to use where its header says none.  Where neither states a unit, an
+# option must.
 
 
 @dataclass(frozen=True)

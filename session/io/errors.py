@@ -4,7 +4,7 @@ from session.io.texts import printable
 
 
 class CalibrationError(Exception):
-    """Something a person can mend; printed as one line, exit code 2."""
+    """Base class for errors that the user can fix; printed as one line, exit code 2."""
 
     exit_code = 2
 
@@ -13,15 +13,15 @@ class CalibrationError(Exception):
 
 
 class FormatError(CalibrationError):
-    """A file does not hold what docs/formats.md says it holds."""
+    """A file departs from docs/formats.md."""
 
 
 class DataError(CalibrationError):
-    """The files are readable, but the samples in them cannot be what they claim to be."""
+    """The files are readable, but their samples contradict what the files state."""
 
 
 class OtherSensor(DataError):
-    """The board is not the one that a recording is of."""
+    """The board is not the one of the recording."""
 
 
 class SegmentError(CalibrationError):
@@ -29,7 +29,7 @@ class SegmentError(CalibrationError):
 
 
 class FitError(CalibrationError):
-    """The segments do not determine what was asked of them."""
+    """The segments do not determine the parameters."""
 
 
 class DeviceError(CalibrationError):

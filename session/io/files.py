@@ -72,9 +72,9 @@ def require_file(path: Path) -> None:
 
 
 def open_stream(path: Path) -> BufferedReader | None:
-    """What somebody has opened for us already, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
+    """A stream that the caller has opened, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
 
-    That one may wait for: who gave it writes to it.
+    Reading from it may wait for its writer.
     """
     name = str(path)
     match = DESCRIPTOR.fullmatch(name)
@@ -100,13 +100,13 @@ def read_bytes(path: Path, most: int) -> bytes:
         except OSError as error:
             raise unreadable(path, error) from None
         if size > most or len(data) > most:
-            said = f"{size / MB:.1f} MB" if size > most else "its bytes do not end"
-            raise FormatError(f"{path}: {said}, and no file of its kind has more than {most / MB:g} MB; is it the right one?")
+            length = f"{size / MB:.1f} MB" if size > most else "its bytes do not end"
+            raise FormatError(f"{path}: {length}, and no file of its kind has more than {most / MB:g} MB; is it the right one?")
         return data
 
 
 def read_text(path: Path, most: int, do: str = "save it in UTF-8", mark: bool = False) -> str:
-    """All of a text file in UTF-8, line ends as they are, a byte order mark only if asked for.
+    """All of a text file in UTF-8, line ends as they are, a byte order mark only with ``mark``.
 
     FormatError as ``read_bytes``, and for what is no text; do: what to do then.
     """
@@ -149,7 +149,7 @@ def read_npz(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
-    """ValueError where its header asks for more than the member has."""
+    """ValueError where its header states more than the member holds."""
     import numpy as np  # only where an archive is read
 
     with archive.open(member) as file:

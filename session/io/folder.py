@@ -123,7 +123,7 @@ def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: Arr
 
 
 def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
-    """Read a whole session folder.  Raises FormatError or DataError, naming file and line.  ``progress`` is told each file."""
+    """Read a whole session folder.  FormatError or DataError names file and line.  ``progress`` is called with each file's name."""
     folder = Path(folder)
     if not folder.is_dir():
         hint = "that is a file; give the session folder" if folder.exists() else "not found"
@@ -137,7 +137,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
             f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {shell_word(folder)}` fits their temperature"
         )
     if not paths:
-        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
+        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")
 
     for path in (*paths, *closures, *_beside(folder, config, paths)):
         require_file(path)
@@ -159,7 +159,7 @@ def read_logs(
     rests: Sequence[Path],
     progress: Callable[[str], None] = lambda what: None,
 ) -> Session:
-    """A session of these logs, closure runs and rest logs, without what may lie beside them.  Raises FormatError or DataError."""
+    """A session of these logs, closure runs and rest logs, without the tables of its folder.  Raises FormatError or DataError."""
 
     def read(path: Path) -> Log:
         progress(path.name)
@@ -281,9 +281,9 @@ def sha256_of(path: Path) -> str:
         raise unreadable(path, error) from None
 
 
-# What is added to a ``session.toml`` that is there: notes, and turns that do not count.  Whatever else stands in it stays as it is.
+# What is added to a ``session.toml`` that is there: notes, and turns that do not count.  The rest stays as it is.
 #
-# The text is added to, never written anew, so a person's comments and order stay.  The file is replaced whole or not at all.
+# Lines are added to the text, so comments and order stay.  The file is replaced whole or not at all.
 
 HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
 NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)

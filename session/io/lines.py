@@ -1,4 +1,4 @@
-"""The lines of a text file, plain or gzipped, in pieces: whatever its line ends, as far as it goes, and never more of it than is asked for.
+"""The lines of a text file, plain or gzipped, in pieces: with any line ends, and never more of it than the caller takes.
 
 A file may be made, or may have broken, so that it holds gigabytes without a row: a line that does not end, zero bytes, blank lines, a
 packed file that is a thousand times smaller than what comes out of it.  Each of these ends in a FormatError after some megabytes.
@@ -118,8 +118,8 @@ class Lines:
 
     def _heed(self, text: str) -> None:
         if "#" in text:
-            for said in COMMENT.findall(text):
-                for key, value in WORD.findall(said) if "=" in said and len(said) <= LONGEST_LINE else []:
+            for line in COMMENT.findall(text):
+                for key, value in WORD.findall(line) if "=" in line and len(line) <= LONGEST_LINE else []:
                     if key in self.comments or len(self.comments) < MOST_WORDS:
                         self.comments[key] = value
 

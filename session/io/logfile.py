@@ -1,4 +1,4 @@
-"""One log of a session, and the small tables beside it: dial readings, known turns, truth files."""
+"""One log of a session, and the small tables of its folder: dial readings, known turns, truth files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from session.io.units import DEG, NS_PER_S, STAMP_NS
 
 
 def _temperature(packer: Packer, layout: Layout, units: RegisterUnits) -> np.ndarray | None:
-    """(N,) degC; None where there is none, or nobody knows what its register means."""
+    """(N,) degC; None where there is none, or its register's scale is unknown."""
     if layout.temp is None or layout.temperature_c(np.zeros(1), units) is None:
         return None
     return cast(np.ndarray, PackedReadings(*packer.packed(), (partial(_in_degrees, layout, units),)))
@@ -55,10 +55,10 @@ class Bridge:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One file's samples, and what else it said.
+    """One file's samples, comments and the reader's notes.
 
-    samples with the specific force as measured; comments: ``key=value`` pairs of its # lines; notes: what was mended
-    or left out while reading; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name; bridges:
+    samples with the specific force as measured; comments: ``key=value`` pairs of its # lines; notes: what the reader repaired
+    or left out; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name; bridges:
     readings of the samples that were put in.
     """
 
@@ -224,7 +224,7 @@ def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn
     if len(cells) != len(header):
         raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
     cell = dict(zip(header, cells, strict=True))
-    says = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between characters that nobody sees
+    words = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between invisible characters
     turn = _number(where, "turn", cell["turn"], "a whole number, the first turn is 0")
     if turn != int(turn) or not 0 <= turn < MOST_TURNS:
         raise FormatError(f"{where}: turn is {cell['turn']!r}, expected a whole number, the first turn is 0")
@@ -236,7 +236,7 @@ def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn
         raise FormatError(
             f"{where}: sigma_deg is {cell['sigma_deg']!r}, expected one sigma of the stop, above 0 and up to {MOST_SIGMA_DEG:g}"
         )
-    return KnownTurn(int(turn), _log(where, cell.get(LOG), logs), _axis(where, says), says, angle * DEG, sigma * DEG)
+    return KnownTurn(int(turn), _log(where, cell.get(LOG), logs), _axis(where, words), words, angle * DEG, sigma * DEG)
 
 
 def _number(where: str, name: str, text: str, expected: str) -> float:

@@ -109,15 +109,15 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         return t_ns, None
     count = np.arange(len(t_ns))
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
-    said = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
+    shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
     if step_ns:
         slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
         if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            return even, f"{said} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+            return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
     if odr_hz is None:
-        raise DataError(f"{name}: {said}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
-    return counted(len(t_ns), odr_hz), f"{said}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
+        raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
+    return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
 
 
 def counted(rows: int, odr_hz: float) -> np.ndarray:
@@ -134,13 +134,13 @@ CLOSE_NS = 2**50
 #: whole numbers that a column can hold
 INT64 = (-(2**63), 2**63 - 1)
 OPEN = "a quotation mark that is not closed"
-MEND = "mend or remove that line"
+CORRECT = "correct or remove that line"
 
 
 class RowFault(Exception):
     """A row, counted without blanks and comments, can be read but cannot be: what is wrong, and what to do."""
 
-    def __init__(self, row: int, what: str, do: str = MEND):
+    def __init__(self, row: int, what: str, do: str = CORRECT):
         super().__init__(what)
         self.row, self.what, self.do = row, what, do
 
@@ -340,9 +340,9 @@ class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
     def __init__(self, path: Path, answers: Answers | None):
-        """answers: what a person says of a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
+        """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
 
-        Raises FormatError: what cannot be read or told.
+        Raises FormatError for what cannot be read or recognised.
         """
         self.path = path
         self.notes: list[str] = []
@@ -417,7 +417,7 @@ class Reader:
         return lines if first is None else lines[: first + HEAD_LINES]
 
     def _counter_ns(self) -> int | None:
-        """After how many ns the stamps begin anew, or None where they never do."""
+        """The period of the stamps' counter, ns; None where it does not wrap."""
         layout = self.layout
         if layout.standard:
             return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
@@ -434,7 +434,7 @@ class Reader:
                 if not self._commas and self._has_decimal_commas(lines):
                     self._commas = True
                     lines = _with_points(lines)
-                lines = self._mended(lines, number, last)
+                lines = self._repaired(lines, number, last)
                 table, stamps = parse(lines, self.layout)
             if not len(table):
                 return None
@@ -449,7 +449,7 @@ class Reader:
         return Piece(t_ns, gyro, accel, temp)
 
     def _require_time(self, piece: Piece, number: int) -> None:
-        """FormatError for rows without end that all have one stamp: repeated ones are left out, so that nobody else would notice."""
+        """FormatError for rows without end that all have one stamp: repeated ones are left out, so that no later check would see them."""
         if piece.t_ns is None:
             return
         self._standing = self._standing + len(piece.t_ns) if (piece.t_ns == self._stood_at).all() else 0
@@ -474,7 +474,7 @@ class Reader:
         return number
 
     def _has_decimal_commas(self, lines: list[str]) -> bool:
-        """Whether numbers of these rows have commas in them, and none has a point: 1,234 beside 0.5 may be a thousand."""
+        """Whether numbers of these rows have commas in them, and none has a point: 1,234 next to 0.5 may be a thousand."""
         if self.layout.delimiter not in (";", "\t"):
             return False
         rows = (line.split("#")[0].split(self.layout.delimiter) for line in lines if line.strip() != self.layout.header_line)
@@ -498,18 +498,18 @@ class Reader:
         if back.any():
             row = int(np.argmax(back))
             by_s = ((before if row == 0 else int(t_ns[row - 1])) - int(t_ns[row])) * NS
-            do = " or mend the stamps" if self.layout.standard else ", or count samples: --time-unit none --odr HZ"
+            do = " or correct the stamps" if self.layout.standard else ", or count samples: --time-unit none --odr HZ"
             raise RowFault(row, f"{self.layout.name(self.layout.time_column)} goes backward by {by_s:g} s", f"split the log there{do}")
         self._before = int(t_ns[-1])
         return t_ns
 
-    def _mended(self, lines: list[str], number: int, last: bool) -> list[str]:
+    def _repaired(self, lines: list[str], number: int, last: bool) -> list[str]:
         """Without a header that comes again, and without a last line that was cut off; blanks in their place keep the numbers."""
         kept = list(lines)
 
         def leave_out(i: int, problem: str) -> None:
             if not (last and not any(rest.strip() for rest in lines[i + 1 :])):
-                raise FormatError(f"{self.path.name} line {number + i}: {problem}; {MEND}")
+                raise FormatError(f"{self.path.name} line {number + i}: {problem}; {CORRECT}")
             self.notes.append(f"line {number + i}, the last, is cut off ({problem}): left out")
             kept[i] = ""
 

@@ -1,4 +1,4 @@
-"""Recognise a log: from a file's first lines to its columns and units, or one line that asks for what is missing."""
+"""Recognise a log: from a file's first lines to its columns and units, or one line that names the option that is missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from session.io.dialects import DELIMITERS, DIALECTS, Answers, Column, Dialect, 
 from session.io.errors import FormatError
 from session.io.units import STAMP_NS, Unit, endings, known, parse_unit
 
-# The header line of a standard log (FORMATS): raw registers, or units said in the names.
+# The header line of a standard log (FORMATS): raw registers, or units in the names.
 
 OWN = "TinyGC"
 TEMPERATURES = {f"temp{ending}": unit for ending, unit in endings("temp").items()}
@@ -77,7 +77,7 @@ def parse_header(line: str, where: str, first: int = 1) -> Layout:
 
 
 def _refuse_doubled_names(names: tuple[str, ...], where: str) -> None:
-    """Of two columns of one name nobody knows which is meant; further columns are ignored, and may be doubled."""
+    """Refuse two columns of one name; columns that are not read may repeat."""
     read = {*TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
     if twice := [name for name in dict.fromkeys(names) if name in read and names.count(name) > 1]:
         raise FormatError(f"{where}: the column {twice[0]} stands {names.count(twice[0])} times; keep one, or rename the other")
@@ -115,7 +115,7 @@ def _near(what: str, names: tuple[str, ...], found: list[str]) -> str:
     return ""
 
 
-# From a file's first lines to a layout: which column is what, in which unit; or one line that asks for what they do not tell.
+# From a file's first lines to a layout: which column is what, in which unit; or one line that names the missing option.
 
 NUMBER = r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
 #: stands where one of our own headers lacks the time
@@ -125,7 +125,7 @@ Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column
 
 
 def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
-    """The layout of a file that begins with these lines.  Raises FormatError, which asks in the words of the options."""
+    """The layout of a file that begins with these lines.  Raises FormatError, which names the option to give."""
     if answers.columns is not None:
         delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
         return _layout(name, "other", delimiter, first, names, wanted, answers, "", lines)
@@ -157,8 +157,8 @@ def _refuse_headless(lines: list[str], name: str) -> None:
     for delimiter in DELIMITERS:
         cells = [cell.strip() for cell in row.split(delimiter)]
         if len(cells) >= 6 and all(re.fullmatch(NUMBER, cell) for cell in cells):
-            asked = "--columns t_us=1,gx_dps=2,…,az_g=7 (in its own order and units), or without stamps gx_dps=1,…,az_g=6 and --odr HZ"
-            raise FormatError(f"{name}: no header, {len(cells)} columns of numbers; name them by number, {asked}")
+            option = "--columns t_us=1,gx_dps=2,…,az_g=7 (in its own order and units), or without stamps gx_dps=1,…,az_g=6 and --odr HZ"
+            raise FormatError(f"{name}: no header, {len(cells)} columns of numbers; name them by number, {option}")
 
 
 def _first(lines: list[str]) -> str:
@@ -214,7 +214,7 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Col
 
 
 def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:
-    """Of two columns of one name nobody knows which is meant; what is not read may be doubled."""
+    """Refuse two columns of one name; what is not read may repeat."""
     known = [_name_and_unit(text)[0] for text in names]
     for column, _, _ in columns.values():
         if (times := known.count(known[column])) > 1:
@@ -264,7 +264,7 @@ def _layout(
     frame: str,
     lines: list[str],
 ) -> Layout:
-    """columns: {t, gx, …, temp: column}; what has no unit is asked for."""
+    """columns: {t, gx, …, temp: column}.  FormatError names the option for a missing unit."""
     time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
     time_unit = answers.time_unit or time_unit
     if time_column is None or time_unit == "none":
@@ -276,8 +276,8 @@ def _layout(
     else:
         unit = _unit("time", time_unit, "--time-unit", name, dialect)
     triads = {
-        letter: _triad(columns, letter, kind, option, said, axes, name, dialect)
-        for letter, kind, option, said, axes in (
+        letter: _triad(columns, letter, kind, option, unit, axes, name, dialect)
+        for letter, kind, option, unit, axes in (
             ("g", "gyro", "--gyro-unit", answers.gyro_unit, answers.gyro_axes),
             ("a", "accel", "--accel-unit", answers.accel_unit, answers.accel_axes),
         )
@@ -307,15 +307,15 @@ def _is_clock(column: int, delimiter: str | None, rows: list[str]) -> bool:
 
 
 def _triad(
-    columns: dict[str, Column], letter: str, kind: str, option: str, said: str | None, axes: str, name: str, dialect: str
+    columns: dict[str, Column], letter: str, kind: str, option: str, stated: str | None, axes: str, name: str, dialect: str
 ) -> Triad | None:
     if f"{letter}x" not in columns:
         return None
     found = [columns[f"{letter}{axis}"] for axis in "xyz"]
     units = {entry[1] for entry in found}
-    if len(units) > 1 and not said:
+    if len(units) > 1 and not stated:
         raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
-    unit = _unit(kind, said or found[0][1], option, name, dialect)
+    unit = _unit(kind, stated or found[0][1], option, name, dialect)
     order, turned = parse_axes(axes, f"--{kind}-axes")
     return Triad(three(found[i][0] for i in order), three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)), unit)
 

@@ -18,7 +18,7 @@ from session.io.units import MDPS, MG
 # Which sensor a name means, however it is written: ``mpu9250``, ``MPU-9250``, ``ST asm330lhhtr, unit 2``.
 
 PROFILES: tuple[Profile, ...] = (*st.PROFILES, *invensense.PROFILES, *others.PROFILES)
-#: what registers are where nobody names the sensor (docs/formats.md)
+#: the sensor where none is named (docs/formats.md)
 DEFAULT = "ASM330LHH"
 GENERIC = "generic"
 
@@ -34,7 +34,7 @@ _PATTERNS = [(_pattern(name), profile) for profile in PROFILES if profile.name !
 
 @lru_cache(maxsize=256)
 def profile_of(model: str) -> Profile | None:
-    """The known sensor that a text names; None where it names none, or two.  ``generic`` is meant only where nothing else is said."""
+    """The known sensor that a text names; None where it names none, or two.  ``generic`` counts only by itself."""
     if model.strip().lower() == GENERIC:
         return next(profile for profile in PROFILES if profile.name == GENERIC)
     found = [(match.span(), profile) for pattern, profile in _PATTERNS for match in pattern.finditer(model)]
@@ -66,7 +66,7 @@ def _plain(text: str) -> str:
 class RegisterUnits:
     """Of a model at its full scales, dps and g, or as its data sheet says (mdps and mg per LSB, LSB per degC, degC where 0 is read).
 
-    The properties raise FormatError: a model or full scale that is not known, each only where it is asked for.
+    A property raises FormatError on access where its model or full scale is unknown.
     """
 
     model: str
@@ -82,7 +82,7 @@ class RegisterUnits:
         """rad/s per LSB."""
         if self.gyro_mdps_per_lsb is not None:
             return self.gyro_mdps_per_lsb * MDPS
-        assert self.fs_dps is not None  # who asks has registers, and registers without a full scale were refused
+        assert self.fs_dps is not None  # registers without a full scale were refused
         return gyro_rps_per_lsb(self.fs_dps, self.model)
 
     @property

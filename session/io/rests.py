@@ -1,6 +1,6 @@
 """A rest log: the sensor lies still, for minutes or days, while its temperature changes.  Read once, in constant memory, into block means.
 
-A rest log is no calibration log: nothing is turned, and at some million samples nobody wants all of them in memory.  Means over a second
+A rest log is no calibration log: nothing is turned, and its millions of samples need not be in memory.  Means over a second
 keep everything that temperature can do; what a second hides is kept as the scatter within it.
 """
 
@@ -22,7 +22,7 @@ from session.io.units import NS_PER_S
 BLOCK_S, BLOCK_SAMPLES = 1.0, 8
 #: six weeks, at some 200 bytes each
 MOST_BLOCKS = 4_000_000
-#: told of each piece of samples as it is read
+#: called with each piece of samples as it is read
 Watch = Callable[[Samples], None]
 
 
@@ -32,7 +32,7 @@ class RestLog:
 
     number (B,) int: which block since the first, so that a gap shows; block_s; t_s (B,) s, middle of each, since the first sample;
     temp_c (B,) degC, NaN where the log has none; gyro (B, 3) rad/s and accel (B, 3) m/s^2, as measured; gyro_sd, accel_sd (B, 3): standard
-    deviation of the samples within each block; count (B,); samples in all; period_s between two; notes on what was mended in reading.
+    deviation of the samples within each block; count (B,); samples in all; period_s between two; notes of the reader.
     """
 
     path: Path
@@ -77,7 +77,7 @@ class RestLog:
 
 
 def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -> RestLog:
-    """Read one rest log; ``watch`` is told each piece of samples (SI) on the way, so that nothing has to be read twice.
+    """Read one rest log; ``watch`` is called with each piece of samples (SI), so that nothing is read twice.
 
     Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean anything).
     """

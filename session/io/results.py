@@ -44,7 +44,7 @@ def read_json_text(text: str, where: str) -> Any:
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict:
-    """A table, each of whose keys stands once: of two, nobody knows which is meant."""
+    """A table in which each key occurs once; ValueError for a repeated key."""
     table = dict(pairs)
     if len(table) < len(pairs):
         seen: set[str] = set()
@@ -88,8 +88,11 @@ def write_text_whole(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Where to write what becomes ``path`` once the block ends well: a file beside it; a device or a pipe itself, which is no file to
-    put another in the place of.  A full disk is a StorageError that names ``path``, and so is a recording's own file in its place."""
+    """The path to write to; it becomes ``path`` once the block ends well.
+
+    It is a temporary file in the same folder, or ``path`` itself where that is a device or a pipe.  Raises StorageError, which names
+    ``path``, for a full disk and for a recording's own file.
+    """
     refuse_recorded(path)
     if is_stream(path):
         with naming(path):

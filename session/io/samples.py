@@ -15,7 +15,7 @@ from session.io.errors import DataError
 from session.io.reader import ERA_NS
 from session.io.units import DEG, NS, SI, G, beyond_any_sensor
 
-# Readings of a whole log in as few bytes as they were written with, and in SI, float64, where they are asked for.
+# Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.
 #
 # A day at 208 Hz is 18 million rows: 24 bytes each as float64, a sixth of that as a sensor's registers.  Decimals are kept as whole numbers
 # of a power of ten where that gives back the very same float64; else as they are.
@@ -24,21 +24,21 @@ from session.io.units import DEG, NS, SI, G, beyond_any_sensor
 Step = Callable[[np.ndarray], np.ndarray]
 #: decimals that are tried: a register has none, a careful logger nine
 MOST_DECIMALS = 9
-#: rows that are turned into float64 at once where all are looked at
+#: rows that are converted to float64 at once where all are read
 TOGETHER = 1 << 17
 
 
 class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
     """Acts as the float64 array (N,) or (N, C) that it stands for: rows, columns and operators give plain arrays.
 
-    Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
+    Access to the whole array converts all of it to float64; long logs are read through ``pieces``.
     """
 
     def __init__(
         self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None
     ):
-        """packed (N, …) / divisor is what was written; steps from there to SI; put_in: rows (K,), in order, that nobody has written, and
-        what they hold (K, …) in SI."""
+        """packed (N, …) / divisor is what was written; steps from there to SI; put_in: inserted rows (K,), in order, and
+        their values (K, …) in SI."""
         self._packed, self._divisor, self._steps, self._put_in = packed, divisor, steps, put_in
 
     @property
@@ -103,7 +103,7 @@ class PackedReadings(np.lib.mixins.NDArrayOperatorsMixin):
         return getattr(self[:], name)
 
     def mapped(self, step: Step) -> PackedReadings:
-        """The same after one more step, which is taken when rows are asked for."""
+        """The same with one more step, which is applied on access."""
         put_in = None if self._put_in is None else (self._put_in[0], step(self._put_in[1]))
         return PackedReadings(self._packed, self._divisor, (*self._steps, step), put_in)
 
@@ -166,7 +166,7 @@ def times(factor: float) -> Step:
 
 
 def mapped(values: np.ndarray, step: Step) -> np.ndarray:
-    """``step`` of each row: of ``PackedReadings`` when rows are asked for, of an array at once."""
+    """``step`` of each row: of ``PackedReadings`` on access, of an array at once."""
     return cast(np.ndarray, values.mapped(step)) if isinstance(values, PackedReadings) else step(values)
 
 
@@ -274,7 +274,7 @@ def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
     return whole if same else None
 
 
-# The plain record that everything else works on.  A simulated one cannot be told from a recorded one.
+# The plain record that everything else works on.  Simulated and recorded samples have the same form.
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ NS = 1e-9  #: s per nanosecond
 NS_PER_S = 10**9  #: exact, unlike 1 / NS
 
 
-# What no sensor measures: a value beyond it is a fault of the file, or is in another unit.
+# Limits that no sensor exceeds: a value beyond is a fault of the file, or is in another unit.
 
 #: the fastest gyroscopes end at some 5 000 dps, shock sensors at some thousand g; generous, in SI
 BEYOND = {"gyro": 1e5 * DEG, "accel": 1e4 * G, "temp": 1e4}
@@ -41,8 +41,8 @@ def beyond_any_sensor(values: np.ndarray, si: float, kind: str) -> np.ndarray:
 
 
 def complaint(name: str, value: float, kind: str) -> str:
-    """What is said of such a value in a column."""
-    return f"{name} is {value:g}, beyond any sensor ({SAID[kind]}); is its unit right? mend or remove that line"
+    """The complaint about such a value in a column."""
+    return f"{name} is {value:g}, beyond any sensor ({SAID[kind]}); is its unit right? correct or remove that line"
 
 
 # The one table of units: as people write them in headers and options, and what they are in SI.

@@ -31,7 +31,7 @@ from session.io.texts import comment, shell_word
 from session.io.toml import line, setting
 from session.io.units import NS_PER_S, TIME, endings
 
-# Which sensor's a log is, and what to say where nobody tells, or where it is none that is known.
+# The sensor of a log, and what to report where it is not stated or not known.
 
 
 def with_sensor(readers: list[Reader], answers: Answers) -> tuple[Answers, list[str]]:
@@ -137,7 +137,7 @@ def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
     ]
     whole = Piece(*columns)
     if whole.t_ns is None:
-        if odr_hz is None:  # of a file with neither sensor: ``recognise`` asks for the others
+        if odr_hz is None:  # of a file with neither sensor: ``recognise`` requires it of the others
             raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
         rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
         notes.append(f"{name}: no stamps: {COUNTED} {odr_hz:g} Hz")
@@ -182,7 +182,7 @@ def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) ->
     if not np.isin(gyro_ns[keep], accel_ns).all():
         text += ", read between its samples"
     lost = np.count_nonzero(~keep)
-    return text + (f"; {lost} samples of the gyroscope without an accelerometer beside them are left out" if lost else "")
+    return text + (f"; {lost} samples of the gyroscope without accelerometer samples are left out" if lost else "")
 
 
 # From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing.
@@ -195,7 +195,7 @@ SLOWEST_HZ, FASTEST_HZ = 0.1, 50_000.0
 
 @dataclass(frozen=True)
 class Converted:
-    """folder and log that were written; dialects read; samples; notes on what was mended, assumed or left out; findings of the first
+    """folder and log that were written; dialects read; samples; notes on what was repaired, assumed or left out; findings of the first
     look; next: what to run."""
 
     folder: Path
@@ -211,7 +211,7 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
     """Make a session folder of one log, or of the two files that hold one.
 
     ``add`` ("log" or "closure") puts it into a session that is there.  Nothing is left behind where it fails.
-    Raises FormatError and DataError; what is not in the files is asked for.
+    Raises FormatError and DataError; the message names the option for what the files do not state.
     """
     _check_out(out, add)
     readers = [Reader(path, answers) for path in paths]
@@ -219,7 +219,7 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
     if add:
         sensor = read_config(out / "session.toml").sensor
         answers = _as_in(sensor, answers)
-    _ask_full_scales(readers, answers)
+    _require_full_scales(readers, answers)
     answers, assumed = with_sensor(readers, answers)
     missing = [path.parent for path in [out, *out.parents] if not path.parent.exists()]
     with naming(out):
@@ -263,16 +263,16 @@ def _check_out(out: Path, add: str | None) -> None:
 
 def _with_comments(answers: Answers, readers: list[Reader]) -> Answers:
     """What a log's own comments say (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person says otherwise."""
-    said: dict[str, float] = {}
+    stated: dict[str, float] = {}
     for reader in readers:
         for key in ("gyro_fs_dps", "accel_fs_g", "odr_hz"):
             with contextlib.suppress(KeyError, ValueError):
-                said[key] = float(reader.comments[key])
+                stated[key] = float(reader.comments[key])
     return replace(
         answers,
-        gyro_fs_dps=said.get("gyro_fs_dps") if answers.gyro_fs_dps is None else answers.gyro_fs_dps,
-        accel_fs_g=said.get("accel_fs_g") if answers.accel_fs_g is None else answers.accel_fs_g,
-        odr_hz=said.get("odr_hz") if answers.odr_hz is None else answers.odr_hz,
+        gyro_fs_dps=stated.get("gyro_fs_dps") if answers.gyro_fs_dps is None else answers.gyro_fs_dps,
+        accel_fs_g=stated.get("accel_fs_g") if answers.accel_fs_g is None else answers.accel_fs_g,
+        odr_hz=stated.get("odr_hz") if answers.odr_hz is None else answers.odr_hz,
         sensor=answers.sensor or next((reader.comments["sensor"] for reader in readers if "sensor" in reader.comments), None),
     )
 
@@ -288,12 +288,12 @@ def _as_in(sensor: Sensor, answers: Answers) -> Answers:
     return replace(answers, gyro_fs_dps=sensor.gyro_fs_dps, accel_fs_g=sensor.accel_fs_g, sensor=sensor.model)
 
 
-def _ask_full_scales(readers: list[Reader], answers: Answers) -> None:
-    asked = [option for option, value in (("--gyro-fs DPS", answers.gyro_fs_dps), ("--accel-fs G", answers.accel_fs_g)) if value is None]
-    if asked:
+def _require_full_scales(readers: list[Reader], answers: Answers) -> None:
+    options = [option for option, value in (("--gyro-fs DPS", answers.gyro_fs_dps), ("--accel-fs G", answers.accel_fs_g)) if value is None]
+    if options:
         names = " and ".join(dict.fromkeys(reader.layout.dialect for reader in readers))
-        what = "full scale" if len(asked) == 1 else "full scales"
-        raise FormatError(f"{readers[0].path.name} ({names}) does not say the {what} that the sensor was set to; give {' '.join(asked)}")
+        what = "full scale" if len(options) == 1 else "full scales"
+        raise FormatError(f"{readers[0].path.name} ({names}) does not say the {what} that the sensor was set to; give {' '.join(options)}")
 
 
 def _require_a_sensors_rate(reader: Reader, rate_hz: float) -> None:
@@ -332,8 +332,8 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
 
 def _calibrated(readers: list[Reader]) -> str:
     """The comment of a log that ``apply`` has calibrated."""
-    said = [reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments]
-    return f"# {CALIBRATED}={comment(said[0])}\n" if said else ""
+    stated = [reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments]
+    return f"# {CALIBRATED}={comment(stated[0])}\n" if stated else ""
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:
@@ -348,7 +348,7 @@ def _is_ours(reader: Reader, answers: Answers) -> bool:
 
 
 def _sensor(answers: Answers) -> Sensor:
-    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_ask_full_scales`` has asked
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_require_full_scales`` has checked
     return Sensor(answers.sensor or UNKNOWN, "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)
 
 
@@ -391,7 +391,7 @@ def _next_name(folder: Path, stem: str) -> str:
 
 
 def _toml(readers: list[Reader], odr_hz: float, answers: Answers, serial: str) -> str:
-    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_ask_full_scales`` has asked
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_require_full_scales`` has checked
     model, serial = answers.sensor or UNKNOWN, serial or readers[0].comments.get("serial", "")
     return f"""\
 # from {_source(readers)}
@@ -455,7 +455,7 @@ def convert_raw(
     sensor: str | None = None,
     header: str | None = None,
 ) -> Converted:
-    """Make a session folder of a raw file; session.toml is the one beside it, or what the board and the arguments say.
+    """Make a session folder of a raw file; session.toml is the one in its folder, or is made from the board's data and the arguments.
 
     Nothing is left behind where it fails.  Raises FormatError and StorageError.
     """
@@ -527,5 +527,7 @@ def _configure(
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
     if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
-        raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")
+        raise FormatError(
+            f"{raw_path}: the board does not say its ranges, and no {NAME} lies in its folder; give --gyro-fs DPS --accel-fs G"
+        )
     return file.assumed

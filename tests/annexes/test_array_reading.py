@@ -173,7 +173,7 @@ def spoilt(folder: Path, how: str) -> None:
         ("missing", r"log0002 lacks unit 3 of 0, 3, 12; every log needs a file of every unit: add log0002\.unit3\.csv"),
         ("closure", r"closure0001 lacks unit 12"),
         ("both", r"log0001\.unit3\.csv and log0001\.unit3\.csv\.gz; keep one"),
-        ("alone", r"log0003\.csv names no unit beside units 0, 3, 12; expected log0003\.unit0\.csv"),
+        ("alone", r"log0003\.csv names no unit next to units 0, 3, 12; expected log0003\.unit0\.csv"),
         ("zeros", r"log0003\.unit03\.csv: expected a unit's number from 0 to 9999 without leading zeros"),
         ("one", r"an array of one unit \(unit 0\); expected two or more"),
         ("time", r"units 0 and 3 have no time in common: log0001\.unit0\.csv is 0\.000 to 1\.000 s, log0001\.unit3\.csv 500\.000"),
@@ -188,7 +188,7 @@ def spoilt(folder: Path, how: str) -> None:
         ("[accelerometer]\nbias_mps2 = [0, 0, 0]\n", r"\[accelerometer\] is of one unit"),
         ('[[exclude]]\nlog = "log0001.unit9.csv"\nat_s = 1\n', r"exclude names log0001\.unit9\.csv; there are units 0, 3, 12"),
         ("[array]\nfolders = []\n", r"array\.folders is a list of 0, expected session folders"),
-        ('[array]\nfolders = ["a", "b"]\n', r"lies beside session\.toml with \[array\] folders"),
+        ('[array]\nfolders = ["a", "b"]\n', r"lies next to session\.toml with \[array\] folders"),
     ],
 )
 def test_what_is_wrong_with_an_array_is_said_in_one_line(named, how, says):

@@ -146,7 +146,7 @@ def test_wrong_units_stop_the_fit(tmp_path, run):
     rest_file(tmp_path, rows)
     code, _, err = run("fit", tmp_path)
     assert code == 2
-    assert "where no chip lives" in err
+    assert "where no chip survives" in err
 
 
 def test_a_sensor_that_is_put_down_otherwise_is_said():

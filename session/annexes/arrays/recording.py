@@ -61,7 +61,7 @@ BEGINS = 1000
 
 
 def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> ArraySession:
-    """Read a whole array.  ``progress`` is told each file.
+    """Read a whole array.  ``progress`` is called with each file's name.
 
     Raises FormatError or DataError, naming file and line, for what the format does not allow; stamps stay as each unit's clock gave them.
     """
@@ -96,7 +96,7 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Ca
     if not numbers:
         raise FormatError(f"{path}: [array] without folders, and no log names its unit; expected log0001.unit0.csv, log0001.unit1.csv …")
     if alone:
-        raise FormatError(f"{folder}: {alone[0].name} names no unit beside units {_listed(numbers)}; expected {_with_unit(alone[0])}")
+        raise FormatError(f"{folder}: {alone[0].name} names no unit next to units {_listed(numbers)}; expected {_with_unit(alone[0])}")
     for name in (ATTITUDES, KNOWN_TURNS):
         if os.path.lexists(folder / name):
             raise FormatError(f"{folder}: {name} is of one sensor's axes and stills; give that unit a folder of its own ([array] folders)")
@@ -207,14 +207,14 @@ def _excluded(path: Path, config: Config, logs: Sequence[Path], first: bool, num
 
 
 def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: Callable[[str], None]) -> dict[int, Session]:
-    """Units that have a session folder each, inside this one or beside it."""
+    """Units that have a session folder each, inside this one or next to it."""
     names = section[FOLDERS]
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise FormatError(f'{path}: array.folders is {shown(names)}, expected session folders such as ["imu0", "imu2"]')
     if here := log_paths(folder, "log"):
-        raise FormatError(f"{folder}: {here[0].name} lies beside session.toml with [array] folders; keep logs here or folders, not both")
+        raise FormatError(f"{folder}: {here[0].name} lies next to session.toml with [array] folders; keep logs here or folders, not both")
     if UNIT in section:
-        raise FormatError(f"{path}: [[array.unit]] beside array.folders; each folder's own session.toml says what its unit is")
+        raise FormatError(f"{path}: [[array.unit]] with array.folders; each folder's own session.toml describes its unit")
     require(table, Keys(may=SHARED), str(path), DO)
     notes, rows = table.get("notes", {}), excluded_turns(table)
     places = [place_of(folder, path, name) for name in names]
@@ -223,7 +223,7 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     for number, place, name in zip(numbers, places, names, strict=True):
         if is_array(place):
             raise FormatError(f"{path}: array.folders holds {shown(name)}, which is an array itself; name its units' folders")
-        session = read_session(place, partial(_told, progress, name))
+        session = read_session(place, partial(_report, progress, name))
         if (reference := session.config.protocol.reference) != "gravity":
             raise FormatError(f'{place}: protocol.reference is "{reference}"; the reference of an array is "gravity" and its other units')
         config = session.config
@@ -235,17 +235,17 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     return {**units, min(units): replace(first, config=own)}
 
 
-def _told(progress: Callable[[str], None], name: str, what: str) -> None:
+def _report(progress: Callable[[str], None], name: str, what: str) -> None:
     progress(f"{name}/{what}")
 
 
 def place_of(folder: Path, path: Path, name: str) -> Path:
-    """A unit's folder.  FormatError where it is not there, or neither inside the array's nor beside it."""
+    """A unit's folder.  FormatError where it is not there, or neither inside the array's nor next to it."""
     plain = Path(os.path.normpath(name))
     inside = plain.parts[:1] != ("..",) and plain != Path(".")
     beside = plain.parts[:1] == ("..",) and len(plain.parts) > 1 and plain.parts[1] != ".."
     if "\0" in name or plain.is_absolute() or not (inside or beside):
-        raise FormatError(f"{path}: array.folders holds {shown(name)}; expected a folder inside this one, or beside it as ../imu0")
+        raise FormatError(f"{path}: array.folders holds {shown(name)}; expected a folder inside this one, or next to it as ../imu0")
     place = folder / plain
     if not place.is_dir():
         raise FormatError(f"{path}: array.folders holds {shown(name)}, which is {'no folder' if place.exists() else 'not there'}")

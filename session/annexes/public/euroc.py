@@ -16,7 +16,7 @@ from session.io.files import read_npz
 from session.io.logfile import Truth, of_length_1
 from session.io.units import NS_PER_S
 
-# EuRoC MAV recordings (Burri et al. 2016) as session folders: a log, and a truth file beside it.
+# EuRoC MAV recordings (Burri et al. 2016) as session folders: a log with its truth file.
 #
 # The truth's world has z up; the folder's has z down, so it is turned by half a turn about x.  Rows without a specific force, as one of
 # the sequences has them, are written as exact zeros, which no accelerometer in this world reads.
@@ -87,7 +87,7 @@ def write_sequence(folder: Path, name: str, t_ns: np.ndarray, gyro: np.ndarray, 
 
 
 def write_training_windows(euroc: Path, folder: Path, *, mislabelled: bool = False, truth_sigma_deg: float = 0.1) -> Path:
-    """A session folder of the paper's 261 training windows of 400 samples, a log a sequence, without the 18 mislabelled unless asked.
+    """A session folder of the paper's 261 training windows of 400 samples, a log a sequence, without the 18 mislabelled by default.
 
     The windows of one sequence are laid one after the other at their own times; those that are really of another sequence have times
     of their own, too, so each label gets one more log for them.
@@ -221,7 +221,7 @@ def sequences(source: Path) -> Iterator[tuple[str, SequenceFiles]]:
 
 
 def read_folder(imu: Path) -> SequenceFiles:
-    """One sequence from its ``imu0/data.csv`` and the truth beside it."""
+    """One sequence from its ``imu0/data.csv`` and its truth."""
     t_ns, values = _table(imu, IMU_COLUMNS)
     truth = imu.parents[1] / TRUTH
     truth_ns, state = _table(truth, TRUTH_COLUMNS)

@@ -18,7 +18,7 @@ FILE = "example_ferraris_session.csv"
 COLUMNS = ("n_samples", "gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z")
 RATE_HZ = 102.4
 HEADER = "t_s,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2"
-#: turns as ``check`` counts them, and a hand's repeatability against the edge of a table, which nobody states
+#: turns as ``check`` counts them, and a hand's repeatability against the edge of a table, an assumption
 CIRCLES = "".join(f"{turn},{axis},-360,0.5\n" for turn, axis in ((7, "x"), (9, "y"), (11, "z")))
 TOML = """schema = "tinygc-session/1"
 

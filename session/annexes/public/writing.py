@@ -79,7 +79,7 @@ def _finite(cell: str) -> bool:
         return False
 
 
-# A session folder of one recording: its log, its ``session.toml``, and an accelerometer calibrated from its own stills if asked.
+# A session folder of one recording: its log, its ``session.toml``, and an accelerometer calibrated from its own stills on request.
 
 LOG = "log0001.csv.gz"
 
@@ -108,7 +108,7 @@ def write_array_folder(folder: Path, toml: str, logs: Mapping[str, tuple[str, It
 
 
 def write_array_of_folders(folder: Path, toml: str) -> Path:
-    """``session.toml`` beside the units' folders, which are there.  FormatError where another is in its place."""
+    """``session.toml`` next to the units' folders, which are there.  FormatError where another is in its place."""
     _refuse_another(folder, set())
     refuse_to_replace(folder / "session.toml", toml.encode())
     (folder / "session.toml").write_text(toml, encoding="utf-8")
@@ -143,8 +143,8 @@ def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Calla
         try:
             read(Path(part))
         except CalibrationError as error:
-            said = str(error).replace(part, str(folder))
-            raise type(error)(f"{folder}: these files make no recording ({said}); download them again") from None
+            reason = str(error).replace(part, str(folder))
+            raise type(error)(f"{folder}: these files make no recording ({reason}); download them again") from None
         if not given:
             try:
                 calibrate_from_stills(Path(part))

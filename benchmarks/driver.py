@@ -18,7 +18,7 @@ from common import markdown, progress
 from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample
 
 from session.bench import frames
-from session.bench.screen import BoardReporter
+from session.bench.guided_session import BoardReporter
 from tinygc.annexes.emulated import readings
 from tinygc.annexes.emulated.readings import Fault
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import pytest
 from processes import PATIENCE_S, ROOT, until
 
-from session.bench.operator import OperatorCommand
+from session.bench.operator import MOST, OperatorCommand
 from session.bench.page import server as page_server
-from session.bench.page.server import MOST, MOST_CONNECTIONS, LatestEvents, PageServer
+from session.bench.page.server import MOST_CONNECTIONS, LatestEvents, PageServer
 from session.io.errors import CalibrationError
 
 

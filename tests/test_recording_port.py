@@ -272,14 +272,18 @@ def test_a_board_takes_no_place_of_a_persons_file(tmp_path):
 def test_a_cable_that_is_pulled_while_the_board_is_set_again(tmp_path):
     tries = []
 
-    def prepare(port) -> bytes:
-        tries.append(port)
-        if len(tries) == 2:
-            raise serial.SerialException("gone")
-        return b""
+    class Setup:
+        def __call__(self, port) -> bytes:
+            tries.append(port)
+            if len(tries) == 2:
+                raise serial.SerialException("gone")
+            return b""
+
+        def forgotten(self, data: bytes) -> int | None:
+            return 0 if b"X" in data else None
 
     with Terminal(tmp_path / "port") as terminal:
-        port = Port(str(terminal.name), prepare=prepare, forgotten=lambda data: 0 if b"X" in data else None)
+        port = Port(str(terminal.name), setup=Setup())
         items = []
         until(lambda: port.items.qsize() > 0)
         assert terminal.write(b"X")

@@ -12,9 +12,8 @@ from streams import INFO, frame_list, sent
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, BoardStatus, CommandResult, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
-from session.bench.guided_session import SensorIdentity
+from session.bench.guided_session import MOST_SAID, NO_SENSOR, BoardReporter, SensorIdentity
 from session.bench.logwriter import LogWriter
-from session.bench.screen import MOST_SAID, NO_SENSOR, BoardReporter
 from session.io.errors import OtherSensor
 
 #: what decides that the stream is of frames

@@ -12,7 +12,6 @@ from guided_streams import guide_of, play
 from rich.console import Console
 from test_page_state import Kept, Silent
 
-from session.bench.guide import wait_of
 from session.bench.live import BAR_RPS, SEGMENT_S, TYPICAL_RPS_PER_C, WarmUp, rps_per_c, settling
 from session.bench.page.state import PageView
 from session.bench.screen import view
@@ -159,4 +158,4 @@ def test_without_a_thermometer_nobody_waits():
     assert state["wait"] is None
     guide = guide_of()
     play(guide, Samples(samples.t_ns, samples.gyro + 1e-3 * DEG, samples.accel, None))
-    assert wait_of(guide) is None
+    assert guide.wait is None

@@ -9,18 +9,18 @@ import numpy as np
 
 from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
 
-# Steps that no sensor makes: out and back within one sample, while the wire is bad.
+# The step filter: a step out and back within one sample, while the wire is bad, is an error and no motion.
 #
-# A frame whose damage is confined to its registers can pass its CRC with the right number and stamp.  Then a register stands alone,
-# away from what is before and behind it, which agree.  A knock on the table can look so too, so a sample is doubted only where something
-# unreadable came among the samples shortly before; on a wire that spoils nothing, nothing passes a CRC by chance.
+# A frame whose damage is confined to its registers can pass its CRC with the right number and stamp.  Then one register differs from what
+# is before and behind it, which agree.  A knock on the table can do the same, so a sample is doubted only if something unreadable came
+# shortly before; on a wire without errors no wrong frame passes a CRC by chance.
 
-#: samples for which a wire is doubted after something unreadable
+#: samples that are doubted after something unreadable
 DOUBT = 1000
 
 
 class StepFilter:
-    """Passes samples on; holds a doubtful one until the next has come.  form: what the samples are, and which step is none of theirs."""
+    """Passes samples on; holds a doubtful one until the next has come.  form: the columns, and the largest plausible step in each."""
 
     def __init__(self, form: StreamFormat = REGISTERS) -> None:
         self._form, self._bars, self._type = form, form.bars, np.float64 if form.physical else np.int64
@@ -29,7 +29,7 @@ class StepFilter:
         self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
 
     def take(self, accepted: AcceptedSamples) -> list[SampleChunk | Trouble]:
-        """What is passed on, and what is left out."""
+        """The samples that are passed on, and counts of those that are left out."""
         if not (self._doubt or accepted.damaged.any()):
             self._before = accepted.registers[-1].astype(self._type)
             return [SampleChunk(accepted.t_us, accepted.registers, self._form)]
@@ -43,7 +43,7 @@ class StepFilter:
         out: list[SampleChunk | Trouble] = []
         if self._held is not None:
             held, self._held = self._held, None
-            self._judge(held, values[0], int(accepted.periods[0]), out)
+            self._decide(held, values[0], int(accepted.periods[0]), out)
             jumps[0] = doubted[0] and self._jumps(values[0], int(accepted.periods[0]))
         start = place = 0  # of what is not yet passed on, and of the next that jumps
         places = [*np.flatnonzero(jumps).tolist(), count]
@@ -58,7 +58,7 @@ class StepFilter:
             if k == count - 1:
                 self._held = int(accepted.t_us[k]), values[k], int(accepted.periods[k])
                 break
-            assert self._before is not None  # what is doubted first is measured against itself, and passed on
+            assert self._before is not None  # the first doubtful sample is compared with itself, and passed on
             if _alone(self._before, values[k], values[k + 1], self._bars * int(accepted.periods[k] + accepted.periods[k + 1]) / 2):
                 out.append(Trouble("implausible", 1, int(accepted.t_us[k])))
             else:
@@ -72,14 +72,14 @@ class StepFilter:
         self._before = values[stop - 1]
 
     def finish(self) -> list[SampleChunk | Trouble]:
-        """Nothing more comes: a doubtful last sample stays doubtful and is left out."""
+        """The stream ends: a doubtful last sample is left out."""
         held, self._held, self._before, self._doubt = self._held, None, None, 0
         return [Trouble("implausible", 1, held[0])] if held else []
 
     def _jumps(self, value: np.ndarray, periods: int) -> bool:
         return self._before is not None and bool((np.abs(value - self._before) > self._bars * periods).any())
 
-    def _judge(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
+    def _decide(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
         t_us, value, own = held
         if self._before is not None and _alone(self._before, value, following, self._bars * (own + periods) / 2):
             out.append(Trouble("implausible", 1, t_us))
@@ -90,40 +90,39 @@ class StepFilter:
 
 
 def _alone(before: np.ndarray, value: np.ndarray, behind: np.ndarray, bars: np.ndarray) -> bool:
-    """Whether some register goes out and back: beyond the bar on both sides, where those beside it agree."""
+    """Whether some register steps out and back: beyond the bar on both sides, while its neighbours agree."""
     out, back = value - before, behind - value
     far = np.minimum(np.abs(out), np.abs(back))
     half = far // 2 if far.dtype.kind == "i" else far / 2
     return bool(((far > bars) & (out * back < 0) & (np.abs(behind - before) < half)).any())
 
 
-# Which reading can follow which: sequence and time unrolled, what is missing counted, what does not fit left out.
+# The continuity check: it unrolls sequence and time, counts missing readings, and leaves out those that do not fit.
 #
-# A CRC of 16 bits lets some 10⁻⁵ of heavily damaged frames through, and a text line has none.  So a reading counts only if number and
-# stamp agree with the one before: as many sample periods later as the number is higher.  One that does not fit waits: if the next goes
-# on from before, it was damaged and is left out; if two more go on from it, the device has begun anew (or changed its rate, or in text
-# skipped), and all three count.  The period is measured, from the stamps.  Decisions depend on the readings alone, not on how they are cut.
-#
-# A device that begins anew again and again must show more each time, up to ``LONGEST_CHAIN`` readings, until it stays up for as many.
+# A CRC of 16 bits lets some 10⁻⁵ of heavily damaged frames through, and a text line has none.  So a reading counts only if its number and
+# its stamp agree with the reading before: as many sample periods later as the number is higher.  One that does not fit waits.  If the next
+# one follows the reading before it, it was damaged and is left out.  If two more follow it, the device has restarted (or changed its
+# rate, or in text skipped), and all three count.  The period is measured from the stamps.  Decisions depend on the readings alone, not on
+# how they are divided.  A device that restarts again and again must show more readings each time, up to ``LONGEST_CHAIN``.
 
 TIME_WRAP, SEQUENCE_WRAP = 2**32, 2**16
-CHAIN = 3  #: readings that must go on from each other before they count
+CHAIN = 3  #: readings that must follow each other before they count
 TEXT_RESET_CHAIN = 8  #: damaged digits look like a reset more easily than damaged frames
-LONGEST_CHAIN = 64  #: of a device that keeps beginning anew: twice as many each time, up to so many
+LONGEST_CHAIN = 64  #: of a device that keeps restarting: twice as many each time, up to so many
 NUMBERED_TOLERANCE = 0.35  #: periods; stamps of 25 us ticks at 6667 Hz scatter by 0.17
-TEXT_TOLERANCE = 0.7  #: periods; below one, or a lost line would pass
+TEXT_TOLERANCE = 0.7  #: periods; below one, since a lost line must not pass
 GAP_TOLERANCE = 0.005  #: of a gap; the period is known better
-LONGEST_SKIP = 4096  #: numbers that a stretch may skip between two readings, seen at once
-LONGEST_GAP_US = 600_000_000  #: beyond ten minutes of silence it is another recording
-SHORTEST_US, LONGEST_US = 50.0, 2e6  #: a sample period may be
-RATE_CHANGE_US = 2_000_000  #: what another rate sets in within, is no reset
-#: readings looked at in one go: twice as many each time, as long as all follow each other
+LONGEST_SKIP = 4096  #: numbers that may be missing between two readings
+LONGEST_GAP_US = 600_000_000  #: after ten minutes of silence it is another recording
+SHORTEST_US, LONGEST_US = 50.0, 2e6  #: range of a sample period
+RATE_CHANGE_US = 2_000_000  #: a change of rate takes effect within this; it is no reset
+#: readings checked at once: twice as many each time, as long as all follow each other
 FEWEST, MOST = 32, 2048
-SINGLY = 8  #: readings that are taken one by one where they do not
+SINGLY = 8  #: readings that are taken one by one where they do not follow each other
 
 
 class _Candidate(NamedTuple):
-    """A reading that waits."""
+    """A reading that waits for those after it."""
 
     sequence: int | None
     t_us: int
@@ -132,7 +131,7 @@ class _Candidate(NamedTuple):
 
 
 class _AcceptedRun:
-    """Readings that were taken one by one and count: their places among those that came, unrolled times, periods."""
+    """Readings that were taken one by one and count: their indices, unrolled times and periods."""
 
     def __init__(self) -> None:
         self.places: list[int] = []
@@ -142,16 +141,16 @@ class _AcceptedRun:
 
 
 class Continuity:
-    """For one connection.  ``take`` readings, tell it of the numbers that info frames used up (``info``), ``finish``."""
+    """Checks one connection: ``take`` readings, pass the numbers of info frames to ``info``, ``finish``."""
 
     def __init__(self) -> None:
         self._begin()
 
     def _begin(self) -> None:
         self.period_us: float | None = None
-        self._begun = False  # whether one has counted, and of the last that has:
-        self._sequence: int | None = None
-        self._stamp = self._t_us = 0  # as it was sent, and unrolled
+        self._begun = False  # whether a reading has counted
+        self._sequence: int | None = None  # of the last that has
+        self._stamp = self._t_us = 0  # its time as it was sent, and unrolled
         self._chain: list[_Candidate] = []
         self._infos: list[int] = []
         self._infos_have_numbers = True
@@ -167,7 +166,7 @@ class Continuity:
             self._infos = [*self._infos[-15:], sequence]
 
     def take(self, readings: ReceivedSamples) -> list[AcceptedSamples | Trouble]:
-        """What counts of these, in order."""
+        """The readings that count, and troubles, in order."""
         out: list[AcceptedSamples | Trouble] = []
         start, total = 0, len(readings)
         while start < total:
@@ -178,7 +177,7 @@ class Continuity:
         return out
 
     def finish(self) -> list[AcceptedSamples | Trouble]:
-        """Nothing more comes: what waits for another is left out."""
+        """The stream ends: readings that wait are left out."""
         out: list[AcceptedSamples | Trouble] = []
         self._leave_out(len(self._chain), out)
         if self._held is not None:
@@ -187,7 +186,7 @@ class Continuity:
         return out
 
     def _take_smooth(self, readings: ReceivedSamples, out: list) -> int:
-        """Accept the readings at the beginning of these of which each follows the one before; returns how many."""
+        """Accept the first readings as long as each follows the one before; returns how many."""
         step_us = np.diff(readings.t_us, prepend=self._stamp)
         if readings.sequence is None or self._sequence is None:
             periods = np.ones(len(readings), np.int64)
@@ -201,7 +200,7 @@ class Continuity:
         follow = len(readings) if smooth.all() else int(np.argmin(smooth))
         count = follow
         if count:
-            # Stop where the period is measured anew, so that it is measured at the same reading however they are cut.
+            # Stop where the period is updated, so that this happens at the same reading however they are divided.
             count = min(count, 1 + int(np.searchsorted(self._count + np.cumsum(periods[:count]), self._next_period)))
             t_us = self._t_us + np.cumsum(step_us[:count])
             self._emit(AcceptedSamples(t_us, readings.registers[:count], readings.damaged[:count], periods[:count]), readings.sequence, out)
@@ -212,9 +211,10 @@ class Continuity:
         return count
 
     def _take_singly(self, readings: ReceivedSamples, out: list) -> int:
-        """Readings that need a closer look, until some have followed each other; returns how many were taken."""
+        """Take readings one by one until some have followed each other; returns how many were taken."""
         run = _AcceptedRun()
-        for place, (sequence, stamp) in enumerate(zip(readings.numbers, readings.t_us.tolist(), strict=True)):
+        numbers = [None] * len(readings) if readings.sequence is None else readings.sequence.tolist()
+        for place, (sequence, stamp) in enumerate(zip(numbers, readings.t_us.tolist(), strict=True)):
             if self._begun and (step := self._step(sequence, stamp)) is not None:
                 if self._chain:
                     run = self._flush(run, readings, out)
@@ -245,7 +245,7 @@ class Continuity:
         return place + 1
 
     def _flush(self, run: _AcceptedRun, readings: ReceivedSamples, out: list) -> _AcceptedRun:
-        """Pass a run on, and begin another."""
+        """Pass a run on, and start another."""
         if run.places:
             t_us, periods = np.array(run.t_us, np.int64), np.array(run.periods, np.int64)
             accepted = AcceptedSamples(t_us, readings.registers[run.places], readings.damaged[run.places], periods)
@@ -254,8 +254,7 @@ class Continuity:
 
     @property
     def _period(self) -> float:
-        """us; known as soon as a reading has counted."""
-        assert self.period_us is not None
+        assert self.period_us is not None  # as soon as a reading has counted
         return self.period_us
 
     def _chain_needed(self) -> int:
@@ -265,12 +264,12 @@ class Continuity:
         return max(self._needed, TEXT_RESET_CHAIN if first.sequence is None else CHAIN)
 
     def _step(self, sequence: int | None, stamp: int) -> tuple[int, int] | None:
-        """Time and sample periods from the last that counted; None where they do not fit."""
-        step_us, period_us = stamp - self._stamp, self._period
+        """Time and sample periods since the last that counted; None where they do not fit."""
+        period_us = self._period
         if sequence is None:
-            step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
+            step_us = self._text_step(stamp)
             return (step_us, 1) if abs(step_us - period_us) <= TEXT_TOLERANCE * period_us else None
-        step_us %= TIME_WRAP
+        step_us = (stamp - self._stamp) % TIME_WRAP
         if step_us > LONGEST_GAP_US:
             return None
         if sequence in self._infos:  # then an info's number is the next sample's, and none is lost for it
@@ -286,8 +285,13 @@ class Continuity:
                 return step_us, count
         return None
 
+    def _text_step(self, stamp: int) -> int:
+        """us since the last that counted; a stamp of text may wrap like a board's counter, or be longer."""
+        step_us = stamp - self._stamp
+        return step_us + TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else step_us
+
     def _chains(self, one: _Candidate) -> bool:
-        """Whether a reading goes on from those that wait, at a steady rate."""
+        """Whether a reading follows those that wait, at a steady rate."""
         rate = _rate(self._chain[-1], one, self._infos)
         if rate is None or len(self._chain) < 2:
             return rate is not None
@@ -297,7 +301,7 @@ class Continuity:
         return abs(rate - before) <= tolerance * min(rate, before)
 
     def _lock(self, out: list) -> None:
-        """The chain counts: the stream begins, or begins anew, or goes on after a gap."""
+        """Accept the chain: the stream begins, restarts, or continues after a gap."""
         chain = self._chain
         pairs = list(pairwise(chain))
         steps_us = [(b.t_us - a.t_us) % TIME_WRAP for a, b in pairs]
@@ -324,22 +328,21 @@ class Continuity:
         self._advance(chain[-1].sequence, chain[-1].t_us, int(t_us[-1]), first_periods + sum(periods), len(chain))
 
     def _gap(self, one: _Candidate) -> tuple[int, int] | None:
-        """Time and sample periods from the last that counted to a stretch that begins with this one; None: it began anew."""
-        step_us = one.t_us - self._stamp
+        """Time and sample periods from the last that counted to a chain that begins with this one; None: the device has restarted."""
         if one.sequence is None:
-            step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
+            step_us = self._text_step(one.t_us)
             return (step_us, max(1, round(step_us / self._period))) if 0 < step_us <= LONGEST_GAP_US else None
-        step_us %= TIME_WRAP
+        step_us = (one.t_us - self._stamp) % TIME_WRAP
         numbers = _numbers(self._sequence, one.sequence, self._infos)
         return (step_us, numbers) if 0 < step_us <= RATE_CHANGE_US and 1 <= numbers <= LONGEST_SKIP else None
 
     def _emit(self, accepted: AcceptedSamples, sequence: object, out: list, before_us: int | None = None) -> None:
-        """Pass on what counts; sequence: None in text; before_us: unrolled time of the reading before, without it the present one."""
+        """Pass accepted readings on; sequence: None in text; before_us: unrolled time of the reading before, the last one without it."""
         lost = int(accepted.periods.sum()) - len(accepted.periods)
         passed: AcceptedSamples | None = accepted
         if sequence is None:
-            # Bytes lost in the middle of one line up to the middle of another make one line of two.  It looks whole, and a gap
-            # follows: so the line before a gap does not count.
+            # Bytes lost from the middle of one line to the middle of another leave one line made of two.  It looks whole, and a gap
+            # follows.  So the line before a gap does not count.
             if self._held is not None and lost:
                 self._held = None
                 lost += 1
@@ -350,7 +353,7 @@ class Continuity:
             out.append(passed)
 
     def _advance(self, sequence: int | None, stamp: int, t_us: int, periods: int, count: int) -> None:
-        """The last of so many readings that count."""
+        """Note the last of so many readings that count."""
         self._sequence, self._stamp, self._t_us, self._infos = sequence, stamp, t_us, []
         self._count += periods
         self._shown += count
@@ -370,7 +373,7 @@ class Continuity:
 
 
 def _numbers(first: int | None, second: int | None, infos: list[int]) -> int:
-    """By how much the second number is higher than the first, those of the info frames between them taken off; 1 in text."""
+    """The difference of two numbers, without those of the info frames between them; 1 in text."""
     if first is None or second is None:
         return 1
     numbers = (second - first) % SEQUENCE_WRAP

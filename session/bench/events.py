@@ -1,50 +1,48 @@
-"""What a stream says: the form of its columns, what the board says of itself, and events in order."""
+"""Events of a stream: samples, info, comments, faults, board messages; the format of its columns; the order of events."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from session.io.texts import SENSOR_NAME, STANDIN_NAME
-from session.io.units import BEYOND, DEG, G
+from session.io.units import BEYOND, DEG, WORDS, G
 
-# What the columns of a text stream are: a sensor's registers, or numbers in physical units, as its header says (docs/formats.md).
+# Columns of a text stream: a sensor's registers, or physical units, as its header states (docs/formats.md).
 
 COLUMNS = ("t_us", "gx", "gy", "gz", "ax", "ay", "az", "temp")
 HEADER = ",".join(COLUMNS)
 #: us per unit of a time column
 TIME_US = {"t_us": 1.0, "t_s": 1e6, "t_ns": 1e-3}
-#: of a step that is doubted beside damage (``steps``), one sample period long: 0.8 % of ±2000 dps, 1.6 % of ±16 g, degC
+#: limit of a plausible step in one sample period near damage (``StepFilter``): 0.8 % of ±2000 dps, 1.6 % of ±16 g, degC
 BARS = {"dps": 16.0, "rps": 16.0 * DEG, "g": 0.25, "mps2": 0.25 * G, "c": 0.25}
-#: SI per unit
-SI = {"dps": DEG, "rps": 1.0, "g": G, "mps2": 1.0, "c": 1.0}
 #: the same of registers, LSB: gyro 0.8 % of full scale, accelerometer 1.6 %, temperature 0.25 degC of an ASM330LHH
 REGISTER_BARS = np.array([256, 256, 256, 512, 512, 512, 64], np.int64)
 
 
 @dataclass(frozen=True)
 class StreamFormat:
-    """names of the log's columns as the header has them: time, rates, forces, and the temperature where there is one."""
+    """Names of the log's columns as in the header: time, rates, forces, and the temperature where there is one."""
 
     names: tuple[str, ...] = COLUMNS
 
     @property
     def physical(self) -> bool:
-        """Whether the numbers are in physical units, and not registers."""
+        """Whether the numbers are in physical units instead of registers."""
         return self.names != COLUMNS
 
     @property
     def units(self) -> tuple[str, str]:
-        """Of rates and forces, as the names end: ``dps`` or ``rps``, ``g`` or ``mps2``; empty of registers."""
+        """Units of rates and forces, as the names end: ``dps`` or ``rps``, ``g`` or ``mps2``; empty for registers."""
         return self.names[1].partition("_")[2], self.names[4].partition("_")[2]
 
     @property
     def has_temperature(self) -> bool:
-        """Whether the last column is one."""
+        """Whether the last column is a temperature."""
         return len(self.names) == len(COLUMNS)
 
     @property
@@ -53,43 +51,37 @@ class StreamFormat:
         return TIME_US[self.names[0]]
 
     @property
-    def log_header(self) -> str:
-        """Of the log that is made of it, whose time is in us."""
-        return ",".join(("t_us", *self.names[1:]))
-
-    @property
     def bars(self) -> np.ndarray:
-        """(6 or 7,) of each column's steps."""
+        """(6 or 7,) limits of a plausible step in each column but the time."""
         if not self.physical:
             return REGISTER_BARS
-        gyro, accel = self.units
-        return np.array([BARS[gyro]] * 3 + [BARS[accel]] * 3 + [BARS["c"]] * self.has_temperature)
+        return np.array([BARS[unit] for _, unit in self._quantities])
 
     @cached_property
     def limits(self) -> tuple[float, ...]:
-        """Of each column but the time, in physical units: what no sensor measures is beyond it, and what holds it is no line."""
+        """Limits of each physical column but the time: no sensor measures a value beyond them."""
+        return tuple(BEYOND[kind] / WORDS[kind][unit] for kind, unit in self._quantities)
+
+    @property
+    def _quantities(self) -> list[tuple[str, str]]:
         gyro, accel = self.units
-        kinds = [("gyro", gyro)] * 3 + [("accel", accel)] * 3 + [("temp", "c")] * self.has_temperature
-        return tuple(BEYOND[kind] / SI[unit] for kind, unit in kinds)
+        return [("gyro", gyro)] * 3 + [("accel", accel)] * 3 + [("temp", "c")] * self.has_temperature
 
 
 REGISTERS = StreamFormat()
 
 
 def parse_header(line: bytes) -> tuple[int, tuple[int, ...], StreamFormat] | None:
-    """A header line: how many columns it announces, where the log's are, and what they are; None where it is none."""
+    """The number of columns that a header line announces, the indices of the log's columns, and their format; None for another line."""
     names = [name.strip() for name in line.decode("latin-1").split(",")]
-    form = REGISTERS if set(COLUMNS) <= set(names) else _physical(names)
-    return None if form is None else (len(names), tuple(map(names.index, form.names)), form)
-
-
-def _physical(names: list[str]) -> StreamFormat | None:
-    times = [name for name in names if name in TIME_US]
-    gyro = _triad(names, "g", ("dps", "rps"))
-    accel = _triad(names, "a", ("g", "mps2"))
-    if len(times) != 1 or gyro is None or accel is None:
-        return None
-    return StreamFormat((times[0], *gyro, *accel, *(["temp_c"] if "temp_c" in names else [])))
+    form = REGISTERS
+    if not set(COLUMNS) <= set(names):
+        times = [name for name in names if name in TIME_US]
+        gyro, accel = _triad(names, "g", ("dps", "rps")), _triad(names, "a", ("g", "mps2"))
+        if len(times) != 1 or gyro is None or accel is None:
+            return None
+        form = StreamFormat((times[0], *gyro, *accel, *(["temp_c"] if "temp_c" in names else [])))
+    return len(names), tuple(map(names.index, form.names)), form
 
 
 def _triad(names: list[str], letter: str, units: tuple[str, ...]) -> tuple[str, ...] | None:
@@ -97,69 +89,50 @@ def _triad(names: list[str], letter: str, units: tuple[str, ...]) -> tuple[str, 
     return found[0] if len(found) == 1 else None
 
 
-# What a board says of itself beside its samples: frames 0x05 to 0x08 (docs/firmware.md).  The same said again is no event.
+# Messages of a board about itself: frames 0x05 to 0x08 (docs/firmware.md).
 
 BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
 STANDIN, SENSOR = 0, 1
 #: counts of a faults frame, in its order
 FAULTS = (
-    "overrun",
-    "order",
-    "parity",
-    "tag",
-    "hang",
-    "zeros",
-    "ones",
-    "reset",
-    "changed",
-    "identity",
-    "silent",
-    "stamp",
-    "incomplete",
-    "starts",
-    "lost",
-    "crowded_out",
+    *("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset"),
+    *("changed", "identity", "silent", "stamp", "incomplete", "starts", "lost", "crowded_out"),
 )
 _HEAD = struct.Struct("<BH")
-_BOARD = struct.Struct("<BBBBBBb10sIf")
-_FAULTS = struct.Struct("<16I")
-_DONE = struct.Struct("<BB")
-_TESTED = struct.Struct("<H6f")
-_LENGTHS = {
-    BOARD_TYPE: _HEAD.size + _BOARD.size,
-    FAULTS_TYPE: _HEAD.size + _FAULTS.size,
-    DONE_TYPE: _HEAD.size + _DONE.size,
-    TESTED_TYPE: _HEAD.size + _TESTED.size,
+_CONTENT = {
+    BOARD_TYPE: struct.Struct("<BBBBBBb10sIf"),
+    FAULTS_TYPE: struct.Struct("<16I"),
+    DONE_TYPE: struct.Struct("<BB"),
+    TESTED_TYPE: struct.Struct("<H6f"),
 }
 
 
 @dataclass(frozen=True)
 class BoardStatus:
-    """Who gives the samples, and how it is set.  source: STANDIN or SENSOR (a number beyond them is a newer firmware's); registers:
-    CTRL1_XL to CTRL10_C as read back; baud of the host's port; odr_hz: nominal."""
+    """The source of the samples, and its settings."""
 
-    source: int
+    source: int  #: STANDIN or SENSOR; another number is of a newer firmware
     streams: bool
     runs: bool
     firmware: str
     who_am_i: int
     freq_fine: int
-    registers: bytes
-    baud: int
-    odr_hz: float
+    registers: bytes  #: CTRL1_XL to CTRL10_C as read back
+    baud: int  #: of the host's port
+    odr_hz: float  #: nominal
 
     @property
     def source_name(self) -> str:
-        """In a word."""
+        """The source in a word."""
         return {STANDIN: STANDIN_NAME, SENSOR: SENSOR_NAME}.get(self.source, str(self.source))
 
     @property
     def text(self) -> str:
-        """As a log's comment says it, without the ``#``."""
-        said = f"board source={self.source_name} firmware={self.firmware}"
+        """As a log's comment, without the ``#``."""
+        source = f"board source={self.source_name} firmware={self.firmware}"
         if self.source == STANDIN:  # which has no registers
-            return said
-        return f"{said} who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
+            return source
+        return f"{source} who_am_i=0x{self.who_am_i:02X} freq_fine={self.freq_fine} registers={self.registers.hex()}"
 
 
 @dataclass(frozen=True)
@@ -170,11 +143,11 @@ class FaultCounts:
 
     @property
     def text(self) -> str:
-        """As a log's comment says it, without the ``#``: those that there are."""
+        """As a log's comment, without the ``#``: the counts above zero."""
         return " ".join(["faults", *(f"{name}={count}" for name, count in zip(FAULTS, self.counts, strict=True) if count)])
 
     def since(self, before: FaultCounts | None) -> dict[str, int]:
-        """What has risen, by how much.  A count that fell is a board that was switched on again: it counts from nothing."""
+        """The counts that have risen, and by how much.  Where a count fell, the board was switched on again: it counts from zero."""
         old = before.counts if before is not None else (0,) * len(FAULTS)
         if any(now < then for now, then in zip(self.counts, old, strict=True)):
             old = (0,) * len(FAULTS)
@@ -183,7 +156,7 @@ class FaultCounts:
 
 @dataclass(frozen=True)
 class CommandResult:
-    """The answer to a command: its type, its sequence number, and 0 or why not."""
+    """The answer to a command: its sequence number, its type, and 0 or why it was refused."""
 
     sequence: int
     command: int
@@ -203,24 +176,23 @@ BoardMessage = BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 
 def decode_message(body: bytes) -> BoardMessage | None:
-    """A frame's body without its CRC; None where it is none of the four, or not as long as it must be."""
-    if len(body) < _HEAD.size or _LENGTHS.get(body[0]) != len(body):
+    """Decode a frame's body without its CRC; None where its type or its length is none of the four."""
+    if len(body) < _HEAD.size or body[0] not in _CONTENT or len(body) != _HEAD.size + _CONTENT[body[0]].size:
         return None
     kind, sequence = _HEAD.unpack_from(body)
-    rest = body[_HEAD.size :]
+    values = _CONTENT[kind].unpack_from(body, _HEAD.size)
     if kind == BOARD_TYPE:
-        source, state, major, minor, patch, who, fine, registers, baud, odr_hz = _BOARD.unpack(rest)
+        source, state, major, minor, patch, who, fine, registers, baud, odr_hz = values
         return BoardStatus(source, bool(state & 1), bool(state & 2), f"{major}.{minor}.{patch}", who, fine, registers, baud, odr_hz)
     if kind == FAULTS_TYPE:
-        return FaultCounts(_FAULTS.unpack(rest))
+        return FaultCounts(values)
     if kind == DONE_TYPE:
-        return CommandResult(sequence, *_DONE.unpack(rest))
-    failed, *moved = _TESTED.unpack(rest)
-    return SelfTestResult(failed, tuple(moved[:3]), tuple(moved[3:]))
+        return CommandResult(sequence, *values)
+    return SelfTestResult(values[0], values[1:4], values[4:7])
 
 
 class BoardMessageFilter:
-    """Which frames say something new: a board and its faults are sent each second."""
+    """Drops repetitions: a board sends its status and its fault counts each second."""
 
     def __init__(self) -> None:
         self._last: dict[int, bytes] = {}
@@ -233,13 +205,13 @@ class BoardMessageFilter:
             content = body[_HEAD.size :]
             if body[0] in (BOARD_TYPE, FAULTS_TYPE) and self._last.get(body[0]) == content:
                 continue
-            if (said := decode_message(body)) is not None:
+            if (message := decode_message(body)) is not None:
                 self._last[body[0]] = content
-                found[row] = said
+                found[row] = message
         return found
 
 
-# How much a board may do beside sending samples: a few words now and then, and a few changes between text and frames, not a flood.
+# Limits of what a board may send besides samples: a few remarks, and a few changes between text and frames, but no flood.
 
 #: comments, headers and info frames that may come in a row
 MOST = 256
@@ -248,7 +220,7 @@ EACH = 8
 
 
 class RemarkBudget:
-    """``spend`` one for each remark, ``earn`` with each reading.  What is beyond it is passed over; the raw bytes hold it."""
+    """``spend`` one for each remark, ``earn`` with each reading.  Remarks beyond the budget are skipped; the raw bytes hold them."""
 
     def __init__(self) -> None:
         self._credit = MOST * EACH
@@ -258,7 +230,7 @@ class RemarkBudget:
         self._credit = min(MOST * EACH, self._credit + readings)
 
     def spend(self) -> bool:
-        """Whether there may be one more."""
+        """Whether there may be one more remark."""
         if self._credit < EACH:
             return False
         self._credit -= EACH
@@ -270,7 +242,7 @@ CHANGES, CHANGE_BYTES = 16, 8192
 
 
 class ModeChangeBudget:
-    """Of mode, between text and frames: from ``earliest`` on, a place in the stream, there may be another."""
+    """Limits the changes between text and frames: the next is allowed from ``earliest`` on, a position in the stream."""
 
     def __init__(self) -> None:
         self._paid = 0
@@ -281,17 +253,14 @@ class ModeChangeBudget:
         return self._paid - (CHANGES - 1) * CHANGE_BYTES
 
     def change(self, place: int) -> None:
-        """There was one."""
+        """The mode has changed at this position."""
         self._paid = max(self._paid, place) + CHANGE_BYTES
-
-
-# What a stream says, in order.
 
 
 @dataclass(frozen=True, eq=False)
 class SampleChunk:
     """Consecutive samples.  t_us (n,) int64, device time, increasing, its 32 bits unrolled; registers (n, 7) int16,
-    gx gy gz ax ay az temp, or, of a form in physical units, numbers (n, 6 or 7) float64."""
+    gx gy gz ax ay az temp, or, of a format in physical units, numbers (n, 6 or 7) float64."""
 
     t_us: np.ndarray
     registers: np.ndarray
@@ -301,9 +270,18 @@ class SampleChunk:
         return len(self.t_us)
 
 
+def joined_chunk(chunks: Sequence[SampleChunk]) -> SampleChunk:
+    """One chunk of neighbouring ones of the same format."""
+    if len(chunks) == 1:
+        return chunks[0]
+    return SampleChunk(
+        np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]), chunks[0].form
+    )
+
+
 @dataclass(frozen=True)
 class Info:
-    """What the board says of itself.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: its model, or empty."""
+    """The board's ranges and identity.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: model, or empty."""
 
     gyro_fs_dps: float
     accel_fs_g: float
@@ -313,7 +291,7 @@ class Info:
 
     @property
     def text(self) -> str:
-        """As a log's comment says it, without the ``#``."""
+        """As a log's comment, without the ``#``."""
         ranges = f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
         return ranges + (f" sensor={self.sensor}" if self.sensor else "")
 
@@ -334,25 +312,34 @@ class Trouble:
     crc          frames that failed their check
     garbage      bytes that were neither frame nor line
     implausible  samples that were readable, but cannot follow those around them: left out
-    reset        device time began anew: a new log
-    reconnect    the port was opened again: a new log
+    reset        restarts of the device time: a new log
+    reconnect    openings of the port after the first: a new log
     """
 
     kind: str
     count: int = 1
     t_us: int | None = None
 
+    def merges_with(self, other: Trouble) -> bool:
+        """Whether both are left-out samples at the same place."""
+        return self.kind == other.kind == "implausible" and self.t_us == other.t_us
+
+
+#: serial numbers of a firmware that knows none
+NO_SERIAL = ("", "0")
 
 Event = SampleChunk | Info | Comment | Trouble | BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 
-# What frames or lines said, before and after it is known whether it counts.
+def starts_log(event: object) -> bool:
+    """Whether an event begins a new log: device time has restarted, or the port was opened again."""
+    return isinstance(event, Trouble) and event.kind in ("reset", "reconnect")
 
 
 @dataclass(frozen=True, eq=False)
 class ReceivedSamples:
-    """What frames or lines said: sequence (n,) int64, or None in text; t_us (n,) int64, as sent; registers (n, 7) int16;
-    damaged (n,) bool, whether something unreadable came just before."""
+    """Readings before their continuity is checked: sequence (n,) int64, or None in text; t_us (n,) int64, as sent; registers (n, 7)
+    int16; damaged (n,) bool, whether something unreadable came just before."""
 
     sequence: np.ndarray | None
     t_us: np.ndarray
@@ -367,11 +354,6 @@ class ReceivedSamples:
         sequence = None if self.sequence is None else self.sequence[start:stop]
         return ReceivedSamples(sequence, self.t_us[start:stop], self.registers[start:stop], self.damaged[start:stop])
 
-    @property
-    def numbers(self) -> list[int] | list[None]:
-        """The sequence, one by one; None of each in text."""
-        return [None] * len(self) if self.sequence is None else self.sequence.tolist()
-
 
 @dataclass(frozen=True, eq=False)
 class AcceptedSamples:
@@ -385,15 +367,12 @@ class AcceptedSamples:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """In this order."""
+        """All four, in this order."""
         return self.t_us, self.registers, self.damaged, self.periods
 
 
-# What one call of the decoder gives: its events, gathered.
-
-
-class Collector:
-    """Events in order, with as few objects as possible: between two that have a place, one chunk, and one count of each trouble."""
+class EventCollector:
+    """The events of one decoder call, in order and merged: between two events with a place, one chunk, and one count of each trouble."""
 
     _COUNTED = ("lost", "crc", "garbage")
 
@@ -403,21 +382,16 @@ class Collector:
         self._counts: dict[str, Trouble] = {}
 
     def add(self, event: Event) -> None:
-        """One more."""
+        """Append or merge an event."""
         if isinstance(event, SampleChunk):
             self._chunks.append(event)
         elif isinstance(event, Trouble) and event.kind in self._COUNTED:
-            before = self._counts.get(event.kind)
-            self._counts[event.kind] = event if before is None else Trouble(event.kind, before.count + event.count, before.t_us)
+            before = self._counts.get(event.kind, Trouble(event.kind, 0, event.t_us))
+            self._counts[event.kind] = Trouble(event.kind, before.count + event.count, before.t_us)
         else:
             self._close()
             last = self._done[-1] if self._done else None
-            if (
-                isinstance(event, Trouble)
-                and isinstance(last, Trouble)
-                and last.kind == event.kind == "implausible"
-                and last.t_us == event.t_us
-            ):
+            if isinstance(event, Trouble) and isinstance(last, Trouble) and last.merges_with(event):
                 self._done[-1] = Trouble(event.kind, last.count + event.count, event.t_us)
             else:
                 self._done.append(event)
@@ -428,8 +402,7 @@ class Collector:
         return self._done
 
     def _close(self) -> None:
-        if len(self._chunks) > 1:
-            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
-            self._chunks = [SampleChunk(t_us, registers, self._chunks[0].form)]
-        self._done += [*self._chunks, *self._counts.values()]
+        if self._chunks:
+            self._done.append(joined_chunk(self._chunks))
+        self._done += self._counts.values()
         self._chunks, self._counts = [], {}

@@ -6,225 +6,132 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import Protocol as Interface
 
-import numpy as np
-
 from session.bench.closure_guide import MARK_WORDS, ClosureGuide
-from session.bench.events import Event, SampleChunk
+from session.bench.events import Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, CoachRequest, GuideMessage, Instruction, Kind, Stage
-from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
+from session.bench.progress import (
+    AcceptedData,
+    LiveAccelerometerFit,
+    PresentLog,
+    StillExamination,
+    accepted_turn,
+    fastest_ns,
+    why_not,
+)
 from session.bench.rawfile import RecordingDecision
 from session.detect.segments import moved_at
-from session.detect.stills import MIN_STILL_FRACTION
+from session.detect.stills import MIN_STILL_FRACTION, Still
 from session.io.config import Config, Protocol, Sensor
 from session.io.samples import Samples
 from session.io.units import DEG, NS, WORDS
 
-# What comes from the recorder, as the guide takes it.
-
 
 def joined_chunks(events: Iterable[Event | RecordingDecision]) -> Iterator[Event | RecordingDecision]:
-    """Neighbouring chunks as one: a busy machine reads many small portions at once."""
+    """Merge neighbouring chunks: a busy computer reads many small ones at once."""
     for are_chunks, group in groupby(events, lambda event: isinstance(event, SampleChunk)):
         if are_chunks:
-            chunks = [event for event in group if isinstance(event, SampleChunk)]
-            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
-            yield SampleChunk(t_us, registers, chunks[0].form)
+            yield joined_chunk([event for event in group if isinstance(event, SampleChunk)])
         else:
             yield from group
 
 
 def samples_of(chunk: SampleChunk, config: Config) -> Samples:
-    """Registers or physical units as SI, with the accelerometer's pre-calibration."""
-    registers, units = chunk.registers.astype(float), config.sensor.register_units
+    """Registers or physical units as SI, with the accelerometer's calibration."""
+    values = chunk.registers.astype(float)
     if chunk.form.physical:
         gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
-        temp_c = registers[:, 6] if chunk.form.has_temperature else None
-        return Samples(chunk.t_us * 1000, registers[:, 0:3] * gyro, config.accelerometer.correct(registers[:, 3:6] * accel), temp_c)
-    return Samples(
-        chunk.t_us * 1000,
-        registers[:, 0:3] * units.gyro_rps,
-        config.accelerometer.correct(registers[:, 3:6] * units.accel_mps2),
-        units.temperature_c(registers[:, 6]),
-    )
+        temp_c = values[:, 6] if chunk.form.has_temperature else None
+    else:
+        units = config.sensor.register_units
+        gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
+    return Samples(chunk.t_us * 1000, values[:, 0:3] * gyro, config.accelerometer.correct(values[:, 3:6] * accel), temp_c)
 
-
-# What the guide says to do at this moment, and why it waits.
 
 PEAK_FULL_SCALE = 0.85
 ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
-
-
-class Leader(Interface):
-    """What a guide shows of itself."""
-
-    stage: Stage
-    segments: int
-    waits_for: str
-    objection: str
-    here: PresentLog
-    closure: ClosureGuide | None
-    asked_for: CoachRequest
-    sensor: Sensor | None
-    health: StreamHealth
-    taken: AcceptedData
-
-    @property
-    def accepted(self) -> int:
-        """Segments that count."""
-
-    @property
-    def turn(self) -> TurnInProgress:
-        """What the table does now."""
-
-    @property
-    def hold_s(self) -> float:
-        """How long a still is asked for."""
-
-    @property
-    def coach_is_asked(self) -> bool:
-        """Whether its word is still awaited."""
-
-
-def instruction_of(guide: Leader) -> Instruction:
-    """For each stage."""
-    stage = guide.stage
-    if stage is Stage.FIND_PORT:
-        return Instruction(stage, "connect the board", guide.waits_for or "no port is open yet", good=False)
-    if stage is Stage.CHECK_STREAM:
-        waits = guide.waits_for or f"{min(guide.here.checked_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
-        return Instruction(stage, "wait: the stream is being looked at", waits, good=False)
-    if stage is Stage.PAUSED:
-        return Instruction(stage, "paused: nothing is judged", "p goes on", good=False)
-    if stage is Stage.DONE:
-        return Instruction(stage, "done: the table may be left", f"{guide.accepted} segments accepted")
-    if stage is Stage.CLOSURE and guide.closure is not None:
-        return guide.closure.instruction(guide.turn)
-    return _turn(guide) if stage is Stage.TURN else _hold(guide)
-
-
-def wait_of(guide: Leader) -> Wait | None:
-    """Whether it pays to let the board become warm before going on."""
-    if guide.stage not in (Stage.HOLD_STILL, Stage.TURN):
-        return None
-    return guide.health.warmth.wait(guide.taken.turns, guide.taken.stills, guide.segments - guide.accepted)
-
-
-def _hold(guide: Leader) -> Instruction:
-    turn, held = guide.turn, guide.turn.still_s
-    why, good = guide.objection, False
-    if turn.moving:
-        why = f"{guide.here.why} for {turn.restless_s or turn.moving_s:.1f} s: hands off?"
-    elif not why:
-        why, good = f"still for {held:.1f} of {guide.hold_s:.1f} s", True
-    left = max(guide.hold_s - held, 0.0)
-    return Instruction(guide.stage, "hold still: hands off the table", why, left, min(held / guide.hold_s, 1.0), good)
-
-
-def _turn(guide: Leader) -> Instruction:
-    turn, advice = guide.turn, guide.asked_for.advice
-    if guide.coach_is_asked:
-        return Instruction(guide.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")
-    do = advice.words if advice else ANY_TURN
-    if not turn.moving:
-        waits = f"waiting for the turn; segment {guide.accepted + 1} of {guide.segments}"
-        return Instruction(guide.stage, do, advice.reason if advice and advice.reason else waits)
-    assert guide.sensor is not None  # as it was set before the first sample
-    peak_dps, bar_dps = turn.peak_rps / DEG, PEAK_FULL_SCALE * guide.sensor.gyro_fs_dps
-    turned = f"turned {turn.path_rad / DEG:.0f}° so far"
-    if peak_dps > bar_dps:
-        return Instruction(guide.stage, do, f"{turned}, but {peak_dps:.0f} > {bar_dps:.0f} dps: slower, or it clips", good=False)
-    return Instruction(guide.stage, do, f"{turned}, peak {peak_dps:.0f} of {guide.sensor.gyro_fs_dps:.0f} dps; then let go")
-
-
-# The state machine: find port - check stream - hold still - turn - hold still - accepted, or why not - … - closure run - done.
-#
-# It lives on samples, in blocks of 0.1 s, and on what others tell it of the port; the same samples in other portions give the same
-# changes.  It never waits without saying for what.
-
-HOLD_STILLS = 1.5  #: times the protocol's still_s are asked for: a still serves two turns
+HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
-STIR_DEG = 2.0  #: what moves less was no turn
+STIR_DEG = 2.0  #: a smaller movement is no turn
 
 
 class Guide:
-    """Leads through ``segments`` accepted segments.  stop_at_target: or until the coach has nothing to ask for.  closure_s: and through a
-    closure run with so much turning; 0: none.
+    """Leads through ``segments`` accepted segments, then through a closure run with closure_s of turning (0: none).
 
-    instruction is what to do now; accepted counts segments, rejected those that were not, dropped those that the person took back;
-    health, taken, advice, asked_for are for the screen and the coach; closure is the run, once it is its turn.
+    stop_at_target ends the segments as soon as the coach requests nothing more.  The guide is driven by samples, in blocks of 0.1 s, and
+    by messages about the port; how the samples are divided into portions changes nothing.  It never waits without stating for what.
     """
 
     def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
         self.protocol, self.segments, self.stop_at_target, self.closure_s = protocol, segments, stop_at_target, closure_s
         self.sensor: Sensor | None = None
-        self.closure: ClosureGuide | None = None
+        self.closure: ClosureGuide | None = None  #: once the segments are done
         self.stage, self.health, self.taken = Stage.FIND_PORT, StreamHealth(), AcceptedData()
         self.advice: Advice | None = None  #: the last
         self.asked_for = CoachRequest()
-        self.coached = False  #: whether advice is to be expected after each accepted segment
-        self.rejected = self.dropped = self.log = 0
-        self._before_s = 0.0  # in earlier logs
-        self.keys, self._whole = "", ""  # the screen's last line; what the coach said of the whole session
+        self.coached = False  #: whether advice is expected after each accepted segment
+        self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
+        self._before_s = 0.0  # duration of earlier logs
+        self.keys, self._remark = "", ""  # the screen's last line; the coach's remark on the whole session
         self.waits_for = ""  # what the port or the stream lacks
-        self._changes: list[GuideMessage] = []
-        self._new_log()
+        self._messages: list[GuideMessage] = []
+        self._begin_log()
 
     def begin(self, sensor: Sensor, own: LiveAccelerometerFit | None = None) -> None:
-        """The sensor's ranges are known: samples can come.  own: where nobody has calibrated its accelerometer."""
+        """The sensor's ranges are known: samples can come.  own: where its accelerometer is not calibrated."""
         self.sensor = sensor
         self.taken.begin(own, sensor.gyro_fs_dps * DEG)
 
     def waits(self, stage: Stage, why: str) -> None:
-        """The port is not there, or says nothing: samples will not come before that has changed.  What was reached is kept."""
+        """The port is closed or silent: no samples will come before that has changed.  The session's progress is kept."""
         if self.stage not in (Stage.DONE, Stage.PAUSED):
             self.stage, self.waits_for = stage, why
             self.turn.interrupted()
 
     def new_log(self) -> None:
-        """The device's clock has begun anew, and with it a log: its first still has yet to come."""
+        """The device's clock has restarted, and with it a log: its first still has yet to come."""
         self.log += 1
         self._before_s += self.here.now_s
         self.health.new_log()
         self.waits_for = ""  # it was of the log before
-        self._new_log()
+        self._begin_log()
         if self.closure is not None:
             self.closure.interrupted()
         if self.stage not in (Stage.DONE, Stage.PAUSED):
             self.stage = Stage.CHECK_STREAM
 
     def feed(self, samples: Samples) -> list[GuideMessage]:
-        """Later samples of the present log, SI.  Returns what they change."""
+        """Take later samples of the present log, SI; returns the messages that they cause."""
         if len(samples) == 0 or self.stage in (Stage.DONE, Stage.PAUSED):
             return []
-        self._changes = []
+        self._messages = []
         if self.stage is Stage.FIND_PORT:
             self.stage, self.waits_for = Stage.CHECK_STREAM, ""
         self.here.add(samples)
         checking = self.stage is Stage.CHECK_STREAM
         if checking and not self._stream_is_good():
-            return self._changes
+            return self._messages
         self.health.feed(self.here.pending if checking else samples, self.here.pace)
         for block in self.here.blocks():
             if self.stage is not Stage.DONE:
                 self._block(block)
-        return self._changes
+        return self._messages
 
     def advise(self, advice: Advice | None, stills: int | None = None) -> list[GuideMessage]:
-        """The coach's word, given at so many stills: what it asks for counts only where the board still lies so."""
-        self._changes, self.advice = [], advice
-        if advice and advice.says and advice.says != self._whole:
-            self._whole = advice.says
-            self._say(Kind.STAGE, self._whole)
+        """Take the coach's advice, given at so many stills; its movement counts only while the board keeps that attitude."""
+        self._messages, self.advice = [], advice
+        if advice and advice.says and advice.says != self._remark:
+            self._remark = advice.says
+            self._say(Kind.STAGE, self._remark)
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
             self.asked_for.answered(advice)
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
             self._segments_done("every parameter has reached its target")
-        return self._changes
+        return self._messages
 
     def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
-        """What a person, or the guide itself (``wants``), has decided, and the files show: now, or in a recording that is resumed."""
-        self._changes = []
+        """Take a decision of the operator, or of the guide itself (``wants``), that the files already hold."""
+        self._messages = []
         if decision.word == "pause":
             self.stage = Stage.PAUSED
             self._say(Kind.STAGE, "paused: what comes is kept, and not judged")
@@ -239,7 +146,7 @@ class Guide:
             self.turn.accepted_still()
             if decision.word == "keep":
                 self._finish(f"{self.accepted} segments and a closure run")
-        return self._changes
+        return self._messages
 
     @property
     def wants(self) -> RecordingDecision | None:
@@ -248,12 +155,12 @@ class Guide:
 
     @property
     def accepted(self) -> int:
-        """Segments that count."""
+        """Number of segments that count."""
         return len(self.taken.turns)
 
     @property
     def to_drop(self) -> tuple[int | None, str]:
-        """Device time, µs, at which the last turn moved (the one at this moment, or else the last accepted); None and why, without one."""
+        """Device time, µs, at which the present turn, else the last accepted one, moved; or None and why there is none to drop."""
         if self.closure is None and self.stage in (Stage.TURN, Stage.HOLD_STILL) and self.turn.path_rad > STIR_DEG * DEG:
             return self.here.peak_ns // 1000, ""
         if self.closure is not None or self.stage is not Stage.TURN:
@@ -265,8 +172,13 @@ class Guide:
 
     @property
     def now_s(self) -> float:
-        """Since the session's first sample, without the time between two logs."""
+        """Time since the session's first sample, without the time between two logs."""
         return self._before_s + self.here.now_s
+
+    @property
+    def turn(self) -> TurnInProgress:
+        """The table's present motion."""
+        return self.here.turn
 
     @property
     def turning(self) -> bool:
@@ -275,38 +187,71 @@ class Guide:
 
     @property
     def hold_s(self) -> float:
-        """How long a still is asked for."""
+        """How long the guide requests a still."""
         return HOLD_STILLS * self.protocol.still_s
 
     @property
+    def wait(self) -> Wait | None:
+        """Whether it pays to let the board warm up before going on."""
+        if self.stage not in (Stage.HOLD_STILL, Stage.TURN):
+            return None
+        return self.health.warmth.wait(self.taken.turns, self.taken.stills, self.segments - self.accepted)
+
+    @property
     def instruction(self) -> Instruction:
-        """What to do now, and why it waits."""
-        return instruction_of(self)
+        """What to do now, and why the guide waits."""
+        stage = self.stage
+        if stage is Stage.FIND_PORT:
+            return Instruction(stage, "connect the board", self.waits_for or "no port is open yet", good=False)
+        if stage is Stage.CHECK_STREAM:
+            waits = self.waits_for or f"{min(self.here.unchecked_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
+            return Instruction(stage, "wait: the stream is being looked at", waits, good=False)
+        if stage is Stage.PAUSED:
+            return Instruction(stage, "paused: nothing is judged", "p goes on", good=False)
+        if stage is Stage.DONE:
+            return Instruction(stage, "done: the table may be left", f"{self.accepted} segments accepted")
+        if stage is Stage.CLOSURE and self.closure is not None:
+            return self.closure.instruction(self.turn)
+        return self._turn_instruction() if stage is Stage.TURN else self._hold_instruction()
 
-    @property
-    def coach_is_asked(self) -> bool:
-        """Whether its word on the last turn is still awaited, for a while."""
-        return bool(self.taken.turns) and self.asked_for.awaited(self.here.now_s) and not self.turn.moving
+    def _hold_instruction(self) -> Instruction:
+        turn, held = self.turn, self.turn.still_s
+        why, good = self.objection, False
+        if turn.moving:
+            why = f"{self.here.why} for {turn.restless_s or turn.moving_s:.1f} s: hands off?"
+        elif not why:
+            why, good = f"still for {held:.1f} of {self.hold_s:.1f} s", True
+        left = max(self.hold_s - held, 0.0)
+        return Instruction(self.stage, "hold still: hands off the table", why, left, min(held / self.hold_s, 1.0), good)
 
-    @property
-    def turn(self) -> TurnInProgress:
-        """What the table does now."""
-        return self.here.turn
+    def _turn_instruction(self) -> Instruction:
+        turn, advice = self.turn, self.asked_for.advice
+        if self.taken.turns and self.asked_for.awaited(self.here.now_s) and not turn.moving:
+            return Instruction(self.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")
+        do = advice.words if advice else ANY_TURN
+        if not turn.moving:
+            waits = f"waiting for the turn; segment {self.accepted + 1} of {self.segments}"
+            return Instruction(self.stage, do, advice.reason if advice and advice.reason else waits)
+        full_scale_dps, peak_dps = self._sensor.gyro_fs_dps, turn.peak_rps / DEG
+        turned = f"turned {turn.path_rad / DEG:.0f}° so far"
+        if peak_dps > PEAK_FULL_SCALE * full_scale_dps:
+            too_fast = f"{turned}, but {peak_dps:.0f} > {PEAK_FULL_SCALE * full_scale_dps:.0f} dps: slower, or it clips"
+            return Instruction(self.stage, do, too_fast, good=False)
+        return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; then let go")
 
-    def _new_log(self) -> None:
+    def _begin_log(self) -> None:
         self.here = PresentLog()
         self.asked_for.ends()
-        self.objection = ""
+        self.objection = ""  # why the present still does not count
         self._examined_s = 0.0
 
     @property
     def _sensor(self) -> Sensor:
-        """As it was set before the first sample."""
-        assert self.sensor is not None
+        assert self.sensor is not None  # ``begin`` comes before the first sample
         return self.sensor
 
     def _stream_is_good(self) -> bool:
-        problem = self.here.look(self._sensor, self.protocol, self.taken.own is None)
+        problem = self.here.check(self._sensor, self.protocol, self.taken.own is None)
         if problem is None:
             return False
         if problem:
@@ -330,7 +275,7 @@ class Guide:
         elif block.quiet:
             self._holding(block)
         elif ended_s:
-            self._let_go(ended_s)
+            self._still_ended(ended_s)
 
     def _turning(self) -> None:
         if self.turn.path_rad < STIR_DEG * DEG:
@@ -347,14 +292,14 @@ class Guide:
         examined = self.here.window.examine()
         self.objection = examined.why
         if examined.still is not None:
-            self._judge(examined)
+            self._accept_still(examined, examined.still)
 
-    def _let_go(self, held_s: float) -> None:
-        """The still ended before the countdown: it may have been long enough all the same."""
+    def _still_ended(self, held_s: float) -> None:
+        """The still ended before the countdown: it may have been long enough nevertheless."""
         shortest = MIN_STILL_FRACTION * self.protocol.still_s
         examined = self.here.window.examine() if held_s >= shortest else None
         if examined is not None and examined.still is not None:
-            self._judge(examined)
+            self._accept_still(examined, examined.still)
             return
         self.objection = ""
         if held_s >= SETTLING_S:
@@ -362,11 +307,10 @@ class Guide:
             turns = ": this turn goes on to the next still" if self.here.window.has_reference else ""
             self._say(Kind.WARNING, f"{why}{turns}")
 
-    def _judge(self, examined: StillExamination) -> None:
-        """The present still is a reference; is the turn before it a segment?"""
-        segment, still = examined.segment, examined.still
-        assert still is not None
-        self.here.accept(examined)
+    def _accept_still(self, examined: StillExamination, still: Still) -> None:
+        """The present still is a reference; decide whether the turn before it is a segment."""
+        segment = examined.segment
+        self.here.accept(examined.samples, still)
         self.stage, self.objection = Stage.TURN, ""
         self.asked_for.ends(self.here.now_s if self.coached else None)
         if self.taken.add_still(still) and (own := self.taken.own) is not None:
@@ -379,22 +323,20 @@ class Guide:
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1
             self._say(Kind.STAGE, f"turn {number} dropped, as you said")
-            return
-        if problem:
+        elif problem:
             self.rejected += 1
             self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")
-            return
-        self.here.refused = False
-        turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
-        self.taken.add(turn)
-        note = f"; {segment.note}" if segment.note else ""
-        said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
-        self._say(Kind.ACCEPTED, said, turn)
-        if self.accepted >= self.segments:
-            self._segments_done(f"{self.accepted} segments")
+        else:
+            self.here.refused = False
+            turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
+            self.taken.add(turn)
+            note = f"; {segment.note}" if segment.note else ""
+            self._say(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
+            if self.accepted >= self.segments:
+                self._segments_done(f"{self.accepted} segments")
 
     def _drop(self, at_ns: int) -> None:
-        """Of an accepted turn of this log, or of the one in progress."""
+        """Drop an accepted turn of this log, or the one in progress."""
         turn = self.taken.drop(self.log, at_ns)
         if turn is None:
             self.here.dropped_ns.append(at_ns)
@@ -402,8 +344,8 @@ class Guide:
             return
         self.dropped, self.here.refused = self.dropped + 1, True
         self.asked_for.ends(self.here.now_s if self.coached else None)
-        said = f"the last turn is dropped ({turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s): left out, its data stay"
-        self._say(Kind.STAGE, said, dropped=turn)
+        which = f"{turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s"
+        self._say(Kind.STAGE, f"the last turn is dropped ({which}): left out, its data stay")
 
     def _segments_done(self, why: str) -> None:
         if not self.closure_s:
@@ -416,18 +358,15 @@ class Guide:
         self.stage = Stage.DONE
         self._say(Kind.DONE, f"done: {why}")
 
-    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None, dropped: AcceptedTurn | None = None) -> None:
-        self._changes.append(GuideMessage(kind, text, self.now_s, accepted, dropped))
-
-
-# What a guided recording tells of itself: to a screen, to lines, to a page.
+    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
+        self._messages.append(GuideMessage(kind, text, self.now_s, accepted))
 
 
 class View(Interface):
-    """A screen, or lines."""
+    """Shows a guided recording: a screen, lines, or a page."""
 
     def change(self, change: GuideMessage) -> None:
-        """Something has changed."""
+        """Show a message."""
 
     def show(self, guide: Guide) -> None:
         """Draw the present state."""

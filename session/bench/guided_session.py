@@ -1,4 +1,9 @@
-"""A guided recording: from the port to the guide, from the guide to the coach, and both to the screen."""
+"""A guided recording: from the port to the guide, from the guide to the coach, and both to the screen.
+
+The recorder's reader thread stores the bytes; this loop only reads events, so it cannot lose any.  The coach works in a thread of its own:
+its advice may come while the next still is being held.  Decisions of the guide or the operator go to the recorder, so that a resumed
+recording repeats them.
+"""
 
 from __future__ import annotations
 
@@ -7,43 +12,147 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from session.bench.closure_guide import BEGIN
-from session.bench.events import BoardStatus, CommandResult, Event, FaultCounts, Info, SampleChunk, SelfTestResult, Trouble
+from session.bench.events import (
+    NO_SERIAL,
+    SENSOR,
+    STANDIN,
+    BoardMessage,
+    BoardStatus,
+    Event,
+    FaultCounts,
+    Info,
+    SampleChunk,
+    SelfTestResult,
+    Trouble,
+    starts_log,
+)
 from session.bench.guide import Guide, View, joined_chunks, samples_of
-from session.bench.logwriter import NEW_LOG, SHORT_STARTS, SHORT_US
+from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
-from session.bench.operator import Notebook, OperatorInput, Wished
+from session.bench.operator import BrowserCommands, OperatorInput
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
-from session.bench.screen import BoardReporter
+from session.bench.session_file import SessionFile
 from session.io.config import Config
 from session.io.errors import CalibrationError, OtherSensor, StorageError
 from session.io.samples import Samples
 
-# Whether the board that speaks is the one that the recording is of: by its serial number, and by the rate that it states.
+# The board's messages about its sensor, in words: faults when their counts rise, a stand-in once.
 
-#: 0 is what a firmware sends that knows none
-NO_SERIAL = ("", "0")
-#: by which the rate that one board states may differ from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
-#: two boards are some percent apart, and a board is set to another rate by a factor of two
+WIRES = "look at supply, wires and their length"
+#: each fault, and what to do about it
+FAULT_SAYS = {
+    "overrun": ("the sensor's FIFO ran over", "the board is too slow for this data rate: a lower --odr"),
+    "order": ("words of the FIFO were out of order", WIRES),
+    "parity": ("words of the FIFO had a wrong parity", WIRES),
+    "tag": ("the FIFO gave words that there are none of", WIRES),
+    "hang": ("the bus to the sensor hung", WIRES),
+    "zeros": ("the sensor's bus answered 0x00", WIRES),
+    "ones": ("the sensor's bus answered 0xFF", WIRES),
+    "reset": ("the sensor reset itself", "look at its supply"),
+    "changed": ("a register of the sensor changed by itself", "look at its supply"),
+    "identity": ("the sensor's identity is another's", WIRES),
+    "silent": ("the sensor fell silent", WIRES),
+    "stamp": ("the sensor's stamps did not follow each other", WIRES),
+    "incomplete": ("words of a sample did not come", WIRES),
+    "crowded_out": ("the board's port had no room", "a higher --baud, or a lower --odr"),
+}
+#: counts of samples, or of consequences of another fault
+COUNTED_APART = ("lost", "starts")
+NO_SENSOR = (
+    "the board has no sensor (source 0): what comes is made up, or played to it, and calibrates no sensor; "
+    "look at the wiring, then switch the board on again (it looks for its sensor when it is switched on)"
+)
+FOUND = (
+    "the board has found its sensor: a new log begins; "
+    "those before it hold no sensor's samples: take them out of the folder (check names them)"
+)
+#: WHO_AM_I of a bus without an answer, and of the sensor and its siblings
+NOBODY, FAMILY = (0x00, 0xFF), 0x6B
+#: reports of faults; a sensor with a loose wire causes them all the time
+MOST_SAID = 20
+
+
+class BoardReporter:
+    """Turns a board's messages into lines for the operator."""
+
+    def __init__(self) -> None:
+        self.board: BoardStatus | None = None
+        self.faults: FaultCounts | None = None
+        self._reports = 0
+        self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
+
+    def new_connection(self) -> None:
+        """Messages from here on may be another board's, or of one that was switched on again."""
+        self.board = self.faults = None
+        self._open_fault = False
+
+    def changes_source(self, board: BoardStatus) -> bool:
+        """Whether the samples come from another source from here on: the sensor instead of its stand-in, or the reverse."""
+        return self.board is not None and board.source != self.board.source
+
+    def hear(self, message: BoardMessage) -> list[str]:
+        """The lines of a message; none where it brings no news."""
+        if isinstance(message, BoardStatus):
+            before, changes, self.board = self.board, self.changes_source(message), message
+            if message.source == SENSOR:
+                return [FOUND] if changes else []
+            if message.source != STANDIN or (before is not None and before.source == STANDIN):
+                return []
+            if message.who_am_i in NOBODY:
+                return [NO_SENSOR]
+            who = "a sensor answers on its bus, but did not start"
+            if message.who_am_i != FAMILY:
+                who = "a chip that is no ASM330LHH answers on its bus"
+            return [f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
+        if isinstance(message, SelfTestResult):
+            return [f"the sensor's self-test failed (bits 0x{message.failed:X})"] if message.failed else []
+        return self._faults(message) if isinstance(message, FaultCounts) else []
+
+    def _faults(self, message: FaultCounts) -> list[str]:
+        before, self.faults = self.faults, message
+        risen = message.since(before)
+        kinds = [name for name in risen if name not in COUNTED_APART]
+        if not risen:
+            return []
+        if not kinds:  # samples lost without a fault are the cost of setting the sensor again
+            was_open, self._open_fault = self._open_fault and "lost" in risen, self._open_fault and "lost" not in risen
+            return [f"the sensor is back: {risen['lost']} samples lost"] if was_open else []
+        self._open_fault = True
+        self._reports += 1
+        if self._reports > MOST_SAID:
+            return []
+        what = "; ".join(f"{FAULT_SAYS[name][0]} ({risen[name]}×)" for name in kinds)
+        lost = risen.get("lost", 0) + risen.get("crowded_out", 0)
+        how_many = f"{lost} samples lost" if lost else "no sample lost so far"
+        do = "; ".join(dict.fromkeys(FAULT_SAYS[name][1] for name in kinds))
+        lines = [f"{'before this recording: ' if before is None else ''}{what}: {how_many}; {do}"]
+        if self._reports == MOST_SAID:
+            lines.append(f"this was the {MOST_SAID}th fault, and they are said no more; the logs' comments have all")
+        return lines
+
+
+#: relative change of a board's stated rate from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
+#: two boards differ by some percent, and settings of the rate by a factor of two
 RATE_WITHIN = 0.005
 ANOTHER = "give another sensor another --out"
 
 
 class SensorIdentity:
-    """``require`` it of each info, in all of a recording, resumed or not: two sensors have two calibrations."""
+    """Checks each info of a recording, resumed or not, for another sensor: two sensors have two calibrations."""
 
     def __init__(self) -> None:
         self._serial: str | None = None
-        self._connection = self._of = 0  # the present one, and that of the rate
+        self._connection = self._of = 0  # the present one, and the one of the stated rate
         self._odr_hz: float | None = None
 
     def new_connection(self) -> None:
-        """The port was opened again: whoever speaks may be another."""
+        """The port was opened again: the board may be another."""
         self._connection += 1
 
     def require(self, info: Info) -> None:
-        """OtherSensor where it is another's.  Within a connection no board is swapped, and one that measures its rate may correct it."""
+        """OtherSensor where the info is of another sensor.  Within a connection a board may correct its rate."""
         named = info.serial not in NO_SERIAL
         if named and self._serial not in (None, info.serial):
             raise OtherSensor(f"the board says serial={info.serial}, this recording is of {self._serial}; {ANOTHER}")
@@ -55,27 +164,25 @@ class SensorIdentity:
         self._odr_hz, self._of = info.odr_hz, self._connection
 
 
-# The coach in a thread of its own: it gets what the session has so far, and a recording never waits for its word.
-
 Coach = Callable[[Progress], Advice]
 
 
 class CoachThread:
-    """coach: None where there is none, or where it has failed."""
+    """Runs the coach in a thread, since a recording must not wait for it.  coach: None where there is none; it is dropped if it fails."""
 
     def __init__(self, coach: Coach | None) -> None:
         self._coach = coach
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._asked: Future[Advice] | None = None
-        self._asked_at = 0  # so many stills
-        self._about: tuple[int, ...] = ()  # what it was asked about last
+        self._asked_at = 0  # number of stills
+        self._about: tuple[int, ...] = ()  # the state that was passed to it last
 
     def hear(self, guide: Guide) -> list[GuideMessage]:
-        """Hand its last word to the guide, and give it what has come since.  Returns what that changes."""
+        """Pass its finished advice to the guide, and the present state to it; returns the messages that this causes."""
         changes: list[GuideMessage] = []
         if self._asked is not None and self._asked.done():
             asked, self._asked = self._asked, None
-            if (error := asked.exception()) is not None:  # whatever it is, it must not end a recording
+            if (error := asked.exception()) is not None:  # no failure of the coach may end a recording
                 self._coach, guide.coached = None, False
                 failed = f"the coach has failed ({type(error).__name__}: {error}); any turn will do"
                 changes = [GuideMessage(Kind.WARNING, failed, guide.now_s)]
@@ -90,11 +197,11 @@ class CoachThread:
         return changes
 
     def busy(self, guide: Guide) -> bool:
-        """Whether it has not yet said its word on all that there is."""
+        """Whether advice on the present state is still to come."""
         return self._asked is not None or self._behind(guide)
 
     def close(self) -> None:
-        """What it thinks about is of no use any more."""
+        """Stop the thread."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
     def _behind(self, guide: Guide) -> bool:
@@ -102,25 +209,19 @@ class CoachThread:
 
 
 def _about(guide: Guide) -> tuple[int, ...]:
-    """Another turn that counts, or does not any more; another still, in which the board may lie elsewhere."""
+    """What the advice depends on: the turns that count, and the stills, since the board may have another attitude."""
     return (len(guide.taken.stills), *map(id, guide.taken.turns)) if guide.taken.stills else ()
 
 
-# A guided recording: what the port gives goes to the guide, what the guide accepts goes to the coach, what both say to the screen.
-#
-# What is decided at the table, by the guide or with a key, goes to the recorder, so that a recording that is resumed decides it again.
-#
-# The reader thread stores the bytes (``session.recording``); this loop only reads events, so nothing that it does can lose any.  The coach
-# works in a thread of its own: a segment's advice may come while the next still is being held.
-
 SILENT_S = 1.5
-UNKNOWN_S = 10.0  #: of samples without a word of their ranges
+UNKNOWN_S = 10.0  #: of samples without their ranges
 KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
-LAST_WORD_S = 5.0  #: that the coach may take at the end
+LAST_WORD_S = 5.0  #: for the coach at the end
 SHOW_EVERY_S = 0.1
-CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; a host's is good to 0.0001
-CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
-CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
+CLOCK_RATIO = 0.005  #: limit of the relative difference of the two clocks; a host's is good to 0.0001
+CLOCK_RATIO_MOST = 0.25  #: beyond it the board is a virtual one that runs faster than real time
+NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
+CLOCK_AFTER_S = 20.0  #: duration of the comparison: arrivals are late by some 10 ms
 
 Configure = Callable[[Info | None, float], Config | None]
 Watch = Callable[[Guide, Samples], None]
@@ -129,9 +230,9 @@ Watch = Callable[[Guide, Samples], None]
 class GuidedRecording:
     """``lead`` until the guide is done.
 
-    configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
-    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.
-    watch: is shown all samples, after the guide; wished: gives what was asked for on a page since it was last asked.
+    configure(info or None, seconds of samples without one) returns the session's configuration, or None while that is not enough; it raises
+    CalibrationError where the board contradicts what is known.  keys returns the characters typed since the last call; None: there are no
+    keys.  watch gets all samples, after the guide; page: the commands from a browser.
     """
 
     def __init__(
@@ -141,70 +242,74 @@ class GuidedRecording:
         configure: Configure,
         coach: Coach | None,
         view: View,
-        notebook: Notebook | None = None,
+        notebook: SessionFile | None = None,
         keys: Callable[[], str] | None = None,
         watch: Watch | None = None,
-        wished: Wished | None = None,
+        page: BrowserCommands | None = None,
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
-        self._table = OperatorInput(guide, recorder, self._tell, notebook, keys, wished)
+        self._operator = OperatorInput(guide, recorder, self._tell, notebook, keys, page)
         self.config: Config | None = None
         guide.coached, self._coach = coach is not None, CoachThread(coach)
-        self._early: list[SampleChunk] = []  # samples whose ranges nobody has told yet
+        self._early: list[SampleChunk] = []  # samples whose ranges are not known yet
         self._heard_s = self._shown_s = time.monotonic()
-        self._clock_said = False
-        self._last_said: tuple | None = None
+        self._clock_reported = False
+        self._last_info: tuple | None = None
         self._new_logs = 0
-        self._live = False  # what an earlier recording left is not decided again
+        self._live = False  # decisions of an earlier recording are not made again
         self._resuming = False  # until the port is open
         self.board = BoardReporter()
         self._same = SensorIdentity()
-        self._landmarks = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
+        self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
-        #: whether what an earlier recording left held another board's bytes: they are apart now, and a replay passes them over
+        #: whether the earlier recording held another board's bytes: they are set apart now, and a replay skips them
         self.begin_again = False
 
-    def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
-        """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
+    def lead(self, interrupted: Callable[[], bool] | None = None) -> None:
+        """Take in an earlier recording, then follow the port until done; KeyboardInterrupt when ``interrupted``.
 
-        That is asked between two steps only: what has been taken from the port is in the log by then.
+        That is checked between two steps only: what has been taken from the port is in the log by then.
         """
+        stopped = interrupted or (lambda: False)
         self._view.show(self.guide)
-        self._table.begin()
+        self._operator.page.begin()
         try:
-            if not self._catch_up(interrupted):
+            if not self._catch_up(stopped):
                 self._live = True
             elif self.guide.stage is not Stage.DONE:
                 self._resuming = True
                 self.guide.new_log()
                 self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
             while self.guide.stage is not Stage.DONE:
-                if interrupted():
+                if stopped():
                     raise KeyboardInterrupt
                 self._take(self.recorder.poll())
                 if (decision := self.guide.wants) is not None:
-                    self._table.decide(decision)
-                self._table.obey(self.config is not None)
-                self._look_at_port()
-                self._look_at_clock()
+                    self._operator.decide(decision)
+                self._operator.obey(self.config is not None)
+                self._check_port()
+                self._check_clock()
                 self._tell(self._coach.hear(self.guide))
                 self._show()
-            self._last_word()
-            self._table.end()
-            self._table.obey(self.config is not None)
+            until_s = time.monotonic() + LAST_WORD_S
+            while self._coach.busy(self.guide) and time.monotonic() < until_s:
+                self._tell(self._coach.hear(self.guide))
+                time.sleep(0.01)
+            self._operator.page.end()
+            self._operator.obey(self.config is not None)
         finally:
-            self._table.end()
+            self._operator.page.end()
             self._coach.close()
             self._view.show(self.guide)
 
-    def _catch_up(self, interrupted: Callable[[], bool]) -> bool:
-        """Take in what an earlier recording left, a slice at a time; whether there was anything."""
+    def _catch_up(self, stopped: Callable[[], bool]) -> bool:
+        """Take in an earlier recording, piece by piece; returns whether there was one."""
         anything = False
         for events in self.recorder.catch_up():
             anything = anything or bool(events)
             self._take(events)
             self._show()
-            if interrupted():
+            if stopped():
                 raise KeyboardInterrupt
         return anything
 
@@ -212,16 +317,6 @@ class GuidedRecording:
         if time.monotonic() - self._shown_s > SHOW_EVERY_S:
             self._shown_s = time.monotonic()
             self._view.show(self.guide)
-
-    def _begin_behind(self) -> None:
-        """The port is open again, or the board was reset: a pause ends with the recording that it was in, and a closure run begins anew."""
-        if not (self._live or self._resuming):
-            return
-        if self._resuming and self.guide.stage is Stage.PAUSED:
-            self._table.decide(self._table.after_pause)
-        elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:
-            self.recorder.decide(BEGIN)  # what comes now belongs to no log
-        self._live, self._resuming = True, False
 
     def _tell(self, changes: list[GuideMessage]) -> None:
         for change in changes:
@@ -233,27 +328,40 @@ class GuidedRecording:
                 self._heard_s = time.monotonic()
                 self._samples(event)
             elif isinstance(event, Info):
-                self._landmarks += 1
+                self._checkpoints += 1
                 self._hear_board(event)
-            elif isinstance(event, (BoardStatus, FaultCounts, CommandResult, SelfTestResult)):
+            elif isinstance(event, BoardMessage):
                 if isinstance(event, BoardStatus) and self.board.changes_source(event):
                     self.guide.new_log()
                 for words in self.board.hear(event):
                     self._say(Kind.WARNING, words)
             elif isinstance(event, RecordingDecision):
-                self._table.was_decided(event)
+                self._operator.was_decided(event)
             elif isinstance(event, Trouble):
                 self.guide.health.troubles[event.kind] += event.count
-                if event.kind in NEW_LOG:
-                    self._landmarks += 1
-                    self._sound = self._landmarks
-                    self._early = []
-                    if event.kind == "reconnect":
-                        self.board.new_connection()
-                        self._same.new_connection()
-                    self._begin_behind()
-                    self.guide.new_log()
-                    self._say_new_log(event.kind)
+                if starts_log(event):
+                    self._new_log(event.kind)
+
+    def _new_log(self, kind: str) -> None:
+        self._checkpoints += 1
+        self._sound = self._checkpoints
+        self._early = []
+        if kind == "reconnect":
+            self.board.new_connection()
+            self._same.new_connection()
+        if self._live or self._resuming:
+            if self._resuming and self.guide.stage is Stage.PAUSED:  # a pause ends with its recording
+                self._operator.decide(self._operator.after_pause)
+            elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:  # a closure run restarts
+                self.recorder.decide(BEGIN)  # the next samples belong to no log
+            self._live, self._resuming = True, False
+        self.guide.new_log()
+        self._new_logs += 1
+        if self._new_logs <= SHORT_STARTS:
+            self._say(Kind.WARNING, f"{NEW_LOG_SAYS[kind]}: a new log begins")
+        if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
+            again = f"this was the {SHORT_STARTS}th time, and it is said no more"
+            self._say(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")
 
     def _samples(self, chunk: SampleChunk) -> None:
         if self.config is None:
@@ -273,12 +381,12 @@ class GuidedRecording:
             self._watch(self.guide, samples)
 
     def _hear_board(self, info: Info) -> None:
-        """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check.
+        """Take the board's info.  A contradiction counts when it comes twice in a row: a line of text carries no check.
 
-        Another board's bytes are set apart, so that the recording can go on: all since the last word that was right.
+        Another board's bytes, all since the last right info, are set apart, so that the recording can continue.
         """
-        said = (info.gyro_fs_dps, info.accel_fs_g, info.odr_hz, info.serial)
-        again, self._last_said = said == self._last_said, said
+        values = (info.gyro_fs_dps, info.accel_fs_g, info.odr_hz, info.serial)
+        again, self._last_info = values == self._last_info, values
         try:
             self._same.require(info)
             self._know(info)
@@ -291,11 +399,11 @@ class GuidedRecording:
             if again:
                 raise
         else:
-            self._sound, self._agreed = self._landmarks, True
+            self._sound, self._agreed = self._checkpoints, True
             self.guide.health.info_odr_hz = info.odr_hz
 
     def _set_apart(self) -> str:
-        """What to say of it.  Where nothing of what was recorded before agrees with session.toml, it is the file that is wrong."""
+        """Set another board's bytes apart; returns the note for the error.  If no info has agreed with session.toml, the file is wrong."""
         if not (self._live or self._resuming or self._agreed):
             return ""
         self.begin_again = not (self._live or self._resuming)
@@ -305,7 +413,7 @@ class GuidedRecording:
         return f"; its bytes stay apart ({kept}); --resume goes on with the own board"
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
-        """What the samples mean; asked again at each info, which may contradict it.  Whether that is known only now."""
+        """Configure the session; each info is checked again, since it may contradict.  Returns whether it is configured only now."""
         config = self._configure(info, waited_s)
         if config is None or self.config is not None:
             return False
@@ -317,7 +425,7 @@ class GuidedRecording:
             self._samples(chunk)
         return True
 
-    def _look_at_port(self) -> None:
+    def _check_port(self) -> None:
         silent_s = time.monotonic() - self._heard_s
         if not self.recorder.connected:
             self.guide.waits(Stage.FIND_PORT, f"{self.recorder.port.name}: {self.recorder.why or 'opening'}; it is tried again and again")
@@ -330,37 +438,16 @@ class GuidedRecording:
                 )
             self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
 
-    def _look_at_clock(self) -> None:
-        """Said once: a device time that runs wrong is a wrong scale factor of all axes."""
+    def _check_clock(self) -> None:
+        """Report once that the device's clock is wrong, which is a wrong scale factor of all axes."""
         clock, health = self.recorder.clock, self.guide.health
         health.clock_ratio = ratio = clock.device_seconds_per_second
-        if ratio is None or self._clock_said or clock.compared_s < CLOCK_AFTER_S:
+        if ratio is None or self._clock_reported or clock.compared_s < CLOCK_AFTER_S:
             return
         if CLOCK_RATIO < abs(ratio - 1) < CLOCK_RATIO_MOST:
-            self._clock_said = True
+            self._clock_reported = True
             wrong = f"the board's clock runs {100 * abs(ratio - 1):.2f} % {'fast' if ratio > 1 else 'slow'} by this computer's"
             self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be off by as much")
 
     def _say(self, kind: Kind, text: str) -> None:
         self._view.change(GuideMessage(kind, text, self.guide.now_s))
-
-    def _say_new_log(self, kind: str) -> None:
-        """A few times; a board that resets again and again would say nothing else."""
-        self._new_logs += 1
-        if self._new_logs <= SHORT_STARTS:
-            self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[kind]}: a new log begins")
-        if self._new_logs == SHORT_STARTS:
-            again = (
-                f"this was the {SHORT_STARTS}th time, and it is said no more; a start that lasts less than {SHORT_US / 1e6:g} s gets no log"
-            )
-            self._say(Kind.WARNING, again)
-
-    def _last_word(self) -> None:
-        """Of the coach, on all segments; it has had all but the last one before."""
-        until_s = time.monotonic() + LAST_WORD_S
-        while self._coach.busy(self.guide) and time.monotonic() < until_s:
-            self._tell(self._coach.hear(self.guide))
-            time.sleep(0.01)
-
-
-_NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}

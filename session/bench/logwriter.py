@@ -1,4 +1,4 @@
-"""Events into ``log*.csv``: one file per reset or connection, the board's clock against the host's."""
+"""Writes events to ``log*.csv``, one file per reset or connection; compares the board's clock with the host's."""
 
 from __future__ import annotations
 
@@ -11,31 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from session.bench.decoder import StreamDecoder
-from session.bench.events import (
-    BoardStatus,
-    CommandResult,
-    Comment,
-    Event,
-    FaultCounts,
-    Info,
-    SampleChunk,
-    SelfTestResult,
-    StreamFormat,
-    Trouble,
-)
+from session.bench.events import BoardStatus, Comment, Event, FaultCounts, Info, SampleChunk, StreamFormat, Trouble, starts_log
 from session.bench.rawfile import GrowingFile, Mark, put_aside
 from session.bench.text_stream import parse_info
 from session.io.errors import FormatError, StorageError
 from session.io.units import NS
 
-# The device's clock against the host's: does a second of its stamps last a second?
-#
-# Bytes arrive late, never early, and by chance.  So of each stretch of host time only the arrival with the least delay counts, and the
-# clock's rate is the slope of a line through these.
+# The device's clock against the host's.  Bytes arrive late by a random delay, never early.  So of each stretch of host time only the
+# arrival with the least delay counts, and the clock's rate is the slope of a line through these.
 
 STRETCH_NS = 500_000_000  #: at first
-FEWEST = 6  #: stretches, 3 s, before anything is said
-MOST = 1024  #: stretches; beyond them they become twice as long: a day is held in no more memory than an hour
+FEWEST = 6  #: stretches, 3 s, before there is a result
+MOST = 1024  #: stretches; beyond them they become twice as long, so that a day takes no more memory than an hour
 
 
 class ClockComparison:
@@ -45,12 +32,12 @@ class ClockComparison:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what was before."""
+        """Discard all arrivals."""
         self._stretch_ns = STRETCH_NS
         self._earliest: list[tuple[int, int]] = []  # host_ns, t_us of the least delay in each stretch
 
     def add(self, host_ns: int, t_us: int) -> None:
-        """At host_ns the sample of device time t_us was there."""
+        """The sample of device time t_us had arrived at host_ns."""
         self._take(host_ns, t_us)
         if len(self._earliest) > MOST:
             before, self._earliest = self._earliest, []
@@ -66,50 +53,48 @@ class ClockComparison:
 
     @property
     def compared_s(self) -> float:
-        """For how long, by the host's clock."""
+        """Duration of the comparison by the host's clock."""
         return (self._earliest[-1][0] - self._earliest[0][0]) * NS if self._earliest else 0.0
 
     @property
     def device_seconds_per_second(self) -> float | None:
-        """Rate of the device's clock by the host's, about 1; None while too little is known."""
+        """Rate of the device's clock by the host's, about 1; None for too few arrivals."""
         if len(self._earliest) < FEWEST:
             return None
         since = np.array(self._earliest, np.int64) - self._earliest[0]
         return float(np.polyfit(since[:, 0] * NS, since[:, 1] * 1e-6, 1)[0])
 
 
-# Events into ``log*.csv`` (docs/formats.md).  A reset of the device, or a new connection, begins a new file: device time begins anew.
+# The log files (docs/formats.md).  A reset of the device, or a new connection, starts a new file, since device time restarts.
 
-NEW_LOG = ("reset", "reconnect")
 NOWHERE = ""
-#: starts in a row that last less than this; behind so many, one that does so again gets no log
+#: a start that lasts less than this is short; after so many short ones in a row, a further short one gets no log
 SHORT_US, SHORT_STARTS = 1_000_000, 20
-#: begins the names of logs of another board, which no command reads
+#: prefix of the logs of another board, which no command reads
 FOREIGN = "foreign"
 
 
 class LogWriter:
-    """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone.
+    """Writes the events of a stream; the files depend on the events alone.
 
-    Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed; physical: whether
-    the samples are in physical units, None before the first.  A board that begins anew again and again would fill the folder with logs
-    of a few samples: not_logged counts the samples of starts that got none (``SHORT_STARTS``), not_logged_starts those.
+    Logs that exist already grow (``GrowingFile``).  A board that resets again and again would fill the folder with logs of a few samples;
+    short starts after many others get none.
     """
 
     def __init__(self, folder: Path, stem: str = "log"):
         self.folder, self.stem = folder, stem
-        self.paths: list[Path] = []
-        self.put_aside: list[Path] = []
-        self.physical: bool | None = None  # what was written, once something was
+        self.paths: list[Path] = []  #: the logs so far, in order
+        self.put_aside: list[Path] = []  #: where logs went that somebody had changed
+        self.physical: bool | None = None  #: whether the samples are in physical units; None before the first
         self._file: GrowingFile | None = None
         self._info: Info | None = None
-        self.board: BoardStatus | None = None  # of this connection; said once, it holds in every log
+        self.board: BoardStatus | None = None  # of this connection; it is written to every log
         self._waiting: list[str] = []  # comments before the first sample
-        self._left_out: Trouble | None = None  # the last of a kind, which may become more
+        self._left_out: Trouble | None = None  # samples left out, whose count may still grow
         self._first_us: int | None = None  # of the samples since the last start
         self._short = 0  # starts in a row that lasted less than SHORT_US
-        self._doubted: list[Event] = []  # since the last start, where it may be one more
-        self.not_logged = self.not_logged_starts = 0
+        self._held: list[Event] = []  # since the last start, while it may be short
+        self.not_logged = self.not_logged_starts = 0  #: samples of short starts without a log, and those starts
         self._own_stem = stem  # while another board's samples are written
 
     def begin(self, stem: str) -> None:
@@ -121,23 +106,23 @@ class LogWriter:
 
     @property
     def is_apart(self) -> bool:
-        """Whether what comes is another board's."""
+        """Whether another board's samples are written."""
         return self.stem == FOREIGN
 
     def apart(self) -> None:
-        """What comes from here on is another board's, until ``back``."""
+        """Events from here on are another board's, until ``back``."""
         if not self.is_apart:
             self.close()
             self._own_stem, self.stem = self.stem, FOREIGN
 
     def back(self) -> None:
-        """What comes from here on is the recording's own."""
+        """Events from here on are the recording's own."""
         if self.is_apart:
             self.close()
             self.stem = self._own_stem
 
     def rename_apart(self, which: slice) -> None:
-        """Some of ``paths`` turn out to be another board's: they get such names.  The present file goes on under its new one."""
+        """Rename some of ``paths`` as another board's.  The present file continues under its new name."""
         chosen = range(*which.indices(len(self.paths)))
         with self._storage():
             present = self._file is not None and len(self.paths) - 1 in chosen
@@ -152,11 +137,11 @@ class LogWriter:
                 self._own_stem, self.stem = self.stem, FOREIGN
 
     def pause(self) -> None:
-        """Samples from here on go to no log, until the next ``begin``."""
+        """Write samples to no log until the next ``begin``."""
         self.begin(NOWHERE)
 
     def keep(self, stem: str) -> None:
-        """The present file is whole: end it, and name it ``stem*.csv``; then ``pause``.  Nothing where there is no file."""
+        """End the present file, if there is one, and name it ``stem*.csv``; then ``pause``."""
         path = self.paths[-1] if self._file and not self.is_apart else None
         self.pause()
         if path is None:
@@ -174,46 +159,42 @@ class LogWriter:
                 self._take(event)
 
     def flush(self) -> None:
-        """Hand what is buffered to the operating system."""
+        """Pass buffered text to the operating system."""
         if self._file:
             with self._storage():
                 self._file.flush()
 
     def close(self, whole: bool = True) -> None:
-        """End the present file; whole: no, where what comes behind is only not decoded yet, and the file is to grow."""
+        """End the present file; whole: False where undecoded samples follow, by which the file is to grow."""
         with self._storage():
             self._left_out = self._left_out if whole else None
             self._end()
 
     def _take(self, event: Event) -> None:
-        """Write it, or keep it until it is known whether this start lasts."""
+        """Write an event, or hold it until it is known whether this start is short."""
         if isinstance(event, SampleChunk) and len(event):
             self._first_us = int(event.t_us[0]) if self._first_us is None else self._first_us
-            lasts = int(event.t_us[-1]) - self._first_us >= SHORT_US
-            self._short = 0 if lasts else self._short
-        elif isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._short = 0 if int(event.t_us[-1]) - self._first_us >= SHORT_US else self._short
+        if starts_log(event):
             self._short += self._first_us is not None
-        if self._short >= SHORT_STARTS and not (isinstance(event, Trouble) and event.kind in NEW_LOG):
-            self._doubted.append(event)
-            return
-        doubted, self._doubted = self._doubted, []
-        if isinstance(event, Trouble) and event.kind in NEW_LOG:
             self._first_us = None
-            self._pass_over(doubted)
-        else:
-            for each in doubted:
-                self._write(each)
-        self._write(event)
+            self._skip_held()
+        elif self._short >= SHORT_STARTS:
+            self._held.append(event)
+            return
+        held, self._held = self._held, []
+        for each in (*held, event):
+            self._write(each)
 
-    def _pass_over(self, events: list[Event]) -> None:
-        samples = sum(len(event) for event in events if isinstance(event, SampleChunk))
+    def _skip_held(self) -> None:
+        samples = sum(len(event) for event in self._held if isinstance(event, SampleChunk))
+        self._held = []
         self.not_logged += samples
         self.not_logged_starts += samples > 0
 
     def _end(self) -> None:
-        doubted, self._doubted = self._doubted, []
-        self._pass_over(doubted)
-        self._say_left_out()
+        self._skip_held()
+        self._write_left_out()
         file, self._file, self._info, self._waiting = self._file, None, None, []
         if file:
             if file.aside:
@@ -234,11 +215,11 @@ class LogWriter:
             if before is not None and before.t_us == event.t_us:
                 event = Trouble("implausible", before.count + event.count, event.t_us)
             else:
-                self._say_left_out()
+                self._write_left_out()
             self._left_out = event
             return
-        if not isinstance(event, Trouble) or event.kind in NEW_LOG:
-            self._say_left_out()
+        if not isinstance(event, Trouble) or starts_log(event):
+            self._write_left_out()
         if isinstance(event, SampleChunk):
             if len(event):
                 self._samples(event)
@@ -251,20 +232,18 @@ class LogWriter:
                 self._comment(event.text)
         elif isinstance(event, BoardStatus):
             if self.board is not None and event.source != self.board.source:
-                self._end()  # a log is of a sensor, or of what stood in for it
+                self._end()  # a log is of a sensor, or of its stand-in
             self.board = event
             if self._file is not None:
                 self._comment(event.text)
         elif isinstance(event, FaultCounts):
             if any(event.counts):
                 self._comment(event.text)
-        elif isinstance(event, (CommandResult, SelfTestResult)):
-            pass  # an answer to whoever asked
-        elif event.kind in NEW_LOG:
+        elif isinstance(event, Trouble) and starts_log(event):
             self._end()
             self.board = None if event.kind == "reconnect" else self.board
 
-    def _say_left_out(self) -> None:
+    def _write_left_out(self) -> None:
         event, self._left_out = self._left_out, None
         if event is not None:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
@@ -294,7 +273,7 @@ class LogWriter:
         self.paths.append(path)
         for text in self._waiting + ([self.board.text] if self.board else []):
             file.write(f"# {text}\n")
-        file.write(form.log_header + "\n")
+        file.write(",".join(("t_us", *form.names[1:])) + "\n")  # the time of a log is in us
         self._waiting = []
         return file
 
@@ -304,23 +283,21 @@ class LogWriter:
 
 
 def said_not_logged(samples: int, starts: int) -> str:
-    """Of the starts that got no log."""
+    """The starts that got no log, in words."""
     short = f"{starts} starts that lasted less than {SHORT_US / 1e6:g} s, behind {SHORT_STARTS} in a row"
     return f"{samples} samples are in no log, of {short}; why does the board reset?"
 
 
-# Events into logs: those of the recording's own board, and, apart from them, those of another that was plugged in once.
-#
-# Which bytes are another board's is written down in ``raw.times`` as ``foreign N``, at the connection that they came by: what follows the
-# N-th landmark of the recording is another board's, until the port is opened again.  A landmark is a new log or an info: it has its place
-# among the events however the bytes were cut, which a number of bytes has not.
+# Another board may have been plugged in for a while.  Its bytes are noted in ``raw.times`` as ``foreign N``, at their connection: what
+# follows the N-th checkpoint of the recording is another board's, until the port is opened again.  A checkpoint is a new log or an info:
+# its place among the events does not depend on how the bytes were divided.
 
 WORD = "foreign"
 
 
 @dataclass(frozen=True)
 class StreamCheckpoint:
-    """number: of all in the recording; offset: bytes before its connection; logs, samples: how many there were of the own board's."""
+    """Its number in the recording; the bytes before its connection; the recording's own logs and samples before it."""
 
     number: int
     offset: int
@@ -329,24 +306,24 @@ class StreamCheckpoint:
 
 
 class BoardRouter:
-    """``take`` events, ``opened`` where a connection begins.  samples: those of the recording's own board."""
+    """Separates the events of the recording's own board from another one's.  samples: the number of its own."""
 
     def __init__(self, decoder: StreamDecoder, logs: LogWriter):
         self._decoder, self._logs = decoder, logs
         self.samples = 0
         self._info: Info | None = None  # of the recording's own board
         self._number = self._offset = 0
-        self._since: int | None = None  # the landmark behind which another board speaks
-        self._seen = [StreamCheckpoint(0, 0, 0, 0)]  # by who takes the events
+        self._since: int | None = None  # the checkpoint behind which another board sends
+        self._checkpoints = [StreamCheckpoint(0, 0, 0, 0)]
 
     def opened(self, offset: int, since: int | None = None) -> None:
-        """The port was opened behind so many bytes; since: the landmark behind which another board speaks, or None."""
+        """The port was opened behind so many bytes; since: the checkpoint behind which another board sends, or None."""
         self._logs.back()
         self._offset, self._since = offset, since
         self._turn()
 
     def take(self, events: Iterable[Event]) -> list[Event]:
-        """Write each where it belongs; those of the recording's own board."""
+        """Write each event to its log; returns those of the recording's own board."""
         own: list[Event] = []
         for event in events:
             apart = self._logs.is_apart
@@ -355,12 +332,12 @@ class BoardRouter:
                 own.append(event)
                 self.samples += len(event) if isinstance(event, SampleChunk) else 0
                 self._info = event if isinstance(event, Info) else self._info
-            if isinstance(event, Info) or (isinstance(event, Trouble) and event.kind in NEW_LOG):
+            if isinstance(event, Info) or starts_log(event):
                 self._number += 1
                 if not apart:
-                    self._seen.append(StreamCheckpoint(self._number, self._offset, len(self._logs.paths), self.samples))
+                    self._checkpoints.append(StreamCheckpoint(self._number, self._offset, len(self._logs.paths), self.samples))
                 self._turn()
-        if self._logs.is_apart:  # who asks what the board is, asks for this recording's
+        if self._logs.is_apart:
             self._decoder.info = self._info
         return own
 
@@ -369,19 +346,19 @@ class BoardRouter:
             self._logs.apart()
 
     def set_apart(self, count: int) -> StreamCheckpoint:
-        """What came behind the count-th landmark that ``take`` gave away was another board's: its logs get another name.  Where it was."""
-        landmark = self._seen[count]
-        following = next((each for each in self._seen if each.offset > landmark.offset), None)
-        self._logs.rename_apart(slice(landmark.logs, following.logs if following else None))
-        self.samples -= (following.samples if following else self.samples) - landmark.samples
+        """Events behind the count-th checkpoint that ``take`` returned were another board's: rename their logs.  Returns the checkpoint."""
+        checkpoint = self._checkpoints[count]
+        following = next((each for each in self._checkpoints if each.offset > checkpoint.offset), None)
+        self._logs.rename_apart(slice(checkpoint.logs, following.logs if following else None))
+        self.samples -= (following.samples if following else self.samples) - checkpoint.samples
         if following is None:
-            self._since = landmark.number
+            self._since = checkpoint.number
             self._turn()
-        return landmark
+        return checkpoint
 
 
 def other_board(marks: Sequence[Mark], begun: int) -> int | None:
-    """The landmark behind which another board speaks in the connection that marks[begun] opens (-1: before the first); None: in none."""
+    """The checkpoint behind which another board sends in the connection that marks[begun] opens (-1: before the first), or None."""
     found = []
     for mark in marks[begun + 1 :]:
         word, _, rest = mark.event.partition(" ")

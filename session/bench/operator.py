@@ -1,4 +1,4 @@
-"""The person at the table: keys, typed notes, and what is decided with them."""
+"""The operator's input: keys, typed notes, commands from a browser; decisions are written down where a replay finds them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import os
 import re
 import select
 import sys
+import threading
+from collections import deque
 from collections.abc import Callable
 from datetime import UTC, datetime
 from enum import Enum
-from typing import Any
-from typing import Protocol as Interface
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
 
 from session.bench.closure_guide import BEGIN
 from session.bench.guide import Guide
@@ -21,9 +23,8 @@ from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.io.errors import CalibrationError, StorageError
 
-# Keys while a recording runs: as they are pressed, without an echo.  There are none where standard input is no terminal.
-#
-# Ctrl-C stays what it is.  A process in the background is stopped by the system if it touches the terminal: then there are none, either.
+if TYPE_CHECKING:
+    from session.bench.session_file import SessionFile
 
 try:
     import termios
@@ -38,7 +39,11 @@ READ_BYTES = 256
 
 
 class Keyboard:
-    """A context.  there: whether there are keys; call it for what was typed since the last call."""
+    """A context; call it for the characters typed since the last call, which are read without an echo.
+
+    there: whether there are keys: not where standard input is no terminal, and not in the background, where the system stops a process
+    that touches the terminal.  Ctrl-C keeps its meaning.
+    """
 
     def __init__(self) -> None:
         self.there = False
@@ -52,7 +57,7 @@ class Keyboard:
             if self.there and termios is not None:
                 self._file = sys.stdin.fileno()
                 self._before = termios.tcgetattr(self._file)
-                self._at_once()
+                self._set_unbuffered()
         except (OSError, ValueError):  # closed, or no terminal after all
             self.there = False
         except Exception as error:
@@ -62,12 +67,12 @@ class Keyboard:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if termios is not None and self._before is not None and self._in_front():
+        if termios is not None and self._before is not None and self._in_foreground():
             with contextlib.suppress(OSError, termios.error):
                 termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def __call__(self) -> str:
-        """What was typed, without what arrows and function keys send."""
+        """The typed characters, without those of arrows and function keys."""
         if not self.there:
             return ""
         if sys.platform == "win32":
@@ -75,47 +80,45 @@ class Keyboard:
             while msvcrt.kbhit():
                 typed += msvcrt.getwch()
             return re.sub("[\x00\xe0].", "", typed)
-        return self._typed() if self._in_front() else ""
+        return self._typed() if self._in_foreground() else ""
 
     def _typed(self) -> str:
         assert termios is not None
         try:
-            self._at_once()
+            self._set_unbuffered()
             if not select.select([self._file], [], [], 0)[0]:
                 return ""
             data = os.read(self._file, READ_BYTES)
         except (OSError, termios.error):
             data = b""
-        if not data:  # the terminal has gone
+        if not data:  # the terminal is gone
             self.there = False
         return SEQUENCE.sub("", self._decoder.decode(data))
 
-    def _at_once(self) -> None:
-        """Characters without waiting for the end of a line, and without an echo; a shell may have set it back (Ctrl-Z, fg)."""
+    def _set_unbuffered(self) -> None:
+        """Read single characters without an echo; a shell may have reset this (Ctrl-Z, fg)."""
         assert termios is not None
-        if not self._in_front():
+        if not self._in_foreground():
             return
         mode = termios.tcgetattr(self._file)
         if mode[3] & (termios.ICANON | termios.ECHO):
             mode[3] &= ~(termios.ICANON | termios.ECHO)
             termios.tcsetattr(self._file, termios.TCSADRAIN, mode)
 
-    def _in_front(self) -> bool:
-        """Whether the terminal is ours to read."""
+    def _in_foreground(self) -> bool:
+        """Whether this process may read the terminal."""
         try:
             return os.tcgetpgrp(self._file) == os.getpgrp()
-        except OSError:  # it does not control us: nobody is stopped for reading it
+        except OSError:  # not its controlling terminal: reading it stops no process
             return True
 
-
-# What typed characters ask for: a command each, or a note that ends with Enter.
 
 ENTER, ESCAPE, ERASE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 LONGEST_NOTE = 200
 
 
 class OperatorCommand(Enum):
-    """What a person can ask for."""
+    """Commands of the operator, by their keys."""
 
     PAUSE = "p"
     DROP = "d"
@@ -124,25 +127,25 @@ class OperatorCommand(Enum):
 
 
 class TypingLine:
-    """``take`` characters; note: the text that is being typed, or None."""
+    """Turns typed characters into commands.  note: the text that is being typed, or None."""
 
     def __init__(self) -> None:
         self.note: str | None = None
 
     def take(self, typed: str) -> list[tuple[OperatorCommand, str]]:
-        """Wishes, in order, and the text of a note."""
-        wishes: list[tuple[OperatorCommand, str]] = []
+        """Take characters; returns commands in order, with the text of a note."""
+        commands: list[tuple[OperatorCommand, str]] = []
         for sign in typed:
             if self.note is None:
                 if sign in ENTER:
-                    wishes.append((OperatorCommand.HERE, ""))
+                    commands.append((OperatorCommand.HERE, ""))
                 elif sign.lower() == OperatorCommand.NOTE.value:
                     self.note = ""
                 elif sign.lower() in (OperatorCommand.PAUSE.value, OperatorCommand.DROP.value):
-                    wishes.append((OperatorCommand(sign.lower()), ""))
+                    commands.append((OperatorCommand(sign.lower()), ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
-                    wishes.append((OperatorCommand.NOTE, text))
+                    commands.append((OperatorCommand.NOTE, text))
                 self.note = None
             elif sign == ESCAPE:
                 self.note = None
@@ -150,7 +153,7 @@ class TypingLine:
                 self.note = self.note[:-1]
             elif sign.isprintable() and len(self.note) < LONGEST_NOTE:
                 self.note += sign
-        return wishes
+        return commands
 
     def words(self, closure: bool) -> str:
         """The last line of the screen.  closure: whether the closure run is on."""
@@ -160,119 +163,141 @@ class TypingLine:
         return f"keys: p pause   {last}   n note"
 
 
-# What a person decides at the table, with keys, and what the guide decides about files: it is written down where a replay finds it.
+MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
+WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE}
+REPORT_WISH = "report"
 
 
-class Notebook(Interface):
-    """Where notes and turns that do not count are written down: session.toml."""
+class BrowserCommands:
+    """Commands from the page: those of the keys, and the report at the end.
 
-    def note(self, text: str, when: datetime) -> None:
-        """A person's words of this moment (UTC)."""
+    The threads of browsers fill it; the recording calls it for the commands since the last call.  A command that was answered with OK is
+    returned.  report: set once the report was requested.
+    """
 
-    def exclude(self, log: str, at_s: float) -> None:
-        """The turn that moved at that moment of a log's clock does not count."""
-
-    def excludes(self, log: str, at_s: float) -> bool:
-        """Whether that is written down (and was not taken back since)."""
-
-
-class Wished(Interface):
-    """What is asked for elsewhere, on a page: call it for what was since it was last asked."""
-
-    def __call__(self) -> list[tuple[OperatorCommand, str]]:
-        """In order, each once."""
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[OperatorCommand, str]] = deque()
+        self._changing, self._taken = threading.Lock(), False
+        self.report = threading.Event()
 
     def begin(self) -> None:
-        """They are taken from here on."""
+        """A recording takes commands from here on."""
+        with self._changing:
+            self._taken = True
 
     def end(self) -> None:
-        """None that come later are taken."""
+        """It takes no later ones."""
+        with self._changing:
+            self._taken = False
+
+    def __call__(self) -> list[tuple[OperatorCommand, str]]:
+        """The waiting commands, in order, each once."""
+        taken = []
+        while self._waiting:
+            taken.append(self._waiting.popleft())
+        return taken
+
+    def hear(self, body: bytes) -> HTTPStatus:
+        """Take ``pause``, ``drop``, ``here``, ``note TEXT`` or ``report``.
+
+        BAD_REQUEST for anything else, SERVICE_UNAVAILABLE where no recording takes it.
+        """
+        try:
+            word, _, text = body.decode().partition(" ")
+        except UnicodeDecodeError:
+            return HTTPStatus.BAD_REQUEST
+        if word == "note":
+            note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
+            return self._keep(OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
+        if text or (word not in WORDS and word != REPORT_WISH):
+            return HTTPStatus.BAD_REQUEST
+        if word in WORDS:
+            return self._keep(WORDS[word], "")
+        self.report.set()
+        return HTTPStatus.OK
+
+    def _keep(self, command: OperatorCommand, text: str) -> HTTPStatus:
+        with self._changing:
+            if not self._taken or len(self._waiting) >= MOST:
+                return HTTPStatus.SERVICE_UNAVAILABLE
+            self._waiting.append((command, text))
+        return HTTPStatus.OK
 
 
 class OperatorInput:
-    """tell: takes what has changed; keys: gives what was typed since it was last asked; None: there are none; wished: what was asked
-    for elsewhere, likewise."""
+    """Carries out the operator's commands, and writes down decisions.
+
+    tell shows messages; notebook is the session.toml that takes notes and dropped turns; keys returns typed characters, None: there are
+    no keys; page: the commands from a browser.
+    """
 
     def __init__(
         self,
         guide: Guide,
         recorder: Recorder,
         tell: Callable[[list[GuideMessage]], None],
-        notebook: Notebook | None,
+        notebook: SessionFile | None,
         keys: Callable[[], str] | None,
-        wished: Wished | None = None,
+        page: BrowserCommands | None = None,
     ):
-        self._guide, self._recorder, self._tell, self._notebook = guide, recorder, tell, notebook
-        self._keys, self._wished = keys, wished
+        self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
+        self.page = page or BrowserCommands()
         self._typing = TypingLine()
 
     @property
     def after_pause(self) -> RecordingDecision:
-        """How it goes on: before the closure run in a log, behind it in none until the table stands on its mark."""
+        """The decision that ends a pause: a log before the closure run, in the run no log until the table is on its mark."""
         return RecordingDecision("begin", "log") if self._guide.closure is None else BEGIN
 
     def decide(self, decision: RecordingDecision) -> None:
-        """Do it with the files, and tell the guide."""
+        """Apply a decision to the files and the guide."""
         self._recorder.decide(decision)
         self._tell(self._guide.decided(decision))
 
     def was_decided(self, decision: RecordingDecision) -> None:
-        """In the recording that is resumed: the guide decides it again."""
+        """Apply a decision of the resumed recording to the guide."""
         if decision.word == "drop" and self._notebook and not self._notebook.excludes(decision.log, int(decision.rest) * 1e-6):
-            return  # somebody has taken it back
+            return  # the operator has withdrawn it
         if decision.word != "note":
             self._tell(self._guide.decided(decision))
 
-    def begin(self) -> None:
-        """Somebody obeys from here on."""
-        if self._wished is not None:
-            self._wished.begin()
-
-    def end(self) -> None:
-        """Nobody does any more."""
-        if self._wished is not None:
-            self._wished.end()
-
     def obey(self, begun: bool) -> None:
-        """What was typed, or asked for.  begun: whether samples are judged."""
-        wishes = self._wished() if self._wished is not None else []
+        """Carry out the commands from keys and page.  begun: whether samples are examined."""
+        commands = self.page()
         if self._keys is not None:
-            wishes += self._typing.take(self._keys())
-        for wish, text in wishes:
+            commands += self._typing.take(self._keys())
+        for command, text in commands:
             try:
-                self._do(wish, text, begun)
+                self._do(command, text, begun)
             except StorageError:
                 raise
-            except CalibrationError as error:  # nothing that a person types ends a recording
+            except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
             self._guide.keys = self._typing.words(self._guide.closure is not None)
 
-    def _do(self, wish: OperatorCommand, text: str, begun: bool) -> None:
+    def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
-        if wish is OperatorCommand.NOTE and self._notebook is not None:
+        if command is OperatorCommand.NOTE and self._notebook is not None:
             self._recorder.decide(RecordingDecision("note", text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
             self._say(Kind.STAGE, f"noted: {text}")
-        elif wish is OperatorCommand.HERE and guide.closure is not None:
+        elif command is OperatorCommand.HERE and guide.closure is not None:
             guide.closure.on_the_mark()
         elif not begun or guide.stage is Stage.DONE:
             return
-        elif wish is OperatorCommand.PAUSE:
+        elif command is OperatorCommand.PAUSE:
             self.decide(self.after_pause if guide.stage is Stage.PAUSED else RecordingDecision("pause"))
-        elif wish is OperatorCommand.DROP and guide.closure is not None:
+        elif command is OperatorCommand.DROP and guide.closure is not None:
             guide.closure.interrupted()
-        elif wish is OperatorCommand.DROP and self._notebook is not None:
-            self._drop(self._notebook)
-
-    def _drop(self, notebook: Notebook) -> None:
-        moment_us, why = self._guide.to_drop
-        if moment_us is None:
-            self._say(Kind.WARNING, why)
-            return
-        # First where fit reads it, then where a replay does: a mark without its entry is one that was taken back.
-        notebook.exclude(self._recorder.logs.paths[-1].name, moment_us * 1e-6)
-        self.decide(RecordingDecision("drop", str(moment_us)))
+        elif command is OperatorCommand.DROP and self._notebook is not None:
+            moment_us, why = guide.to_drop
+            if moment_us is None:
+                self._say(Kind.WARNING, why)
+                return
+            # First where fit reads it, then where a replay does: a mark without its entry is a withdrawn one.
+            self._notebook.exclude(self._recorder.logs.paths[-1].name, moment_us * 1e-6)
+            self.decide(RecordingDecision("drop", str(moment_us)))
 
     def _say(self, kind: Kind, text: str) -> None:
         self._tell([GuideMessage(kind, text, self._guide.now_s)])

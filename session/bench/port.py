@@ -1,4 +1,4 @@
-"""Serial ports: which there are, the one that is read by its own thread, and the settings of the board behind it."""
+"""Serial ports: list them, read one in its own thread, and apply the requested settings to the board behind it."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ import serial
 from serial.tools import list_ports
 
 from session.bench import frames
-from session.bench import frames as commands
 from session.bench.decoder import StreamDecoder
-from session.bench.events import STANDIN, BoardStatus, CommandResult, Event, Info
+from session.bench.events import STANDIN, BoardStatus, CommandResult, Info
 from session.bench.rawfile import is_locked
 from session.io.errors import CalibrationError, DeviceError
 
@@ -29,10 +28,8 @@ if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
 
 
-# Serial ports of this machine, and what is known of each.
-
 ST_VENDOR = 0x0483
-#: USB ids -> what they are; ST's product ids from its usb.ids entries
+#: ST's USB product ids and their names, from usb.ids
 ST_PRODUCTS = {
     0x3744: "ST-LINK/V1",
     0x3748: "ST-LINK/V2",
@@ -53,42 +50,40 @@ VIRTUAL_STEM = "tinygc-board"
 
 @dataclass(frozen=True)
 class KnownPort:
-    """name: what ``--port`` takes; is_candidate: whether a board may be behind it; usb: (vendor, product), serial number: or None."""
+    """A serial port of this computer."""
 
-    name: str
+    name: str  #: for ``--port``
     what: str
-    is_candidate: bool
-    usb: tuple[int, int] | None = None
+    is_candidate: bool  #: whether a board may be behind it
+    usb: tuple[int, int] | None = None  #: vendor, product
     serial_number: str | None = None
 
 
 def known_ports() -> list[KnownPort]:
-    """Ports of this machine, candidates first, ST's boards before others."""
-    ports = [_known(port) for port in list_ports.comports()] + [_virtual(path) for path in virtual_boards()]
+    """Ports of this computer, candidates first, ST's boards before others."""
+    ports = [_known(port) for port in list_ports.comports()]
+    ports += [KnownPort(str(path), "virtual board (calibrate.py board)", True) for path in virtual_boards()]
     return sorted(ports, key=lambda port: (not port.is_candidate, port.usb is None or port.usb[0] != ST_VENDOR, port.name))
 
 
 def virtual_boards() -> list[Path]:
-    """Links of the virtual boards that run on this machine (``calibrate.py board``); none where the system has no such thing."""
+    """Links of the virtual boards that run on this computer (``calibrate.py board``)."""
     return sorted(path for path in Path(tempfile.gettempdir()).glob(f"{VIRTUAL_STEM}*") if path.is_symlink() and is_locked(lock_of(path)))
 
 
 def lock_of(link: Path) -> Path:
-    """The file that a running board holds locked: a link that a killed one left may lead to somebody's terminal by now."""
+    """The file that a running virtual board locks: the link of a killed one may lead to another program's terminal by now."""
     return link.with_name(link.name + ".lock")
 
 
 def is_virtual(name: str) -> bool:
-    """Whether a virtual board that runs now is behind a port's name: its time is its own."""
+    """Whether a running virtual board, whose clock need not be real time, is behind a port's name."""
     link = Path(name)
     return link.is_symlink() and lock_of(link).exists() and is_locked(lock_of(link))
 
 
 def is_left_behind(name: str) -> bool:
-    """Whether a port's name is the link of a virtual board that does not run any more.
-
-    Links of other programs (``socat``) have no lock, and are what they are.
-    """
+    """Whether a port's name is the link of a virtual board that no longer runs.  Links of other programs (``socat``) have no lock."""
     link = Path(name)
     if not link.is_symlink():
         return False
@@ -97,7 +92,7 @@ def is_left_behind(name: str) -> bool:
 
 
 def only_candidate() -> KnownPort:
-    """The one port that a board may be behind; DeviceError lists the candidates where there is none or more than one."""
+    """The only port with a board; DeviceError where there is none, or more than one."""
     candidates = [port for port in known_ports() if port.is_candidate]
     if not candidates:
         raise DeviceError("no serial port with a board; plug it in (calibrate.py ports lists what there is), or give --port")
@@ -108,13 +103,13 @@ def only_candidate() -> KnownPort:
 
 
 def identity_of(name: str) -> tuple | None:
-    """What a USB device keeps when it comes back under another name: vendor, product, serial number; None where it has none."""
+    """Vendor, product and serial number of a USB device, which it keeps under another name; None without a serial number."""
     port = next((port for port in list_ports.comports() if port.device == name), None)
     return (port.vid, port.pid, port.serial_number) if port and port.serial_number else None
 
 
 def name_of(identity: tuple | None) -> str | None:
-    """The port that a USB device has now, or None."""
+    """The present port of a USB device, or None."""
     if identity is None:
         return None
     return next((port.device for port in list_ports.comports() if (port.vid, port.pid, port.serial_number) == identity), None)
@@ -124,27 +119,22 @@ def _known(port: ListPortInfo) -> KnownPort:
     if port.vid is None:
         what = port.description if port.description not in (None, "n/a") else "no USB device"
         return KnownPort(port.device, what, False)
-    said = " ".join(filter(None, (port.manufacturer, port.product))) or port.description
-    what = f"ST board: {ST_PRODUCTS.get(port.pid, said or 'unknown product')}" if port.vid == ST_VENDOR else said
+    what = " ".join(filter(None, (port.manufacturer, port.product))) or port.description
+    if port.vid == ST_VENDOR:
+        what = f"ST board: {ST_PRODUCTS.get(port.pid, what or 'unknown product')}"
     is_candidate = (port.vid, port.pid) != (ST_VENDOR, 0xDF11)
     return KnownPort(port.device, what, is_candidate, (port.vid, port.pid), port.serial_number)
 
-
-def _virtual(path: Path) -> KnownPort:
-    return KnownPort(str(path), "virtual board (calibrate.py board)", True)
-
-
-# A serial port and its one reader thread.
 
 try:
     from termios import error as TerminalError
 except ImportError:  # Windows, where pyserial raises nothing of the kind
 
     class TerminalError(Exception):  # type: ignore[no-redef]  # there is no other on Windows
-        """What a POSIX terminal raises."""
+        """The error of a POSIX terminal."""
 
 
-#: what pyserial raises when a cable is pulled: SerialException is an OSError, a terminal's own error is none
+#: errors of a port whose cable is pulled: SerialException is an OSError, a terminal's own error is not
 UNPLUGGED: tuple[type[Exception], ...] = (OSError, serial.SerialException, TerminalError)
 HINTS = {
     errno.EACCES: ": your user may not use it; join the group that owns it, usually dialout",
@@ -167,7 +157,7 @@ class Received:
 
 @dataclass(frozen=True)
 class Opened:
-    """The port is open, for the first time or again."""
+    """The port was opened, for the first time or again."""
 
     host_ns: int
     name: str
@@ -175,30 +165,29 @@ class Opened:
 
 @dataclass(frozen=True)
 class Closed:
-    """The port is gone, and why; the thread tries to open it again."""
+    """The port was closed, and why; the thread tries to open it again."""
 
     host_ns: int
     why: str
 
 
+def open_serial(name: str, baudrate: int) -> serial.Serial:
+    """Open a port for this process alone.  Raises one of ``UNPLUGGED``."""
+    if is_left_behind(name):  # not followed: opening a terminal already changes it
+        raise serial.SerialException(LEFT_BEHIND)
+    return serial.Serial(name, baudrate, timeout=READ_S, exclusive=True)
+
+
 class Port:
     """Reads from construction to ``close``; ``items`` is a queue of Received, Opened, Closed, or of the error that ended it.
 
-    prepare(port) is called each time that the port has been opened; it gives the first bytes of the connection, or raises what ends it.
-    forgotten(data) says from where on in what has come the board has to be prepared again, or None: that is another connection.
-    keep(item) is called in the reader thread before the item is queued: to store the bytes first.
-    DeviceError where the port cannot be opened at the start.
+    keep(item) is called in the reader thread before the item is queued, to store the bytes first.  setup, if given, is called with the port
+    each time that it has been opened, and returns the first bytes of the connection; ``setup.forgotten`` finds where the board has
+    restarted, which begins another connection.  DeviceError where the port cannot be opened at the start.
     """
 
-    def __init__(
-        self,
-        name: str,
-        baudrate: int = 921600,
-        keep: Callable[[object], None] = lambda item: None,
-        prepare: Callable[[serial.Serial], bytes] = lambda port: b"",
-        forgotten: Callable[[bytes], int | None] = lambda data: None,
-    ):
-        self.name, self.baudrate, self._keep, self._prepare, self._forgotten = name, baudrate, keep, prepare, forgotten
+    def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] | None = None, setup: BoardSetup | None = None):
+        self.name, self.baudrate, self._keep, self._setup = name, baudrate, keep, setup
         self._first = b""
         self._identity, self._made = identity_of(name), _made(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
@@ -211,16 +200,14 @@ class Port:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop reading; what was received stays in ``items``."""
+        """Stop reading; received bytes stay in ``items``."""
         self._stop.set()
         self._thread.join()
 
     def _open(self) -> serial.Serial:
-        if is_left_behind(self.name):  # before it is followed: opening a terminal already changes it
-            raise serial.SerialException(LEFT_BEHIND)
-        port = serial.Serial(self.name, self.baudrate, timeout=READ_S, exclusive=True)
+        port = open_serial(self.name, self.baudrate)
         try:
-            self._first = self._prepare(port)
+            self._first = self._setup(port) if self._setup else b""
         except BaseException:
             _close(port)
             raise
@@ -233,7 +220,8 @@ class Port:
             self._hand_over(Received(time.monotonic_ns(), first))
 
     def _hand_over(self, item: object) -> None:
-        self._keep(item)
+        if self._keep is not None:
+            self._keep(item)
         self.items.put(item)
 
     def _read(self) -> None:
@@ -246,26 +234,22 @@ class Port:
                     self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
                     self._reopen()
                     continue
-                place = self._forgotten(data) if data else None
+                place = self._setup.forgotten(data) if data and self._setup else None
                 if data := data[:place]:
                     self._hand_over(Received(time.monotonic_ns(), data))
-                if place is not None:
+                if place is not None and self._setup:
                     self._hand_over(Closed(time.monotonic_ns(), SWITCHED_ON))
-                    self._again()
+                    try:
+                        self._first = self._setup(self._serial)
+                    except UNPLUGGED as error:  # meanwhile
+                        self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
+                        self._reopen()
+                        continue
+                    self._opened()
         except CalibrationError as error:
             self.items.put(error)
         finally:
             _close(self._serial)
-
-    def _again(self) -> None:
-        """Prepare a board that was switched on again, its port open all the time; a cable may be pulled meanwhile."""
-        try:
-            self._first = self._prepare(self._serial)
-        except UNPLUGGED as error:
-            self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
-            self._reopen()
-            return
-        self._opened()
 
     def _reopen(self) -> None:
         _close(self._serial)
@@ -275,7 +259,7 @@ class Port:
             try:
                 self._serial = self._open()
             except UNPLUGGED:
-                # A board that comes back may come back as another device: ttyACM1 for ttyACM0.
+                # The board may return as another device: ttyACM1 for ttyACM0.
                 self.name = name_of(self._identity) or self.name
                 continue
             self._opened()
@@ -283,9 +267,9 @@ class Port:
 
 
 def _made(name: str) -> int | None:
-    """When a pseudo-terminal was made, which tells it from the next of its number; None for anything else.
+    """Creation time of a pseudo-terminal, which distinguishes it from the next of its number; None for anything else.
 
-    That number is given again at once, to any program or person on this computer.  A name that links to one may come back with another.
+    The system gives that number to another program at once.  A name that links to a pseudo-terminal may return with another one.
     """
     path = Path(name)
     with contextlib.suppress(OSError):
@@ -299,24 +283,24 @@ def _close(port: serial.Serial) -> None:
 
 
 def _reason(error: Exception) -> str:
-    """What happened, in the system's words, and what to do where that is known."""
+    """The system's message, and what to do where that is known."""
     number = error.args[0] if isinstance(error, TerminalError) else getattr(error, "errno", None)
     if not isinstance(number, int):
         return str(error)
     return os.strerror(number) + HINTS.get(number, "")
 
 
-# A board that takes commands is set as the user wants it, each time that its port is opened; one that takes none is only listened to.
+# A board that takes commands gets the requested settings each time that its port is opened; one that takes none is only listened to.
 
-#: a board that speaks says so each second
+#: a board with commands sends its status each second
 SPEAKS_S = 2.5
-#: for an answer: the slowest filters settle in 2.1 s; a command that was lost is sent again
+#: to wait for an answer: the slowest filters settle in 2.1 s; a lost command is sent again
 ANSWER_S, TRIES = 3.5, 2
 #: both divide the STM32F405's 84 MHz exactly
 FASTER = (2_000_000, 3_000_000)
-#: the board takes the nominal rate that is so near; a true rate is within 19 % of its nominal one, the next is half or double
+#: relative: the board accepts a nominal rate that is so near; a true rate is within 19 % of its nominal one, the next is half or double
 RATE_WITHIN, TRUE_RATE_WITHIN = 0.05, 0.25
-#: a board that says otherwise sooner than this after it was set means it
+#: a board that differs sooner than this after it was set has refused the setting
 MEANS_IT_S = 5.0
 FINE_STEP = 0.0015  #: of the data rate, for each step of INTERNAL_FREQ_FINE
 RATES = "12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz"
@@ -324,7 +308,7 @@ RATES = "12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz"
 
 @dataclass(frozen=True)
 class RequestedSettings:
-    """What the user wants of the board; None: as it is."""
+    """The settings that the user requests; None: as the board is."""
 
     odr_hz: float | None = None
     gyro_fs_dps: float | None = None
@@ -332,29 +316,31 @@ class RequestedSettings:
 
     @property
     def anything(self) -> bool:
-        """Whether there is something to be set."""
+        """Whether anything is to be set."""
         return any(value is not None for value in (self.odr_hz, self.gyro_fs_dps, self.accel_fs_g))
 
 
 class BoardSetup:
-    """Called with an open port; gives the bytes that belong to the recording: all where the board takes no commands, else none of those
-    before it was set.  said: what was done, in words.  CalibrationError where the board refuses, DeviceError where it does not answer.
+    """Applies the requested settings to the board of an open port.
 
-    ``forgotten`` hears what the board sends: one that was switched on again meanwhile, its port open all the time, is as it was made."""
+    Called with the port, it returns the bytes that belong to the recording: all where the board takes no commands, else none of those
+    before it was set.  CalibrationError where the board refuses, DeviceError where it does not answer.  ``forgotten`` checks the later
+    bytes: a board that was switched on again while its port was open has its default settings.
+    """
 
     def __init__(self, wanted: RequestedSettings):
         self._wanted = wanted
-        self.said: list[str] = []
+        self.said: list[str] = []  #: what was set, in words
         self._set_s: float | None = None  # when a board was set
-        self._cut = b""  # what may be the beginning of a frame
+        self._cut = b""  # possibly the beginning of a frame
 
     @property
     def speaks(self) -> bool:
-        """Whether the board was set: such a one says what it is each second."""
+        """Whether the board was set, and so sends its status each second."""
         return self._set_s is not None
 
     def forgotten(self, data: bytes) -> int | None:
-        """Where in these bytes, the next that came, the board says that it is not set as it was; None: nowhere."""
+        """Where in the next bytes the board reports other settings; None: nowhere."""
         if self._set_s is None:
             return None
         whole, before, place = self._cut + data, len(self._cut), 0
@@ -376,19 +362,19 @@ class BoardSetup:
         if info is None:
             return False
         wanted = self._wanted
-        rate = wanted.odr_hz is not None and abs(info.odr_hz / wanted.odr_hz - 1) > TRUE_RATE_WITHIN
-        ranges = ((wanted.gyro_fs_dps, info.gyro_fs_dps), (wanted.accel_fs_g, info.accel_fs_g))
-        return rate or any(asked is not None and asked != said for asked, said in ranges)
+        if wanted.odr_hz is not None and abs(info.odr_hz / wanted.odr_hz - 1) > TRUE_RATE_WITHIN:
+            return True
+        return wanted.gyro_fs_dps not in (None, info.gyro_fs_dps) or wanted.accel_fs_g not in (None, info.accel_fs_g)
 
     def __call__(self, port: serial.Serial) -> bytes:
-        """Bounded: some seconds for each step."""
+        """Takes at most some seconds for each step."""
         if not self._wanted.anything:
             return b""
         self.said, self._set_s, self._cut = [], None, b""
         talk = _Dialogue(port)
         talk.listen(lambda: talk.board is not None or talk.is_mute, SPEAKS_S)
         own_baud = port.baudrate
-        for baud in FASTER:  # as an earlier recording has left it
+        for baud in FASTER:  # an earlier recording may have set one
             if talk.decoder.taken and talk.decoder.mode is None and not talk.decoder.samples:
                 port.baudrate = baud
                 talk.listen(lambda: talk.board is not None or talk.is_mute, SPEAKS_S)
@@ -403,10 +389,10 @@ class BoardSetup:
         wanted, board = self._wanted, talk.board
         assert board is not None
         if wanted.odr_hz is not None and (board.source == STANDIN or abs(wanted.odr_hz / board.odr_hz - 1) > RATE_WITHIN):
-            needed = commands.least_baud(wanted.odr_hz * (1 + FINE_STEP * board.freq_fine))
+            needed = frames.least_baud(wanted.odr_hz * (1 + FINE_STEP * board.freq_fine))
             if board.baud < needed:
                 self._raise_baud(talk, next((baud for baud in FASTER if baud >= needed), FASTER[-1]))
-            talk.ask(commands.DATA_RATE, f"--odr {wanted.odr_hz:g}", wanted.odr_hz, hint=f"the data rates are {RATES}")
+            talk.ask(frames.DATA_RATE, f"--odr {wanted.odr_hz:g}", wanted.odr_hz, hint=f"the data rates are {RATES}")
             self.said.append(f"data rate {wanted.odr_hz:g} Hz")
         talk.listen(lambda: talk.info is not None, ANSWER_S)
         if (info := talk.info) is None:
@@ -416,15 +402,15 @@ class BoardSetup:
             what = f"--gyro-fs {gyro_fs:g} --accel-fs {accel_fs:g}"
             hint = "the ranges are 125, 250, 500, 1000, 2000, 4000 dps and 2, 4, 8, 16 g"
             if gyro_fs % 1 or accel_fs % 1 or max(gyro_fs, accel_fs) > 0xFFFF:
-                raise CalibrationError(f"{what}: {commands.REFUSALS[commands.IMPOSSIBLE]}; {hint}")
-            talk.ask(commands.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
+                raise CalibrationError(f"{what}: {frames.REFUSALS[frames.IMPOSSIBLE]}; {hint}")
+            talk.ask(frames.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
             self.said.append(f"ranges {gyro_fs:g} dps, {accel_fs:g} g")
 
     def _raise_baud(self, talk: _Dialogue, baud: int) -> None:
-        talk.ask(commands.BAUD, f"{baud} baud", baud)
+        talk.ask(frames.BAUD, f"{baud} baud", baud)
         talk.port.baudrate = baud
         try:
-            talk.ask(commands.IDENTIFY, f"{baud} baud")
+            talk.ask(frames.IDENTIFY, f"{baud} baud")
         except DeviceError:
             raise DeviceError(
                 f"nothing is heard at the {baud} baud that this data rate needs: the port or its adapter does not do them; a lower --odr"
@@ -433,7 +419,7 @@ class BoardSetup:
 
 
 class _Dialogue:
-    """heard: all bytes so far; board, info: the last of each; is_mute: whether it is plain by now that the board takes no commands."""
+    """A dialogue with the board.  heard: all bytes so far; board, info: the last of each; is_mute: whether the board takes no commands."""
 
     def __init__(self, port: serial.Serial):
         self.port, self.decoder, self.heard = port, StreamDecoder(), bytearray()
@@ -448,13 +434,18 @@ class _Dialogue:
         return (self.decoder.mode == "text" and self.decoder.samples > 0) or (self.board is None and self._infos > 1)
 
     def listen(self, enough: Callable[[], bool], seconds: float) -> bool:
-        """Until enough has come, at most so long; whether it has."""
+        """Read until enough has come, at most so long; returns whether it has."""
         until_s = time.monotonic() + seconds
         while not enough() and time.monotonic() < until_s:
             data = self.port.read(max(1, self.port.in_waiting))
             self.heard += data
             for event in self.decoder.feed(data):
-                self._take(event)
+                if isinstance(event, BoardStatus):
+                    self.board = event
+                elif isinstance(event, Info):
+                    self.info, self._infos = event, self._infos + 1
+                elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._asked:
+                    self._answer = event.result
         return enough()
 
     def ask(self, command: int, what: str, *values: float, hint: str = "") -> None:
@@ -462,20 +453,12 @@ class _Dialogue:
         for _ in range(TRIES):
             self._sequence += 1
             self._answer, self._asked = None, (self._sequence, command)
-            self.port.write(commands.encode_command(command, self._sequence, *values))
+            self.port.write(frames.encode_command(command, self._sequence, *values))
             self.listen(lambda: self._answer is not None, ANSWER_S)
-            if self._answer == commands.DONE:
+            if self._answer == frames.DONE:
                 return
             if self._answer is not None:
-                why = commands.REFUSALS.get(self._answer, f"result {self._answer}")
-                more = f"; {hint}" if hint and self._answer == commands.IMPOSSIBLE else ""
+                why = frames.REFUSALS.get(self._answer, f"result {self._answer}")
+                more = f"; {hint}" if hint and self._answer == frames.IMPOSSIBLE else ""
                 raise CalibrationError(f"the board refuses {what}: {why}{more}")
         raise DeviceError(f"the board does not answer ({what}); is its receive line (PA10) connected? else switch it off and on")
-
-    def _take(self, event: Event) -> None:
-        if isinstance(event, BoardStatus):
-            self.board = event
-        elif isinstance(event, Info):
-            self.info, self._infos = event, self._infos + 1
-        elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._asked:
-            self._answer = event.result

@@ -1,9 +1,17 @@
-"""The raw file: every byte as it came, when it came, and how it is kept safe (locks, rescue of deleted files)."""
+"""The raw file: every byte as it came, when it came, and how it is kept safe (locks, rescue of deleted files).
+
+``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text, ``host_ns,bytes,event``: at
+host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with wall-clock time and port),
+``close``, and decisions at the table (``RecordingDecision``).  A write goes straight to the operating system, so a killed process loses
+nothing; twice a second it is forced to the disk, against a power failure.  ``raw.bin`` is locked against other writers.  Files that are
+removed during a recording are saved under another name.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import itertools
 import os
 import sys
 import tempfile
@@ -17,26 +25,26 @@ from session.io.errors import FormatError, StorageError
 from session.io.files import open_file
 from session.io.texts import unicode_text
 
-# Locks of files, which the system takes away with the process that holds them, however it ends.
+# File locks: the system releases them with the process that holds them, however it ends.
 
 if sys.platform == "win32":
     import msvcrt
 else:
     try:
         import fcntl
-    except ImportError:  # a POSIX system without it: nobody can be told to wait
+    except ImportError:  # a POSIX system without locks
         fcntl = None  # type: ignore[assignment]  # a module or none
 
-#: what a system says of a file that somebody else has locked; anything else is a file system without locks
+#: errors of a file that is locked by another process; any other is of a file system without locks
 TAKEN = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
-#: Windows locks bytes, and nobody else may then read them: one that no recording reaches
+#: Windows locks bytes against reading: this is a byte that no recording reaches
 BEYOND = 1 << 62
 
 
 def lock(file: int, shared: bool = False) -> bool:
-    """Lock an open file until it is closed; False where another holder has it.  A file system without locks says nothing of others.
+    """Lock an open file until it is closed; False if another process holds the lock.  A file system without locks counts as unlocked.
 
-    shared: with others who ask so, as who only wants to know does; Windows knows no such thing.
+    shared: allow other shared locks, as for a test of the lock; Windows does not know them.
     """
     try:
         if sys.platform == "win32":
@@ -50,7 +58,7 @@ def lock(file: int, shared: bool = False) -> bool:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether somebody holds the lock of a file; False for one that is not there."""
+    """Whether a process holds the lock of a file; False for a missing file."""
     try:
         file = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except OSError:
@@ -61,20 +69,19 @@ def is_locked(path: Path) -> bool:
         os.close(file)
 
 
-# Files that are being written and have no name any more: noticed, and saved under another one.
-#
-# Who removes, moves or replaces the folder of a recording that runs takes away the names; the open files still hold every byte.
+# Rescue of open files without a name.  Removing, moving or replacing the folder of a running recording removes the names; the open files
+# still hold every byte.
 
 RESCUED = "_rescued"
 BLOCK = 1 << 20
-#: Windows would turn line ends into its own
+#: Windows would otherwise convert line ends
 BINARY = getattr(os, "O_BINARY", 0)
 
 
 def is_gone(file: int, path: Path) -> bool:
-    """Whether an open file cannot be found under its path any more.
+    """Whether an open file is no longer found under its path.
 
-    A file system that numbers files anew shows another number, but the same size; one that does not answer at the moment says nothing.
+    A file system that renumbers files shows another number, but the same size; one that does not answer at the moment proves nothing.
     """
     mine = os.fstat(file)
     try:
@@ -88,11 +95,15 @@ def is_gone(file: int, path: Path) -> bool:
 
 
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder for what was saved: beside the lost one, where we stand, or in the temporary folder; each that can be made."""
-    name = folder.resolve().name
-    for parent in dict.fromkeys((Path(os.path.abspath(folder)).parent, _here(), Path(tempfile.gettempdir()))):
+    """Make folders for rescued files: beside the lost one, in the working directory, in the temporary folder, where possible."""
+    temporary = Path(tempfile.gettempdir())
+    try:
+        here = Path.cwd()
+    except OSError:  # it was removed, too
+        here = temporary
+    for parent in dict.fromkeys((Path(os.path.abspath(folder)).parent, here, temporary)):
         for number in range(1, 1000):
-            place = parent / f"{name}{RESCUED}{'' if number == 1 else number}"
+            place = parent / f"{folder.resolve().name}{RESCUED}{'' if number == 1 else number}"
             try:
                 place.mkdir(parents=True)
             except FileExistsError:
@@ -103,15 +114,8 @@ def new_folder(folder: Path) -> Iterator[Path]:
             break
 
 
-def _here() -> Path:
-    try:
-        return Path.cwd()
-    except OSError:  # that was removed, too
-        return Path(tempfile.gettempdir())
-
-
 def copied(files: Sequence[int], paths: Sequence[Path]) -> list[int]:
-    """Open files with the same bytes under those new names, to append to.  Raises OSError, and leaves then what it has copied."""
+    """Copy open files to new paths; returns the copies, open for appending.  Raises OSError, and then leaves what it has copied."""
     made: list[int] = []
     try:
         for path in paths:
@@ -126,7 +130,7 @@ def copied(files: Sequence[int], paths: Sequence[Path]) -> list[int]:
 
 
 def discard(folder: Path, paths: Sequence[Path]) -> None:
-    """Take away a copy that could not be made."""
+    """Remove an incomplete copy."""
     with contextlib.suppress(OSError):
         for path in paths:
             path.unlink(missing_ok=True)
@@ -135,31 +139,23 @@ def discard(folder: Path, paths: Sequence[Path]) -> None:
 
 def catch_up(source: int, target: int) -> None:
     """Append to a copy what its source holds beyond it.  Raises OSError."""
-    os.lseek(source, os.fstat(target).st_size, os.SEEK_SET)  # appending does not mind where it stands
+    os.lseek(source, os.fstat(target).st_size, os.SEEK_SET)
     while data := os.read(source, BLOCK):
         while data:
             data = data[os.write(target, data) :]
 
 
-# The raw file: the bytes as they came, and beside it when they came.
-#
-# ``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text,
-# ``host_ns,bytes,event``: at host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with
-# wall-clock time and port), ``close``, and what was decided at the table (``decisions``).  A write goes straight to the operating
-# system, so a killed process loses nothing that it had; twice a second it is forced to the disk, against a power failure.  Nobody else
-# writes meanwhile: ``raw.bin`` is locked.  Files that are removed under a recording are saved under another name.
-
 RAW, TIMES = "raw.bin", "raw.times"
 TIMES_HEADER = "host_ns,bytes,event"
 SYNC_S = 0.5
-LOOK_S = 0.25  #: whether the files are still there
-#: what is said where another process has the folder
+CHECK_S = 0.25  #: between two checks that the files still exist
+#: message where another process records into the folder
 IN_USE = "another record is writing there now; wait until it has ended, or give --out another folder"
-#: of a disk that took bytes, and then could not keep them
+#: errors of a disk that accepted bytes and could not store them
 NOT_KEPT = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EIO)
-#: bytes of a line of raw.times, whose longest part is a log's name or a person's note
+#: bytes of a line of raw.times, whose longest part is a log's name or a note
 LONGEST_MARK = 1 << 16
-#: decisions at a table and openings of a port in one recording
+#: largest number of decisions and openings of a port in one recording
 MOST_EVENTS = 100_000
 #: arrival times closer together than this share a line
 TIME_STEP_NS = 10_000_000
@@ -167,7 +163,7 @@ TIME_STEP_NS = 10_000_000
 
 @dataclass(frozen=True)
 class Mark:
-    """At host_ns the raw file held ``offset`` bytes; event is empty, or ``open …``, ``close …``, or a decision (``decisions``)."""
+    """At host_ns the raw file held ``offset`` bytes; event is empty, or ``open …``, ``close …``, or a decision."""
 
     host_ns: int
     offset: int
@@ -175,19 +171,18 @@ class Mark:
 
 
 class RawFile:
-    """Append bytes and marks.  StorageError says what is safe when no more can be written; later calls raise it again.
+    """Appends bytes and marks.  When nothing more can be written, a StorageError states what is safe; later calls raise it again.
 
-    path: of the bytes; trouble: a StorageError, once what was received is not, or not only, where it should be; saved: the folder where it
-    is instead.  Files that were removed go on in that folder, so that nothing that comes meanwhile is lost.
+    Files that were removed go on in another folder (``saved``), so that nothing that arrives meanwhile is lost.
     """
 
     def __init__(self, folder: Path):
-        self.path = folder / RAW
-        self.trouble: StorageError | None = None
-        self.saved: Path | None = None
+        self.path = folder / RAW  #: of the bytes
+        self.trouble: StorageError | None = None  #: once received bytes are not, or not only, where they should be
+        self.saved: Path | None = None  #: the folder where they are instead
         self._failed: StorageError | None = None
         self._discarded = False
-        self._missed = 0  # how often running the files were not there
+        self._missed = 0  # successive checks in which the files were missing
         self._last_ns = -TIME_STEP_NS
         self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not path.exists()]
         try:
@@ -218,7 +213,7 @@ class RawFile:
             self._write(self._times, b"\n")
 
     def _locked(self) -> int:
-        """The raw file, locked.  Its place may change between opening and locking: another process may give it up, and take it away."""
+        """Open and lock the raw file; another process may remove it between the two."""
         while True:
             file = os.open(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
             if not lock(file):
@@ -230,7 +225,7 @@ class RawFile:
             os.close(file)
 
     def append(self, host_ns: int, data: bytes) -> None:
-        """Bytes that arrived at host_ns."""
+        """Append bytes that arrived at host_ns."""
         with self._lock:
             self._write(self._raw, data)
             if host_ns - self._last_ns >= TIME_STEP_NS:
@@ -238,7 +233,7 @@ class RawFile:
                 self._write(self._times, f"{host_ns},{self.size},\n".encode())
 
     def mark(self, host_ns: int, event: str, offset: int | None = None) -> None:
-        """Something that happened behind the first ``offset`` bytes; without one, behind all there are."""
+        """Note an event behind the first ``offset`` bytes; without an offset, behind all."""
         with self._lock:
             where = self.size if offset is None else offset
             self._write(self._times, f"{host_ns},{where},{unicode_text(' '.join(event.split()))}\n".encode())
@@ -253,7 +248,7 @@ class RawFile:
             os.close(file)
 
     def discard(self) -> None:
-        """Close; where no byte was received, take away the files and folders that were not there before."""
+        """Close; if no byte was received, remove the files and folders that did not exist before."""
         self._discarded = True
         if os.name == "posix":  # before another process can lock it; Windows removes no open file
             self._unmake()
@@ -265,7 +260,7 @@ class RawFile:
             if self.path.exists() and self.path.stat().st_size > 0:
                 return
             for path in self._made:
-                # A folder that somebody has put something into by now stays.
+                # A folder that is no longer empty stays.
                 path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
 
     def _write(self, file: int, data: bytes) -> None:
@@ -285,8 +280,8 @@ class RawFile:
     def _sync(self) -> None:
         synced_s = time.monotonic()
         while True:
-            last = self._done.wait(LOOK_S)
-            self._look(last)
+            last = self._done.wait(CHECK_S)
+            self._check(last)
             if last or time.monotonic() - synced_s >= SYNC_S:
                 synced_s = time.monotonic()
                 self._force_to_disk()
@@ -304,8 +299,8 @@ class RawFile:
                         "then go on with --resume"
                     )
 
-    def _look(self, last: bool) -> None:
-        """Whether the files are where they were; where they are not, twice running, save them."""
+    def _check(self, last: bool) -> None:
+        """Check that the files exist; if they are missing twice in a row, save them."""
         if self._discarded or self.saved is not None:
             return
         with self._lock:
@@ -319,7 +314,7 @@ class RawFile:
         return (self._raw, self.path), (self._times, self.path.with_name(TIMES))
 
     def _save(self, gone: Path) -> None:
-        """Go on in copies under another name."""
+        """Continue in copies under another name."""
         what = f"{gone}: was removed, moved or replaced while it was being recorded"
         why = "no place was found for what was received"
         for folder in new_folder(self.path.parent):
@@ -344,23 +339,20 @@ class RawFile:
 
 
 def read_marks(raw_path: Path) -> list[Mark]:
-    """The marks beside a raw file, by offset; none where there is no such file.  Lines that were cut off are passed over."""
+    """The marks of a raw file, by offset; none without ``raw.times``.  Truncated lines are skipped."""
     return sorted(_marks(raw_path), key=lambda mark: mark.offset)
 
 
 def read_events(raw_path: Path) -> list[Mark]:
-    """Those marks at which something happened.  FormatError for more of them than a table has decisions."""
-    events = []
-    for mark in _marks(raw_path):
-        if mark.event:
-            events.append(mark)
-        if len(events) > MOST_EVENTS:
-            raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
+    """The marks that are events.  FormatError for more than ``MOST_EVENTS``."""
+    events = list(itertools.islice((mark for mark in _marks(raw_path) if mark.event), MOST_EVENTS + 1))
+    if len(events) > MOST_EVENTS:
+        raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
     return sorted(events, key=lambda mark: mark.offset)
 
 
 def _marks(raw_path: Path) -> Iterator[Mark]:
-    """A line at a time: a day has millions.  A line too long to be one ends the file."""
+    """Read line by line: a day has millions.  A line that is too long ends the file."""
     path = raw_path.with_suffix(".times")
     if not path.exists():
         return
@@ -371,16 +363,16 @@ def _marks(raw_path: Path) -> Iterator[Mark]:
                 yield Mark(int(cells[0]), int(cells[1]), cells[2])
 
 
-# What was decided at the table while bytes came: an event in ``raw.times`` each, so that a replay decides the same at the same byte.
+# Decisions at the table, each an event in ``raw.times``, so that a replay repeats them at the same byte.
 #
 # ``begin STEM``: samples from here on go to a new ``STEM*.csv``.  ``pause``: they go to no log.  ``keep STEM``: the file that was begun
-# last is whole, and bears this name; behind it they go to no log.  ``drop T_US``: the turn that moved at this device time does not count.
-# ``note TEXT``.
+# last is complete, and gets this name; samples behind it go to no log.  ``drop T_US``: the turn that moved at this device time does not
+# count.  ``note TEXT``.
 
 
 @dataclass(frozen=True)
 class RecordingDecision:
-    """word: begin, pause, keep, drop or note; rest: STEM, T_US, TEXT, or nothing; log: the one that was growing, in a replay."""
+    """word: begin, pause, keep, drop or note; rest: STEM, T_US, TEXT, or nothing; log: in a replay, the log that was growing."""
 
     word: str
     rest: str = ""
@@ -388,25 +380,20 @@ class RecordingDecision:
 
     @property
     def text(self) -> str:
-        """As raw.times holds it."""
+        """As in raw.times."""
         return f"{self.word} {self.rest}".rstrip()
 
 
 def decision_of(mark: Mark) -> RecordingDecision | None:
-    """The decision that a mark tells of; None for any other, and for one that makes no sense."""
+    """The decision of a mark; None for another event, and for an invalid one."""
     word, _, rest = mark.event.partition(" ")
-    right = {
-        "begin": rest.isidentifier(),
-        "keep": rest.isidentifier(),
-        "drop": rest.isascii() and rest.isdigit(),
-        "pause": True,
-        "note": True,
-    }
-    return RecordingDecision(word, rest) if right.get(word, False) else None
+    is_stem, is_time = rest.isidentifier(), rest.isascii() and rest.isdigit()
+    valid = {"begin": is_stem, "keep": is_stem, "drop": is_time, "pause": True, "note": True}
+    return RecordingDecision(word, rest) if valid.get(word, False) else None
 
 
 def name_kept(marks: Sequence[Mark], begun: int) -> str | None:
-    """The stem under which the file that marks[begun] begins was kept in the end; None where it was not."""
+    """The stem under which the file that marks[begun] begins was kept; None if it was not."""
     for mark in marks[begun + 1 :]:
         decision = decision_of(mark)
         if decision is not None and decision.word == "keep":
@@ -418,14 +405,14 @@ def name_kept(marks: Sequence[Mark], begun: int) -> str | None:
 
 # A log that only grows: what it holds already is never written again.
 #
-# After Ctrl-C or a crash the logs are made again from the raw bytes, and somebody may have fitted them meanwhile.  So what is there is
-# compared with what would be written, and only what lies behind it is added; a log that somebody has changed is kept under another name.
+# After Ctrl-C or a crash the logs are made again from the raw bytes, and somebody may have used them meanwhile.  So the new text is
+# compared with the existing one, and only what lies behind it is added; a log that somebody has changed is kept under another name.
 
 ASIDE = ".changed"
 
 
 class GrowingFile:
-    """Write to it as to a new file, or behind what it holds.  aside: where a file went whose beginning was another one, or None.
+    """Write to it as to a new file, or (behind) after what it holds.  aside: where an old file with another beginning went, or None.
     Raises OSError."""
 
     def __init__(self, path: Path, behind: bool = False):
@@ -440,7 +427,7 @@ class GrowingFile:
             self._left, self._same = 0, self._file.seek(0, os.SEEK_END)
 
     def write(self, text: str) -> None:
-        """Add text, or find it there already."""
+        """Add text, unless the file holds it already."""
         data = text.encode()
         if self._left:
             there = self._file.read(min(len(data), self._left))
@@ -452,15 +439,15 @@ class GrowingFile:
             self._file.write(data)
 
     def flush(self) -> None:
-        """Hand what is buffered to the operating system."""
+        """Pass buffered text to the operating system."""
         self._file.flush()
 
     def close(self) -> None:
-        """End it."""
+        """Close the file."""
         self._file.close()
 
     def _put_aside(self) -> None:
-        """Go on in a new file that begins as far as the old one did right."""
+        """Continue in a new file that begins with the part that was right."""
         self._file.seek(0)
         right, self._left = self._file.read(self._same), 0
         self._file.close()
@@ -470,10 +457,8 @@ class GrowingFile:
 
 
 def put_aside(path: Path) -> Path | None:
-    """Give a file that is in the way another name, and return it; None where there is none.  Raises OSError."""
+    """Rename an existing file, and return its new path; None if there is none.  Raises OSError."""
     if not path.exists():
         return None
-    number = 1
-    while (aside := path.with_name(f"{path.name}{ASIDE}{number}")).exists():
-        number += 1
-    return path.rename(aside)
+    names = (path.with_name(f"{path.name}{ASIDE}{number}") for number in itertools.count(1))
+    return path.rename(next(name for name in names if not name.exists()))

@@ -1,4 +1,9 @@
-"""The text form of a stream: lines of numbers, comments and headers."""
+"""The text form of a stream: lines of numbers, comments and headers (docs/formats.md).
+
+A line carries no check.  It is protected by its form: it stands between two line ends, it has as many columns as the others, its numbers
+are written as a program writes them (no sign without a digit, no leading zero), and registers fit 16 bits.  ``continuity`` examines its
+stamp.  Whole blocks of lines are classified and parsed at once; single lines are parsed only where they may hold something else.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +16,10 @@ import numpy as np
 from session.bench.events import COLUMNS, REGISTERS, Comment, Info, ModeChangeBudget, RemarkBudget, StreamFormat, parse_header
 from session.io.texts import printable
 
-# The text form of a stream, line by line: the log's own lines (docs/formats.md).
-#
-# A line carries no check.  What protects it: it stands between two line ends, it has the columns that the others have, its numbers are
-# written as a program writes them (no sign without a digit, no leading zero), registers fit 16 bits; and ``continuity`` looks at its stamp.
-
 LONGEST_LINE = 512
-SHAPING = "Cf"  #: of Unicode's categories: signs that shape, join or turn others round, and show nothing
+SHAPING = "Cf"  #: Unicode's category of characters that only shape, join or reverse others
 _NUMBER = re.compile(rb"-?[1-9][0-9]{0,17}|0")
-#: as a program writes them: at most 18 digits before the point, no leading zero
+#: at most 18 digits before the point, no leading zero
 _DECIMAL_TEXT = rb"[-+]?(?:(?:0|[1-9][0-9]{0,17})(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][-+]?[0-9]{1,2})?"
 _DECIMAL = re.compile(_DECIMAL_TEXT)
 _DECIMALS = re.compile(_DECIMAL_TEXT + rb"(?:," + _DECIMAL_TEXT + rb")*")
@@ -28,7 +28,7 @@ _PAIR = re.compile(r"(\w+)=(\S+)")
 _LONGEST_NUMBER = 19
 _LATEST_US = 2**60
 
-# What a byte may be in a line of whole numbers.
+# Classes of bytes in a line of whole numbers.
 _DIGIT, _ZERO, _MINUS, _COMMA, _END = 1, 2, 3, 4, 5
 _CLASS = np.zeros(256, np.uint8)
 _CLASS[list(b"123456789")] = _DIGIT
@@ -37,32 +37,34 @@ _CLASS[ord("0")], _CLASS[ord("-")], _CLASS[ord(",")], _CLASS[ord("\n")] = _ZERO,
 _BLANK = np.zeros(256, bool)
 _BLANK[list(b" \t\n\r\x0b\x0c")] = True
 
-#: columns of a line of numbers, at the least, and the digits in them
+#: a line of numbers has at least so many columns, and so many digits
 _FEWEST = 7
+#: lines of another width that must follow each other before the width changes
+WIDTH_CHANGE = 3
 
 
-class LineClasses:
-    """What lines of codes (n,) uint8, from starts up to ends, can be, all at once: blank (k,) bool, and worth (k,), which may be
-    a comment, a header or numbers, and want a closer look."""
+def classify_lines(codes: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Classify the k lines of codes (n,) uint8 from starts up to ends, all at once.
 
-    def __init__(self, codes: np.ndarray, starts: np.ndarray, ends: np.ndarray):
-        def count(mask: np.ndarray) -> np.ndarray:
-            total = np.concatenate([[0], np.cumsum(mask, dtype=np.int32)])
-            return total[ends] - total[starts]
+    Returns blank (k,) bool, and worth (k,) bool: whether a line may be a comment, a header or numbers, and is worth parsing.
+    """
 
-        cells = count(codes == ord(",")) + 1 >= _FEWEST
-        lengths, kind = ends - starts, _CLASS[codes]
-        numbers = cells & (count((kind == _DIGIT) | (kind == _ZERO)) >= _FEWEST)
-        header = cells & (count(codes == ord("g")) >= 3) & (count(codes == ord("a")) >= 3)
-        comment = (lengths > 0) & (codes[np.minimum(starts, len(codes) - 1)] == ord("#"))
-        self.blank = count(_BLANK[codes]) == lengths
-        self.worth = numbers | header | comment
+    def count(mask: np.ndarray) -> np.ndarray:
+        total = np.concatenate([[0], np.cumsum(mask, dtype=np.int32)])
+        return total[ends] - total[starts]
+
+    cells = count(codes == ord(",")) + 1 >= _FEWEST
+    lengths, kind = ends - starts, _CLASS[codes]
+    numbers = cells & (count((kind == _DIGIT) | (kind == _ZERO)) >= _FEWEST)
+    header = cells & (count(codes == ord("g")) >= 3) & (count(codes == ord("a")) >= 3)
+    comment = (lengths > 0) & (codes[np.minimum(starts, len(codes) - 1)] == ord("#"))
+    return count(_BLANK[codes]) == lengths, numbers | header | comment
 
 
 def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    r"""Many lines at once: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
+    r"""Parse many lines: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
 
-    Returns good (lines,) bool and values (good lines, 8) int64.  A line that is not good may still be one for ``parse_line``.
+    Returns good (lines,) bool and values (good lines, 8) int64.  ``parse_line`` may still read a line that is not good.
     """
     text = np.frombuffer(block, np.uint8)
     kind = _CLASS[text]
@@ -90,26 +92,29 @@ def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.
     return good, values
 
 
-def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[int, list[int]] | None:
-    """One line, blanks allowed, further columns of any kind: how many columns, and the log's eight; None where it is no such line."""
+def _cells(line: bytes, order: tuple[int, ...], number: re.Pattern[bytes]) -> list[bytes] | None:
+    """The cells of a line without blanks; None where one of ``order`` is no such number, or a further one holds other characters."""
     cells = [cell.strip(b" \t") for cell in line.split(b",")]
-    if len(cells) <= max(order) or not all(_NUMBER.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
+    right = len(cells) > max(order) and all(number.fullmatch(cells[i]) for i in order) and all(map(_FURTHER.fullmatch, cells))
+    return cells if right else None
+
+
+def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[int, list[int]] | None:
+    """The number of columns of a line of registers, and the log's eight; None for another line."""
+    cells = _cells(line, order, _NUMBER)
+    if cells is None:
         return None
     values = [int(cells[i]) for i in order]
     return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
 
 
 def parse_decimals(line: bytes, order: tuple[int, ...], form: StreamFormat) -> tuple[int, list] | None:
-    """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line, or holds
-    what no sensor measures."""
-    if _DECIMALS.fullmatch(line):  # at once, as nearly all lines are
-        cells = line.split(b",")
-        if len(cells) <= max(order):
-            return None
-    else:
-        cells = [cell.strip(b" \t") for cell in line.split(b",")]
-        if len(cells) <= max(order) or not all(_DECIMAL.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
-            return None
+    """The number of columns of a line in physical units, and the stamp in whole us with the values; None for another line, and for
+    values that no sensor measures."""
+    # Nearly all lines match at once.
+    cells = line.split(b",") if _DECIMALS.fullmatch(line) else _cells(line, order, _DECIMAL)
+    if cells is None or len(cells) <= max(order):
+        return None
     stamp, *values = (cells[i] for i in order)
     if form.time_us <= 1.0 and not stamp.isdigit():
         return None  # us and ns are whole numbers
@@ -121,9 +126,9 @@ def parse_decimals(line: bytes, order: tuple[int, ...], form: StreamFormat) -> t
 
 
 def parse_comment(line: bytes) -> str | None:
-    r"""What stands behind the ``#`` of a comment; None where the line is none, or holds what no person wrote.
+    r"""The text behind the ``#`` of a comment; None for another line, and for one with unprintable characters.
 
-    Characters that only shape others, as the joiner within an emoji, are a person's: they stand there as ``\u200d``.
+    Characters that only shape others, such as the joiner within an emoji, are kept as escapes (``\u200d``).
     """
     if not line.startswith(b"#"):
         return None
@@ -137,21 +142,13 @@ def parse_comment(line: bytes) -> str | None:
 
 
 def parse_info(comment: str) -> Info | None:
-    """What a comment says of the board, or None where it is about something else."""
-    said = dict(_PAIR.findall(comment))
+    """The board's ranges and identity in a comment, or None where it is about something else."""
+    pairs = dict(_PAIR.findall(comment))
     try:
-        gyro, accel, odr = numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
+        gyro, accel, odr = numbers = [float(pairs[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
     except (KeyError, ValueError):
         return None
-    return Info(gyro, accel, odr, said.get("serial", ""), said.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
-
-
-# Lines of a text stream: numbers, comments, headers; what is none is counted.
-#
-# What a line can be is seen at once for all lines of a block; only those are looked at one by one that may say something.
-
-#: lines of another width that must come one after the other before they are believed
-WIDTH_CHANGE = 3
+    return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +163,7 @@ class TextRows:
 
 @dataclass(frozen=True)
 class Garbage:
-    """Bytes of lines that are none; behind: whether the last of them came behind all rows so far."""
+    """Bytes of unreadable lines; behind: whether the last of them came behind all rows so far."""
 
     count: int
     behind: bool
@@ -176,22 +173,21 @@ Item = TextRows | Comment | Info | Garbage | StreamFormat
 
 
 class LineReader:
-    """form: what the columns are, registers until a header says otherwise; ``take`` blocks that end with a line's end.
+    """Reads blocks of whole lines.  form: the format of the columns, registers until a header states another.
 
-    told: the header of a stream that does not send it; remarks: what the lines may say beside numbers.
+    header: the header of a stream that does not send it; remarks: the budget for other lines than numbers.
     """
 
-    def __init__(self, told: str | None = None, remarks: RemarkBudget | None = None):
-        header = None if told is None else parse_header(told.encode())
-        self.form, self.width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
-        if header is not None:
-            self.width, self._order, self.form = header
-        self._other_width, self._other_count = 0, 0
+    def __init__(self, header: str | None = None, remarks: RemarkBudget | None = None):
+        known = None if header is None else parse_header(header.encode())
+        self.width, self._order, self.form = known or (0, tuple(range(len(REGISTERS.names))), REGISTERS)
+        self._other_width, self.other_count = 0, 0
         self.remarks, self._changes = remarks or RemarkBudget(), ModeChangeBudget()
-        self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
+        self.place = 0  # bytes of lines so far
+        self.deaf = False  # whether lines of numbers are ignored, since their columns are not known
 
     def is_line(self, line: bytes) -> bool:
-        """Whether a line shows that this is text."""
+        """Whether a line proves that the stream is text."""
         return bool(parse_comment(line) is not None or self.parse(line) or parse_header(line))
 
     def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
@@ -205,16 +201,9 @@ class LineReader:
             if good.all():
                 self.remarks.earn(len(values))
                 self.place += len(block)
-                self._other_count = 0
+                self.other_count = 0
                 return [TextRows(*_registers(values), np.zeros(len(values), bool))]
-        codes = np.frombuffer(block, np.uint8)
-        ends = np.flatnonzero(codes == 10)
-        starts = np.concatenate([[0], ends[:-1] + 1])
-        looks = LineClasses(codes, starts, ends)
-        worth = looks.worth if torn is None else looks.worth & ~torn
-        none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
-        good = np.zeros(len(ends), bool) if good is None else good
-        items = _Block(self, block, (starts, ends), good, values, worth & ~good, none & ~good).items()
+        items = _Block(self, block, good, values, torn).items()
         self.place += len(block)
         return items
 
@@ -223,8 +212,10 @@ class LineReader:
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
     def obey(self, header: tuple[int, tuple[int, ...], StreamFormat], place: int) -> StreamFormat | None:
-        """What comes from here on is as the header says; the form, where it is another one.  Headers that change it again and again
-        are not obeyed, and no line counts (``deaf``) until one is."""
+        """Apply a header; returns the format if it changes.
+
+        A header that changes the format too soon after others is not applied, and lines of numbers are ignored (``deaf``) until one is.
+        """
         form = header[2] if self.changes_form(header, place) else None
         self.deaf = form is None and header[2] != self.form
         if form is not None:
@@ -234,56 +225,49 @@ class LineReader:
         return form
 
     def changes_form(self, header: tuple[int, tuple[int, ...], StreamFormat], place: int) -> bool:
-        """Whether it says another form, and may."""
+        """Whether a header states another format, and is allowed to."""
         return header[2] != self.form and place >= self._changes.earliest
 
     def is_news(self, header: tuple[int, tuple[int, ...], StreamFormat]) -> bool:
-        """Whether it says anything that is not known."""
+        """Whether a header states anything new."""
         return self.deaf or header != (self.width, self._order, self.form)
 
-    def no_other_width(self) -> None:
-        """A line of the usual width has come."""
-        self._other_count = 0
-
     def has_width(self, width: int) -> bool:
-        """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
+        """Whether a line is as wide as the others: a line made of two halves may look whole, but hardly three times in a row."""
         if width == self.width or not self.width:
-            self.width, self._other_count = width, 0
+            self.width, self.other_count = width, 0
             return True
-        self._other_count = self._other_count + 1 if width == self._other_width else 1
+        self.other_count = self.other_count + 1 if width == self._other_width else 1
         self._other_width = width
-        if self._other_count >= WIDTH_CHANGE and not self.form.physical:
+        if self.other_count >= WIDTH_CHANGE and not self.form.physical:
             self.width, self._order = width, tuple(range(len(REGISTERS.names)))
         return False
 
 
 class _Block:
-    """The lines of one block, taken apart: good ones were read at once, those worth a look are looked at here, the others are none."""
+    """The lines of one block: good ones were parsed at once, those worth it are parsed here, the others are unreadable."""
 
-    def __init__(
-        self,
-        reader: LineReader,
-        block: bytes,
-        lines: tuple[np.ndarray, np.ndarray],
-        good: np.ndarray,
-        values: np.ndarray,
-        worth: np.ndarray,
-        none: np.ndarray,
-    ):
-        """lines: where they begin and end; good, worth, none: which are which; values of the good ones."""
-        starts, ends = lines
+    def __init__(self, reader: LineReader, block: bytes, good: np.ndarray | None, values: np.ndarray, torn: np.ndarray | None):
+        """good: the lines that were parsed at once, with their values; torn: incomplete lines."""
+        codes = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero(codes == 10)
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        blank, worth = classify_lines(codes, starts, ends)
+        torn, good = (np.zeros(len(ends), bool) if lines is None else lines for lines in (torn, good))
+        worth &= ~torn
         self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
-        self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
+        self._good_lines, self._values = np.flatnonzero(good), values
+        self._worth, self._none = worth & ~good, ~worth & (~blank | (torn & (ends > starts))) & ~good
         self._passed = self._earned = self._last_good = 0  # good lines that are among the rows, that were counted, that were seen
-        self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the rows in the making, and the numbers of their lines
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the next rows, and the numbers of their lines
         self._lines: list[np.ndarray] = []
-        self._fresh: list[list] = []  # rows that were read here, behind those
+        self._fresh: list[list] = []  # rows that were parsed here, behind those
         self._fresh_lines: list[int] = []
-        self._begun = 0  # the first line that no item speaks of
+        self._begun = 0  # the first line that is in no item yet
         self._items: list[Item] = []
 
     def items(self) -> list[Item]:
-        """All that they say."""
+        """Their content, in order."""
         todo, place = self._todo(0), 0
         while place < len(todo):
             number, start, stop, good_before = todo[place]
@@ -300,7 +284,7 @@ class _Block:
                     continue
             elif not self._reader.deaf and (found := self._reader.parse(line)):
                 if good_before > self._last_good:
-                    self._reader.no_other_width()
+                    self._reader.other_count = 0
                     self._last_good = good_before
                 width = self._reader.width
                 if self._reader.has_width(found[0]):
@@ -310,25 +294,25 @@ class _Block:
                     self._reader.remarks.earn(1)
                     continue
                 if self._reader.width != width:
-                    todo, place = self._look_again(number, good_before) or (todo, place)
+                    todo, place = self._reparse(number, good_before) or (todo, place)
             elif header := parse_header(line):
                 if self._reader.is_news(header):
                     if self._reader.changes_form(header, self._reader.place + start):
                         self._close(number, good_before)
                     if (form := self._reader.obey(header, self._reader.place + start)) is not None:
                         self._items.append(form)
-                    todo, place = self._look_again(number, good_before) or (todo, place)
+                    todo, place = self._reparse(number, good_before) or (todo, place)
                 continue
             self._none[number] = True
         self._earn(len(self._good_lines))
         if len(self._good_lines) > self._last_good:
-            self._reader.no_other_width()
+            self._reader.other_count = 0
         self._close(len(self._ends), len(self._good_lines))
         return self._items
 
-    def _look_again(self, number: int, good_before: int) -> tuple[list[tuple[int, int, int, int]], int] | None:
-        """The columns are others behind this line: what was read at once there is looked at line by line, in this block.  What is to do
-        then, and the place in it; None where nothing changes."""
+    def _reparse(self, number: int, good_before: int) -> tuple[list[tuple[int, int, int, int]], int] | None:
+        """The columns change behind this line: parse the good lines there one by one.  Returns what is to do then, and the place in it;
+        None where nothing changes."""
         if len(self._good_lines) == good_before:
             return None
         self._worth[self._good_lines[good_before:]] = True
@@ -336,7 +320,7 @@ class _Block:
         return self._todo(number + 1), 0
 
     def _todo(self, first: int) -> list[tuple[int, int, int, int]]:
-        """Lines from the first on that are looked at: number, where it begins and ends, good lines before it."""
+        """The lines from the first on that are parsed one by one: number, beginning, end, good lines before it."""
         numbers = np.flatnonzero(self._worth[first:]) + first
         before = np.searchsorted(self._good_lines, numbers)
         return list(zip(*(each.tolist() for each in (numbers, self._starts[numbers], self._ends[numbers], before)), strict=True))
@@ -346,7 +330,7 @@ class _Block:
         self._earned = good_before
 
     def _good_up_to(self, stop: int) -> None:
-        """So many good lines are rows by now."""
+        """Make rows of the good lines up to stop."""
         if stop > self._passed:
             self._settle()
             self._parts.append(_registers(self._values[self._passed : stop]))
@@ -355,13 +339,16 @@ class _Block:
 
     def _settle(self) -> None:
         if self._fresh:
-            physical = self._reader.form.physical
-            self._parts.append(_physical(self._fresh) if physical else _registers(np.array(self._fresh, np.int64)))
+            if self._reader.form.physical:
+                t_us, values = np.array([row[0] for row in self._fresh], np.int64), np.array([row[1:] for row in self._fresh], float)
+                self._parts.append((t_us, values))
+            else:
+                self._parts.append(_registers(np.array(self._fresh, np.int64)))
             self._lines.append(np.array(self._fresh_lines))
             self._fresh, self._fresh_lines = [], []
 
     def _close(self, number: int, good_before: int) -> None:
-        """The rows and what is none among the lines before this one."""
+        """Make items of the rows and the garbage before this line."""
         self._good_up_to(good_before)
         self._settle()
         none = self._none[self._begun : number]
@@ -379,7 +366,3 @@ class _Block:
 
 def _registers(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values[:, 0], values[:, 1:].astype(np.int16)
-
-
-def _physical(rows: list[list]) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float)

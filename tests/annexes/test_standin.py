@@ -14,8 +14,8 @@ import calibrate
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import SENSOR, STANDIN, BoardStatus
+from session.bench.guided_session import FOUND, NO_SENSOR, BoardReporter
 from session.bench.logwriter import LogWriter
-from session.bench.screen import FOUND, NO_SENSOR, BoardReporter
 from session.detect.check_samples import check_standin
 from session.io.logfile import Log
 from tinygc.annexes.emulated.readings import Fault, Still

@@ -1,4 +1,8 @@
-"""The page's server: one connection per browser, only for who knows its address, and the commands that a browser may send."""
+"""The page's server: files, events and the report for browsers that know its address, and the commands that they may send.
+
+It uses the standard library, and serves this computer alone unless another address is requested.  The recording never waits for it: a
+browser has a thread of its own, and one that takes nothing is dropped.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +14,18 @@ import secrets
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
-from session.bench.operator import LONGEST_NOTE, OperatorCommand
+from session.bench.operator import LONGEST_NOTE, BrowserCommands
 from session.io.errors import CalibrationError
-
-# What one browser has yet to be sent: of each kind of event the newest alone, so that a slow one costs nothing.
 
 
 class LatestEvents:
-    """Filled by the recording, which never waits for it; emptied by the thread of one browser."""
+    """The events that one browser has yet to get: of each kind the newest alone, so that a slow browser costs nothing."""
 
     def __init__(self) -> None:
         self._there = threading.Condition()
@@ -32,19 +33,19 @@ class LatestEvents:
         self._closed = False
 
     def put(self, event: str, data: bytes) -> None:
-        """What is older of the same kind is not sent any more."""
+        """Replace an older event of the same kind."""
         with self._there:
             self._waiting[event] = data
             self._there.notify()
 
     def close(self) -> None:
-        """Nothing comes any more; what waits is still sent."""
+        """No more events come; those that wait are still sent."""
         with self._there:
             self._closed = True
             self._there.notify()
 
     def take(self, timeout_s: float) -> dict[str, bytes] | None:
-        """All that waits; empty after so long without any; None at the end."""
+        """All waiting events; empty after so long without any; None at the end."""
         with self._there:
             if not self._waiting and not self._closed:
                 self._there.wait(timeout_s)
@@ -52,72 +53,12 @@ class LatestEvents:
             return None if self._closed and not taken else taken
 
 
-# What a person may ask for from the page: the keys of the terminal, and the report at the end.  Nothing else is understood.
-
 LONGEST = 4 * LONGEST_NOTE + 16  #: bytes of a request
-MOST = 8  #: that wait; a recording takes them ten times a second, and refuses more than it can keep
-WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE}
-REPORT_WISH = "report"
-
-
-class BrowserCommands:
-    """Filled by the threads of browsers; call it, as the recording does, for what was asked since.  Whatever was answered with OK is
-    given.  report: whether that was asked for."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[tuple[OperatorCommand, str]] = deque()
-        self._changing, self._taken = threading.Lock(), False
-        self.report = threading.Event()
-
-    def begin(self) -> None:
-        """A recording takes them from here on."""
-        with self._changing:
-            self._taken = True
-
-    def end(self) -> None:
-        """It takes none that come later."""
-        with self._changing:
-            self._taken = False
-
-    def __call__(self) -> list[tuple[OperatorCommand, str]]:
-        """In order, each once."""
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
-        return taken
-
-    def hear(self, body: bytes) -> HTTPStatus:
-        """``pause``, ``drop``, ``here``, ``note TEXT`` or ``report``: BAD_REQUEST where it is none of them, SERVICE_UNAVAILABLE where
-        nobody takes it."""
-        try:
-            word, _, text = body.decode().partition(" ")
-        except UnicodeDecodeError:
-            return HTTPStatus.BAD_REQUEST
-        if word == "note":
-            note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
-            return self._keep(OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
-        if text or (word not in WORDS and word != REPORT_WISH):
-            return HTTPStatus.BAD_REQUEST
-        if word in WORDS:
-            return self._keep(WORDS[word], "")
-        self.report.set()
-        return HTTPStatus.OK
-
-    def _keep(self, wish: OperatorCommand, text: str) -> HTTPStatus:
-        with self._changing:
-            if not self._taken or len(self._waiting) >= MOST:
-                return HTTPStatus.SERVICE_UNAVAILABLE
-            self._waiting.append((wish, text))
-        return HTTPStatus.OK
-
-
-# One connection of a browser: a file of the page, the events, the report, or a wish; whoever has not the token gets none of them.
-
-SLOW_S = 3.0  #: a browser that takes nothing for so long, or asks nothing, is dropped
-ALIVE_S = 2.0  #: between two events there is never more: a browser that has gone is noticed
-SEND_BUFFER = 32768  #: bytes that the system holds for a browser: some ten states, so that one that hangs is noticed
+SLOW_S = 3.0  #: a browser that takes nothing for so long, or requests nothing, is dropped
+ALIVE_S = 2.0  #: the longest time between two events, so that a closed browser is noticed
+SEND_BUFFER = 32768  #: bytes that the system holds for a browser: some ten states, so that a hanging one is noticed
 ALIVE = b"event: alive\ndata: 0\n\n"
-RETRY = b"retry: 1000\n\n"  #: ms after which a browser that was cut off asks again
+RETRY = b"retry: 1000\n\n"  #: ms after which a disconnected browser reconnects
 HTML = "text/html; charset=utf-8"
 TYPES = {
     "html": HTML,
@@ -135,43 +76,24 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-#: the report holds its style and its pictures itself, and no script
+#: the report contains its style and its pictures, and no script
 REPORT_HEADERS = {
     **HEADERS,
     "Content-Security-Policy": f"sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; {NOBODY_ELSE}",
 }
 
 
-class Site(Protocol):
-    """What a connection needs of its server."""
-
-    token: str
-    pages: dict[str, bytes]
-    wishes: BrowserCommands
-    report: Callable[[], bytes | None]
-    closing: bool
-
-    def is_own(self, host: str | None) -> bool:
-        """Whether a Host header names this server by its address."""
-
-    def joined(self) -> LatestEvents:
-        """One more looks on."""
-
-    def left(self, client: LatestEvents) -> None:
-        """It has gone."""
-
-
 class Handler(BaseHTTPRequestHandler):
-    """One connection."""
+    """One connection: a file of the page, the events, the report, or a command, for browsers with the token."""
 
     timeout = SLOW_S
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "tinygc", ""
 
     def do_GET(self) -> None:  # the name that http.server calls
-        """A file of the page, the events, or the report."""
-        server = cast(Site, self.server)
-        name = self._asked(server)
+        """Send a file of the page, the events, or the report."""
+        server = cast(PageServer, self.server)
+        name = self._requested(server)
         if name is None:
             return
         if name == EVENTS:
@@ -179,15 +101,15 @@ class Handler(BaseHTTPRequestHandler):
         elif (name or PAGE) in server.pages:
             name = name or PAGE
             self._answer(HTTPStatus.OK, TYPES[name.rpartition(".")[2]], server.pages[name])
-        elif name == REPORT and (report := server.report()) is not None:
+        elif name == REPORT and server.report is not None and (report := server.report()) is not None:
             self._answer(HTTPStatus.OK, HTML, report, REPORT_HEADERS)
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:  # the name that http.server calls
-        """A wish; the recording takes it when it has time."""
-        server = cast(Site, self.server)
-        name = self._asked(server)
+        """Take a command for the recording."""
+        server = cast(PageServer, self.server)
+        name = self._requested(server)
         if name is None:
             return
         length = self.headers.get("Content-Length", "")
@@ -200,10 +122,9 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self._refuse(status)
 
-    def _asked(self, server: Site) -> str | None:
-        """What is asked for of this server; None: refused, since it is asked for by another name, from another page, or without the
-        token."""
-        if server.closing:  # a connection that was kept alive: the browser shall look whether somebody else listens there now
+    def _requested(self, server: PageServer) -> str | None:
+        """The requested name; None: refused, since the host, the origin or the token is wrong."""
+        if server.closing:  # a connection that was kept alive: the browser has to connect again
             self.close_connection = True
             return None
         origin = self.headers.get("Origin")
@@ -217,14 +138,14 @@ class Handler(BaseHTTPRequestHandler):
             return None
         return name
 
-    def _events(self, server: Site) -> None:
+    def _events(self, server: PageServer) -> None:
         self.close_connection = True
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._head(HTTPStatus.OK, "text/event-stream; charset=utf-8", None)
         client = server.joined()
         try:
-            with contextlib.suppress(OSError):  # it has gone, or takes nothing: a send waits SLOW_S at most
+            with contextlib.suppress(OSError):  # the browser is gone, or takes nothing: a send waits SLOW_S at most
                 self.wfile.write(RETRY)
                 while (waiting := client.take(ALIVE_S)) is not None:
                     self.wfile.write(b"".join(waiting.values()) or ALIVE)
@@ -250,36 +171,29 @@ class Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: object) -> None:
-        """Nothing: the terminal is the screen's."""
+        """Log nothing: the terminal belongs to the screen."""
 
-
-# The page's server: standard library, this computer alone unless asked, and only for who knows the address with its token.
-#
-# The recording never waits for it.  A browser has a thread of its own; one that takes nothing is dropped.
 
 LOOPBACK = "127.0.0.1"
-LAST_WORD_S = 0.5  #: that browsers may take for what was said last
-MOST_CONNECTIONS = 24  #: a page takes six at first and one later
+LAST_WORD_S = 0.5  #: for browsers to take the last event
+MOST_CONNECTIONS = 24  #: a page opens six at first and keeps one
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves from ``start`` to ``close``.  wishes: what was asked for on the page; report: gives the session's report, None without one.
-
-    Raises CalibrationError where the address cannot be had.
-    """
+    """Serves from ``start`` to ``close``.  CalibrationError where the address is not available."""
 
     daemon_threads = True
-    look_every_s = 0.2  #: whether to end
-    request_queue_size = 2 * MOST_CONNECTIONS  #: a browser asks for all files of the page at once
+    look_every_s = 0.2  #: between two checks whether to end
+    request_queue_size = 2 * MOST_CONNECTIONS  #: a browser requests all files of the page at once
     block_on_close = False
 
     def __init__(self, host: str = LOOPBACK, port: int = 0):
         self.token = secrets.token_urlsafe(18)
         self.wishes, self.closing = BrowserCommands(), False
-        self.report: Callable[[], bytes | None] = lambda: None
+        self.report: Callable[[], bytes | None] | None = None  #: returns the session's report, None without one
         self.pages = {path.name: path.read_bytes() for path in files("session.bench.page").joinpath("files").iterdir() if "." in path.name}
         self._clients: set[LatestEvents] = set()
-        self.visited = False  #: whether anybody has ever looked on
+        self.visited = False  #: whether any browser has ever connected
         self._last: dict[str, bytes] = {}
         self._changing = threading.Lock()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
@@ -294,20 +208,20 @@ class PageServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """What to open."""
+        """The address to open."""
         return f"http://{_own_address() if self._host.is_unspecified else self._host}:{self.server_port}/{self.token}/"
 
     @property
     def clients(self) -> int:
-        """How many look on now."""
+        """Number of connected browsers."""
         return len(self._clients)
 
     def start(self) -> None:
-        """In a thread of its own."""
+        """Serve in a thread of its own."""
         self._serving.start()
 
     def close(self) -> None:
-        """Send what waits, for a moment, then listen no more."""
+        """Send waiting events for a moment, then stop."""
         self.closing = True
         with self._changing:
             for client in self._clients:
@@ -319,7 +233,7 @@ class PageServer(ThreadingHTTPServer):
         self.server_close()
 
     def publish(self, event: str, content: dict[str, Any]) -> None:
-        """To all who look on.  Never waits for any of them."""
+        """Send an event to all browsers, without waiting for any of them."""
         data = f"event: {event}\ndata: {json.dumps(content, allow_nan=False)}\n\n".encode()
         with self._changing:
             self._last[event] = data
@@ -327,7 +241,7 @@ class PageServer(ThreadingHTTPServer):
                 client.put(event, data)
 
     def joined(self) -> LatestEvents:
-        """One more looks on; it gets the present state at once."""
+        """Add a browser; it gets the present state at once."""
         client = LatestEvents()
         with self._changing:
             for event, data in self._last.items():
@@ -337,43 +251,43 @@ class PageServer(ThreadingHTTPServer):
         return client
 
     def left(self, client: LatestEvents) -> None:
-        """It has gone, or was dropped."""
+        """Remove a browser."""
         with self._changing:
             self._clients.discard(client)
 
     def is_own(self, host: str | None) -> bool:
-        """Whether a Host header names this server by its address: a name would let another site's page ask in its own name."""
+        """Whether a Host header has this server's address: a name would allow requests from another site's page (DNS rebinding)."""
         name, _, port = (host or "").rpartition(":")
         if port != str(self.server_port):
             return False
         if name == "localhost":
             return self._host.is_loopback
         try:
-            asked = ipaddress.ip_address(name.strip("[]"))
+            address = ipaddress.ip_address(name.strip("[]"))
         except ValueError:
             return False
-        return self._host.is_unspecified or asked == self._host
+        return self._host.is_unspecified or address == self._host
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """In a thread of its own, while there are not too many."""
+        """Serve in a thread of its own, while there are not too many."""
         if not self._free.acquire(blocking=False):
             self.shutdown_request(request)
             return
         super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """And give the place back."""
+        """Serve, then free the place."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes is no error, and nothing may be written into the screen of the recording."""
+        """Print nothing: a browser that disconnects is no error, and the terminal belongs to the screen."""
 
 
 def _own_address() -> str:
-    """The computer's, as its network knows it; no packet is sent."""
+    """The computer's address in its network; no packet is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as never_sends:
         try:
             never_sends.connect(("192.0.2.1", 9))  # an address kept for documentation (RFC 5737)

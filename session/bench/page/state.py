@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from session.bench.guide import Guide, View, wait_of
+from session.bench.guide import Guide, View
 from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Kind, Stage
 from session.bench.page.server import PageServer
 from session.io.samples import Samples, joined
@@ -164,11 +164,11 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
         "wanted": guide.segments,
         "rejected": guide.rejected,
         "target": _target(guide, still),
-        "up": [_rounded(_up(guide.taken.coverage.correct(each.accel_mean)), 3) for each in guide.taken.stills[-MOST_STILLS:]],
+        "up": [_rounded(_up(guide.taken.coverage.corrected(each.accel_mean)), 3) for each in guide.taken.stills[-MOST_STILLS:]],
         "sigmas": _sigmas(guide.advice),
         "closure_deg": None if closure_deg is None else round(closure_deg, 3),
         "temp_c": None if health.temp_c is None or not math.isfinite(health.temp_c) else round(health.temp_c, 1),
-        "wait": None if (wait := wait_of(guide)) is None else wait.words,
+        "wait": None if (wait := guide.wait) is None else wait.words,
         "odr_hz": None if health.odr_hz is None else round(health.odr_hz, 2),
         "samples": health.samples,
         "lost": health.troubles["lost"],

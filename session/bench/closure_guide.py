@@ -1,7 +1,7 @@
 """The closure run after the last segment: onto the index mark, still, turn freely, back onto the same mark, still.
 
-It lives on blocks, as the guide does.  What it wants done with the files it says in ``wants``; whether a run is whole is asked of
-``session.detect.segments``, as ``fit`` will ask.
+It is driven by blocks, like the guide.  ``wants`` is the request to begin or keep a file; ``run_ends`` decides whether a run is complete,
+as it will in ``fit``.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from enum import Enum
 from session.bench.live import TurnInProgress
 from session.bench.messages import Instruction, Kind, Stage
 from session.bench.rawfile import RecordingDecision
-from session.detect.segments import RETURN_RAD, RunEnds, run_ends
+from session.detect.segments import RETURN_RAD, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, find_stills
 from session.io.config import Protocol, Sensor
 from session.io.samples import Samples, joined
 from session.io.units import DEG, NS
 
-WAIT_S = 8.0  #: untouched for so long, the table stands on its mark already
-#: of the planned time, at least, at either end: the noise is measured on the quietest twentieth of a log
+WAIT_S = 8.0  #: a table that is untouched for so long is on its mark
+#: shortest still at either end, as a part of the planned time: the noise is measured on the quietest twentieth of a log
 STILL_PART = 0.05
-ENOUGH_PART = 0.8  #: of the planned time: a run that is shorter shows less
-AGAIN_S = 10.0  #: still for so long away from where the run began, the table is meant to stay there: that is the mark
+ENOUGH_PART = 0.8  #: of the planned time: a shorter run determines less
+AGAIN_S = 10.0  #: a still of this length away from the mark makes its place the new mark
 STIR_RAD = 2.0 * DEG
 BEGIN, KEEP = RecordingDecision("begin", "unclosed"), RecordingDecision("keep", "closure")
 MARK_WORDS = "set the table onto its index mark, then hands off"
 
 
 class Step(Enum):
-    """Where the run stands."""
+    """Stage of a closure run."""
 
     MARK = "onto the mark"
     STAY = "stay"
@@ -37,7 +37,7 @@ class Step(Enum):
 
 
 class ClosureGuide:
-    """planned_s of turning.  wants: what is to be done with the files now, until ``decided``; says: what changed, taken by the guide."""
+    """Guides a run with planned_s of turning.  wants: the request for the files, until ``decided``; says: messages for the guide."""
 
     def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float):
         self._sensor, self._protocol, self.planned_s = sensor, protocol, planned_s
@@ -45,12 +45,12 @@ class ClosureGuide:
         self.wants: RecordingDecision | None = None
         self.says: list[tuple[Kind, str]] = []
         self.attempts = 0
-        self._looked_at = False
+        self._examined = self._went = False
         self._parts: list[Samples] = []
         self._to_the_mark()
 
     def decided(self, decision: RecordingDecision) -> None:
-        """It has been done: a new file has begun, or the last one is kept."""
+        """The request was carried out: a new file has begun, or the last one is kept."""
         self.wants = None
         if decision.word == "begin":
             self.step, self.attempts = Step.STAY, self.attempts + 1
@@ -59,50 +59,51 @@ class ClosureGuide:
             self.step = Step.WHOLE
 
     def interrupted(self) -> None:
-        """A new log, a pause, or a person's wish: what there is of a run is no run.  The table is where it is."""
+        """A new log, a pause, or the operator ends the run before it is complete."""
         if self.step in (Step.STAY, Step.RUN):
             self.says.append((Kind.WARNING, "this closure run is not whole, and begins again"))
         self._to_the_mark()
 
     def on_the_mark(self) -> None:
-        """The person says that the table stands on its mark."""
+        """The operator confirms that the table is on its mark."""
         if self.step is Step.MARK:
             self._here_s = WAIT_S
 
     def feed(self, samples: Samples, block_s: float, turn: TurnInProgress) -> None:
-        """A block of samples, after the turn in progress has had it."""
+        """Take a block of samples, after the turn in progress has."""
         if self.step is Step.MARK:
-            self._marking(block_s, turn)
+            self._went = self._went or turn.path_rad > STIR_RAD
+            self._here_s = 0.0 if turn.moving else self._here_s + block_s
+            if turn.still_s >= self.hold_s and (self._went or self._here_s >= WAIT_S):
+                self.wants = BEGIN
         elif self.step in (Step.STAY, Step.RUN):
             self._parts.append(samples)
-            (self._staying if self.step is Step.STAY else self._running)(block_s, turn)
+            if self.step is Step.STAY:
+                self._staying(block_s, turn)
+            else:
+                self._running(block_s, turn)
 
     def instruction(self, turn: TurnInProgress) -> Instruction:
-        """What to do now, and why it waits."""
-        held = min(turn.still_s, self.hold_s)
-        countdown = max(self.hold_s - held, 0.0), held / self.hold_s
+        """What to do now, and why the guide waits."""
         if self.step is Step.MARK:
-            why = "it moves" if turn.moving else f"still for {turn.still_s:.1f} s"
-            return Instruction(
-                Stage.CLOSURE, f"closure run: {MARK_WORDS}", f"{why}; if it stands there already, leave it alone", good=not turn.moving
-            )
+            why = f"{'it moves' if turn.moving else f'still for {turn.still_s:.1f} s'}; if it stands there already, leave it alone"
+            return Instruction(Stage.CLOSURE, f"closure run: {MARK_WORDS}", why, good=not turn.moving)
         if self.step is Step.STAY:
             left = max(self.hold_s - self._rested_s, 0.0)
             why = f"the run's first still: {self._rested_s:.1f} of {self.hold_s:.1f} s"
             return Instruction(Stage.CLOSURE, "on the mark: hands off the table", why, left, 1 - left / self.hold_s)
         went = f"{self._moved_s:.0f} of {self.planned_s:.0f} s"
         if not self._enough:
+            left, part = max(self.planned_s - self._moved_s, 0.0), min(self._moved_s / self.planned_s, 1.0)
             return Instruction(
-                Stage.CLOSURE,
-                "turn freely, through many attitudes, about all axes",
-                f"{went}; rests do no harm",
-                max(self.planned_s - self._moved_s, 0.0),
-                min(self._moved_s / self.planned_s, 1.0),
+                Stage.CLOSURE, "turn freely, through many attitudes, about all axes", f"{went}; rests do no harm", left, part
             )
         if turn.moving or not turn.still_s:
             return Instruction(Stage.CLOSURE, "now back onto the same index mark, then hands off", f"{went}: enough")
         why = self._missing or f"still for {turn.still_s:.1f} of {self.hold_s:.1f} s"
-        return Instruction(Stage.CLOSURE, "back on the mark: hands off the table", why, *countdown, good=not self._missing)
+        held = min(turn.still_s, self.hold_s)
+        left = max(self.hold_s - held, 0.0)
+        return Instruction(Stage.CLOSURE, "back on the mark: hands off the table", why, left, held / self.hold_s, not self._missing)
 
     @property
     def _enough(self) -> bool:
@@ -114,12 +115,6 @@ class ClosureGuide:
         self._moved_s = self._rested_s = self._here_s = 0.0
         self._went = False
         self._missing = ""
-
-    def _marking(self, block_s: float, turn: TurnInProgress) -> None:
-        self._went = self._went or turn.path_rad > STIR_RAD
-        self._here_s = 0.0 if turn.moving else self._here_s + block_s
-        if turn.still_s >= self.hold_s and (self._went or self._here_s >= WAIT_S):
-            self.wants = BEGIN
 
     def _staying(self, block_s: float, turn: TurnInProgress) -> None:
         if not turn.moving:
@@ -138,18 +133,18 @@ class ClosureGuide:
         if turn.path_rad > STIR_RAD or self._moved_s:
             self._moved_s += block_s
         if turn.moving or turn.still_s < self.hold_s:
-            self._missing, self._looked_at = "", False
+            self._missing, self._examined = "", False
             return
-        if self._moved_s and not self._looked_at:
-            self._looked_at = True
-            self._look()
+        if self._moved_s and not self._examined:
+            self._examined = True
+            self._examine()
         if self._missing and turn.still_s >= AGAIN_S:
             self.says.append((Kind.WARNING, "it stays there: that is the mark now, and the run begins anew"))
             self._to_the_mark()
             self._here_s = WAIT_S
 
-    def _look(self) -> None:
-        """The table rests: is the run whole?"""
+    def _examine(self) -> None:
+        """The table rests: decide whether the run is complete."""
         samples = joined(self._parts)
         ends = run_ends(samples, find_stills(samples, self._protocol.still_s)[0], self._sensor)
         if ends is not None and ends.broken:
@@ -163,8 +158,5 @@ class ClosureGuide:
             self.says.append((Kind.WARNING, self._missing))
         else:
             self.wants = KEEP
-            self.says.append((Kind.ACCEPTED, f"closure run: {_turned_s(samples, ends):.0f} s, back within {ends.away_rad / DEG:.2f}°"))
-
-
-def _turned_s(samples: Samples, ends: RunEnds) -> float:
-    return float(samples.t_ns[ends.last.start] - samples.t_ns[ends.first.stop - 1]) * NS
+            turned_s = float(samples.t_ns[ends.last.start] - samples.t_ns[ends.first.stop - 1]) * NS
+            self.says.append((Kind.ACCEPTED, f"closure run: {turned_s:.0f} s, back within {ends.away_rad / DEG:.2f}°"))

@@ -1,6 +1,6 @@
-"""The console that everything for people is printed on: what it quotes of files, folders and boards is text, and nothing else.
+"""The console for everything that people read: quoted names of files, folders and boards are plain text.
 
-rich reads markup and emoji names in a string, and lets escape sequences through to the terminal, which obeys them.
+rich would interpret markup and emoji names in a string, and pass escape sequences through to the terminal.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from session.io.texts import printable
 
 
 def one_line(text: str, style: str = "", end: str = "") -> Text:
-    """A line of a page that quotes names; end: what a page puts between its paragraphs, an empty line."""
+    """A line that quotes names; end: for example a line break between paragraphs."""
     return Text(printable(text) + end, style)
 
 
 class PlainConsole(Console):
-    """No markup; a string is one line, a ``Text`` as many as it has; what is not printable is shown as escapes (``printable``)."""
+    """No markup; a string is one line, a ``Text`` keeps its lines; unprintable characters are shown as escapes (``printable``)."""
 
     def __init__(self, **settings: Any):
         super().__init__(highlight=False, markup=False, emoji=False, **settings)
 
     def render_str(self, text: str, **settings: Any) -> Text:
-        """What a string is shown as: one line."""
+        """Render a string as one line."""
         return super().render_str(printable(text), **settings)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """What goes to the terminal; rich's own control sequences are segments of their own."""
+        """Escape everything but rich's own control sequences, which are segments of their own."""
         for segment in super().render(renderable, options):
             if segment.control or segment.text == "\n" or segment.text.isprintable():
                 yield segment

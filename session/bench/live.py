@@ -1,4 +1,4 @@
-"""Judge a stream live: stillness, turns, health of the stream, warm-up."""
+"""Live evaluation of a stream: stillness, turns, health of the stream, warm-up."""
 
 from __future__ import annotations
 
@@ -26,22 +26,20 @@ from session.io.numeric import sigma_of
 from session.io.samples import Samples
 from session.io.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
 
-# Stillness as it happens, a block of 0.1 s at a time, by the bars of ``session.detect.stills``.
-#
-# What it says is for the person at the table.  Whether a still counts is asked of ``session.detect.stills`` itself (``window``), so that
-# the recorded log is judged alike.
+# Stillness as it happens, in blocks of 0.1 s, by the limits of ``session.detect.stills``.  It guides the operator; whether a still counts
+# is decided by ``find_stills`` (``Window``), as it will be for the recorded log.
 
-#: until a first still is known, no more than this is taken for the sensor's own noise: three times the data sheet's, one-sided densities
+#: largest noise of the sensor before a first still is known: three times the data sheet's, one-sided densities
 GYRO_CEILING, ACCEL_CEILING = 15 * MDPS, 180e-3 * MG
-CEILING_S = 60.0  #: a table that has not rested for so long trembles; then its own calmest blocks are the yardstick
+CEILING_S = 60.0  #: a table without a rest for so long trembles; then the noise is that of its calmest blocks
 MEMORY_BLOCKS = 12_000  #: 20 min
-NOISE_EVERY = 10  #: blocks from one look at the noise to the next
-UNKNOWN_ZERO_RPS = 10.0 * DEG  #: no gyro reads that much at rest
+NOISE_EVERY = 10  #: blocks between two estimates of the noise
+UNKNOWN_ZERO_RPS = 10.0 * DEG  #: larger than any gyro's bias
 
 
 @dataclass(frozen=True, eq=False)
 class MotionBlock:
-    """Mean rate (3,) and peak of one block, rad/s; quiet: whether it could be part of a still; why not, with number and bar."""
+    """Mean rate (3,) and peak of one block, rad/s; quiet: whether it could be part of a still; why not, with number and limit."""
 
     duration_s: float
     gyro_mean: np.ndarray
@@ -51,7 +49,7 @@ class MotionBlock:
 
 
 class Stillness:
-    """Judges one block after the other.  period_s: the usual time between two samples."""
+    """Classifies one block after the other.  period_s: the usual sample interval."""
 
     def __init__(self, period_s: float):
         self._period_s = period_s
@@ -61,15 +59,11 @@ class Stillness:
         self._steps: deque[np.ndarray] = deque(maxlen=200)
         self._noise: tuple[np.ndarray, np.ndarray] | None = None
         self._run: list[np.ndarray] = []
-        self.zero_rps: np.ndarray | None = None  #: what the gyro reads at rest, once a still is known
-
-    @property
-    def block_s(self) -> float:
-        """Length of a block, s."""
-        return self.size * self._period_s
+        self.zero_rps: np.ndarray | None = None  #: the gyro's reading at rest, once a still is known
+        self._block_s = self.size * period_s
 
     def feed(self, samples: Samples) -> MotionBlock:
-        """What a block of ``size`` samples shows."""
+        """Classify a block of ``size`` samples."""
         moments = block_moments(samples, self.size)
         gyro_mean, gyro_var, accel_var = moments.gyro_mean[0], moments.gyro_var[0], moments.accel_var[0]
         self._gyro_var.append(gyro_var)
@@ -81,7 +75,7 @@ class Stillness:
             if self._run:
                 self._steps.append(np.abs(gyro_mean - self._run[-1]))
             self._run = [*self._run[-100:], gyro_mean]
-        return MotionBlock(self.block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
+        return MotionBlock(self._block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
 
     def _why_not_quiet(self, gyro_mean: np.ndarray, gyro_var: np.ndarray, accel_var: np.ndarray) -> str:
         gyro_noise, accel_noise = self._noise_now()
@@ -106,21 +100,21 @@ class Stillness:
         """Variances (3,) of the sensor's noise."""
         if self._noise is None or len(self._gyro_var) % NOISE_EVERY == 0 or len(self._gyro_var) < 50:
             gyro, accel = noise_variance(np.array(self._gyro_var)), noise_variance(np.array(self._accel_var))
-            if self.zero_rps is None and len(self._gyro_var) * self.block_s < CEILING_S:
+            if self.zero_rps is None and len(self._gyro_var) * self._block_s < CEILING_S:
                 band_hz = 0.5 / self._period_s
                 gyro, accel = np.minimum(gyro, GYRO_CEILING**2 * band_hz), np.minimum(accel, ACCEL_CEILING**2 * band_hz)
             self._noise = gyro, accel
         return self._noise
 
     def _spread(self, gyro_noise: np.ndarray) -> np.ndarray:
-        """(3,) standard deviation of a block's mean.  Noise behind a low-pass is not white: a few blocks tell better than their samples."""
+        """(3,) standard deviation of a block's mean.  Noise behind a low-pass is not white, so means of blocks are better than samples."""
         if len(self._steps) < 20:
             return 2 * np.sqrt(gyro_noise / self.size)
         return sigma_of(np.array(self._steps)) / np.sqrt(2)
 
 
 def _scatter(variance: np.ndarray, noise: np.ndarray, ratio: float, unit: float, what: str, unit_name: str) -> str:
-    """Whether a block's scatter leaves what the noise allows: "rate scatter 0.31 > 0.20 dps on z"."""
+    """Whether a block's scatter exceeds the noise, in words: "rate scatter 0.31 > 0.20 dps on z"; empty if not."""
     share = np.maximum(variance / (2 * ratio * noise), (variance / noise).mean() / ratio * (variance == variance.max()))
     axis = int(np.argmax(share))
     if share[axis] < 1:
@@ -129,18 +123,18 @@ def _scatter(variance: np.ndarray, noise: np.ndarray, ratio: float, unit: float,
     return f"{what} {found:.2f} > {found / np.sqrt(share[axis]):.2f} {unit_name} on {'xyz'[axis]}"
 
 
-# The first second of a stream: does it look like an accelerometer and a gyroscope at the data rate that was said?
+# The check of the first second of a stream: an accelerometer and a gyroscope at the stated data rate.
 
 CHECK_S = 1.0
 FEWEST = 50
 GRAVITY_RATIO = (0.75, 1.33)  #: of the median specific force to gravity; a wrong full scale is a factor of 2
-#: the same of an accelerometer that nobody has calibrated: an MPU-9250 whose z zero is at 0.5 g reads 0.5 or 1.5 g level
+#: the same of an uncalibrated accelerometer: an MPU-9250 with a zero of 0.5 g in z reads 0.5 or 1.5 g when level
 UNCALIBRATED_RATIO = (0.3, 2.5)
 ODR_RATIO = 0.10  #: true rates are off by up to 5 %
 
 
 def stream_problem(samples: Samples, odr_hz: float, accel_fs_g: float, calibrated: bool = True) -> str:
-    """What is wrong with samples of a second or so, with number and bar; empty where nothing is.  calibrated: the accelerometer."""
+    """What is wrong with samples of a second or so, with number and limit; empty if nothing is.  calibrated: the accelerometer."""
     steps = samples.dt_s
     if len(steps) == 0 or not (steps > 0).all():
         return "the stamps do not increase: device time in microseconds is expected"
@@ -153,30 +147,25 @@ def stream_problem(samples: Samples, odr_hz: float, accel_fs_g: float, calibrate
         axis = "xyz"[int(np.argmin(np.ptp(samples.gyro, axis=0)))]
         return f"the gyro's {axis} does not change at all: is it on?"
     force = float(np.median(np.linalg.norm(samples.accel, axis=1)))
-    ratio = force / STANDARD_GRAVITY_MPS2
     low, high = GRAVITY_RATIO if calibrated else UNCALIBRATED_RATIO
-    if not low < ratio < high:
+    if not low < force / STANDARD_GRAVITY_MPS2 < high:
         return f"specific force {force / G:.2f} g, {low:g} to {high:g} g expected: was the range really ±{accel_fs_g:g} g?"
     return ""
 
 
-# Rest and movement, block by block: how long it has been still, how far it has turned since.
-#
-# A bump that is short and leaves the attitude as it was does not end a still, as in ``session.detect.stills``.
-
-BUMP_SLACK_RAD = 2 * BUMP_RAD  #: blocks of 0.1 s see an angle no better; the log's own judgement comes later
+BUMP_SLACK_RAD = 2 * BUMP_RAD  #: the angle resolution of blocks of 0.1 s
 
 
 class TurnInProgress:
-    """What the table does now, and since the last reference still.
+    """The table's present motion, and that since the last reference still.
 
-    still_s: of the present still, bumps included; moving: whether it is not still now, for moving_s, the last restless_s of it without
-    turning (a hand rests on the table); path_rad, peak_rps: of the movement since the last reference still.
+    As in ``find_stills``, a short bump that leaves the attitude as it was does not end a still.
     """
 
     def __init__(self) -> None:
-        self.still_s = self.moving_s = self.restless_s = 0.0
-        self.path_rad = self.peak_rps = 0.0
+        self.still_s = 0.0  #: of the present still, bumps included
+        self.moving_s = self.restless_s = 0.0  #: of the present motion, and its last part without turning (a hand rests on the table)
+        self.path_rad = self.peak_rps = 0.0  #: of the motion since the last reference still
         self._bump, self._bump_path = np.zeros(3), 0.0
         self._in_bump = False
 
@@ -186,7 +175,7 @@ class TurnInProgress:
         return self.still_s == 0.0 or self._in_bump
 
     def feed(self, block: MotionBlock, zero_rps: np.ndarray | None) -> float:
-        """Take a block; returns how long the still was that it ends, or 0."""
+        """Take a block; returns the length of the still that it ends, or 0."""
         if block.quiet:
             if self._in_bump:
                 self.still_s += self.moving_s
@@ -211,13 +200,11 @@ class TurnInProgress:
         return 0.0
 
     def accepted_still(self) -> None:
-        """The still is a reference: what moves from now on is the next turn.  One that has just been left is moving already."""
-        path_rad, peak_rps = (self._bump_path, self.peak_rps) if self.still_s == 0.0 else (0.0, 0.0)
-        self.path_rad = path_rad
-        self.peak_rps = peak_rps
+        """The still is a reference: motion from now on is the next turn.  If the still has just ended, that turn has begun already."""
+        self.path_rad, self.peak_rps = (self._bump_path, self.peak_rps) if self.still_s == 0.0 else (0.0, 0.0)
 
     def interrupted(self) -> None:
-        """Nobody saw what happened since: whatever it was, it has to come to rest anew."""
+        """The motion since is unknown: the table has to come to rest again."""
         self.still_s = self.moving_s = 0.0
         self._calm()
 
@@ -231,19 +218,19 @@ class TurnInProgress:
         self.peak_rps = max(self.peak_rps, block.peak_rps)
 
 
-# Is it worth while to wait until the board is warm?  What its bias would drift by in what is left, going on now or in some minutes.
+# The warm-up: whether it pays to wait until the board is warm, by the drift of its bias over the session, starting now or in some minutes.
 #
-# One calibration has one bias.  What counts is how far the bias spreads over all turns of the session, those that are recorded
-# included: who has recorded half of it cold gains nothing by a warm second half.  The temperature is taken to settle exponentially, as its
-# own last minutes show; what a degree does to the bias the stills show, and until they do, a data sheet says it.
+# One calibration has one bias.  What counts is the spread of the bias over all turns of the session, recorded ones included: after half of
+# it was recorded cold, a warm second half gains nothing.  The temperature is assumed to settle exponentially, as in the last minutes; the
+# stills determine the bias per degree, and until they do, it is that of a data sheet.
 
 #: rad/s rms: a drift that moves no parameter by more than its target in 9 of 10 sessions (``benchmarks/warm_up.py``)
 BAR_RPS = 4 * MDPS
-#: rad/s per °C, as siblings' data sheets have it; what one still's rate says of the bias, the Earth's rotation in it
+#: rad/s per °C, from data sheets of siblings; sigma of the bias from one still's rate, which includes the Earth's rotation
 TYPICAL_RPS_PER_C, STILL_SIGMA_RPS = 5 * MDPS, 4 * MDPS
-WAITS_MIN = range(1, 11)  #: who would wait longer records twice instead
-SETTLES_S = np.geomspace(30.0, 2400.0, 25)  #: time constants that are tried
-USUALLY_S, USUALLY_FACTOR = 150.0, 2.5  #: of a small board that heats itself, until more is seen
+WAITS_MIN = range(1, 11)  #: a longer wait is no better than a second recording
+SETTLES_S = np.geomspace(30.0, 2400.0, 25)  #: candidate time constants
+USUALLY_S, USUALLY_FACTOR = 150.0, 2.5  #: prior time constant of a small board that heats itself
 SEGMENT_S = 8.0  #: from still to still, at the table
 EVERY_S, OVER_S = 2.0, 300.0
 LEAST_S = 20.0
@@ -252,7 +239,7 @@ LEAST_SIGMA_C = 0.005  #: of a mean over some hundred readings
 
 @dataclass(frozen=True)
 class Wait:
-    """What waiting gains: minutes of it; rms of the bias' drift over the session, rad/s, going on now and after them; minutes left."""
+    """The gain of waiting: minutes; rms drift of the bias over the session, rad/s, without and with the wait; minutes left."""
 
     minutes: int
     now_rps: float
@@ -261,57 +248,54 @@ class Wait:
 
     @property
     def words(self) -> str:
-        """Both ways, in figures."""
-        now, then = self.now_rps / MDPS, self.then_rps / MDPS
-        return (
-            f"wait {self.minutes} min, and the bias drifts by {then:.1f} mdps; going on now ({self.left_min:.0f} min), "
-            f"by {now:.1f} (bar {BAR_RPS / MDPS:g})"
-        )
+        """Both choices, in figures."""
+        waiting = f"wait {self.minutes} min, and the bias drifts by {self.then_rps / MDPS:.1f} mdps"
+        return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {BAR_RPS / MDPS:g})"
 
 
 @dataclass(frozen=True)
 class Settling:
-    """The temperature: now, °C; how much is still to come; time constant, s."""
+    """An exponential temperature: present value, °C; remaining change, °C; time constant, s."""
 
     now_c: float
     to_come_c: float
     settles_s: float
 
     def at(self, later_s: np.ndarray) -> np.ndarray:
-        """°C, so many seconds later."""
+        """Temperature in °C after later_s (N,)."""
         return self.now_c - self.to_come_c * np.expm1(-later_s / self.settles_s)
 
 
 class WarmUp:
-    """Fed with temperatures as they come; ``wait`` says whether it pays."""
+    """Collects temperatures; ``wait`` evaluates whether waiting pays."""
 
     def __init__(self) -> None:
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(OVER_S / EVERY_S))
-        self._said: tuple[tuple[float, int, int], Wait | None] | None = None
+        self._cached: tuple[tuple[float, int, int], Wait | None] | None = None
 
     def feed(self, t_s: float, temp_c: float) -> None:
-        """A mean over some readings."""
+        """Add a mean over some readings."""
         if not self._temps or t_s - self._temps[-1][0] >= EVERY_S:
             self._temps.append((t_s, temp_c))
 
     def new_log(self) -> None:
-        """The device's clock has begun anew."""
+        """The device's clock has restarted."""
         self._temps.clear()
-        self._said = None
+        self._cached = None
 
     def wait(self, turns: Sequence[AcceptedTurn], stills: Sequence[Still], segments_left: int) -> Wait | None:
-        """None where waiting gains nothing that matters, or too little is known.  Asked often, it answers anew as temperatures come."""
+        """The gain of waiting; None where it does not matter, or too little is known.  The result is cached until the data change."""
         if len(self._temps) < 3 or self._temps[-1][0] - self._temps[0][0] < LEAST_S or segments_left <= 0:
             return None
         about = (self._temps[-1][0], len(stills), segments_left)
-        if self._said is None or self._said[0] != about:
+        if self._cached is None or self._cached[0] != about:
             turned_c = np.array([np.mean([still.temp_c for still in turn.segment.stills]) for turn in turns])
-            self._said = about, worth_waiting(settling(np.array(self._temps)), turned_c, rps_per_c(stills), segments_left)
-        return self._said[1]
+            self._cached = about, worth_waiting(settling(np.array(self._temps)), turned_c, rps_per_c(stills), segments_left)
+        return self._cached[1]
 
 
 def settling(temps: np.ndarray) -> Settling:
-    """From temps (N, 2), s and °C: the exponential that suits them best."""
+    """Fit an exponential to temps (N, 2), s and °C."""
     t_s, temp_c = temps.T
     x = np.exp(-(t_s - t_s[-1]) / SETTLES_S[:, None])
     x_mean, mean_c = x.mean(axis=1, keepdims=True), temp_c.mean()
@@ -324,21 +308,21 @@ def settling(temps: np.ndarray) -> Settling:
 
 
 def rps_per_c(stills: Sequence[Still]) -> float:
-    """What a degree does to the bias of the axis where it does most: as the stills show it, and as typical where they do not yet."""
+    """Bias per degree of the most sensitive axis, rad/s per °C: from the stills, with the typical value as a prior."""
     stills = [still for still in stills if np.isfinite(still.temp_c)]
     temp_c = np.array([still.temp_c for still in stills])
     rate = np.array([still.gyro_mean for still in stills]).reshape(-1, 3)
     moved_c = temp_c - temp_c.mean() if len(temp_c) else temp_c
-    told = float(moved_c @ moved_c) / STILL_SIGMA_RPS**2
-    variance = 1 / (told + TYPICAL_RPS_PER_C**-2)
+    information = float(moved_c @ moved_c) / STILL_SIGMA_RPS**2
+    variance = 1 / (information + TYPICAL_RPS_PER_C**-2)
     mean = variance * (moved_c @ rate) / STILL_SIGMA_RPS**2
     return float(np.sqrt(np.max(np.abs(mean)) ** 2 + variance))
 
 
 def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, segments_left: int) -> Wait | None:
-    """The least whole minutes after which the drift stays within the bar, or is half; None where it does anyhow, or none will do.
+    """The fewest whole minutes after which the drift is within the limit, or halved; None where it is anyhow, or none is enough.
 
-    turned_c (N,): temperature of each turn that counts; each_rps: what a degree does to the bias.
+    turned_c (N,): temperature of each turn that counts; each_rps: bias per degree.
     """
     turned_c = turned_c[np.isfinite(turned_c)]
     later_s = SEGMENT_S * np.arange(1, segments_left + 1)
@@ -357,36 +341,34 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     return Wait(WAITS_MIN[first], now_rps, float(then_rps[first]), float(later_s[-1]) / 60)
 
 
-# How the stream does: what was lost, the true data rate, the temperature and its slope.
-
 SLOPE_OVER_S = 60.0
 LEAST_SLOPE_S = 10.0
 TEMP_EVERY_S = 1.0
 
 
 class StreamHealth:
-    """Counts over a session.  troubles: by kind, as the stream's decoder names them."""
+    """Health of a session's stream: losses, the true data rate, the temperature and its slope."""
 
     def __init__(self) -> None:
         self.samples = self.gaps = 0
-        self.troubles: Counter[str] = Counter()
+        self.troubles: Counter[str] = Counter()  #: by kind, as in ``Trouble``
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
         self.warmth = WarmUp()
-        self.info_odr_hz: float | None = None  #: what the board says
+        self.info_odr_hz: float | None = None  #: from the board's info
         self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
         self._periods, self._periods_s = 0, 0.0
         self._last_ns: int | None = None
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
 
     def feed(self, samples: Samples, pace: Pace) -> None:
-        """Samples of the log, whose pace it is; those that it has had already do not count again."""
-        samples = (
-            samples if self._last_ns is None else samples.between(int(np.searchsorted(samples.t_ns, self._last_ns, "right")), len(samples))
-        )
+        """Add samples of the log with this pace; those that were added before do not count again."""
+        t_ns = samples.t_ns
+        if self._last_ns is not None:
+            samples = samples.between(int(np.searchsorted(t_ns, self._last_ns, "right")), len(samples))
+            t_ns = np.concatenate([[self._last_ns], samples.t_ns])
         if len(samples) == 0:
             return
-        t_ns = samples.t_ns if self._last_ns is None else np.concatenate([[self._last_ns], samples.t_ns])
         steps = np.diff(t_ns) * NS
         steps = steps[steps > 0]
         periods, whole = pace.periods(steps), steps <= GAP_PERIODS * pace.period_s
@@ -396,22 +378,26 @@ class StreamHealth:
         self._periods_s += float(steps[whole].sum())
         self.samples, self._last_ns = self.samples + len(samples), int(samples.t_ns[-1])
         if samples.temp_c is not None:
-            self._feel(samples.t_ns[-1] * NS, float(np.mean(samples.temp_c[-200:])))
+            t_s, temp_c = samples.t_ns[-1] * NS, float(np.mean(samples.temp_c[-200:]))
+            self.temp_c = temp_c if self.temp_c is None else 0.9 * self.temp_c + 0.1 * temp_c
+            if not self._temps or t_s - self._temps[-1][0] >= TEMP_EVERY_S:
+                self._temps.append((t_s, temp_c))
+            self.warmth.feed(t_s, temp_c)
 
     def new_log(self) -> None:
-        """The device's clock has begun anew."""
+        """The device's clock has restarted."""
         self._last_ns = None
         self._temps.clear()
         self.warmth.new_log()
 
     @property
     def missing(self) -> int:
-        """Samples that are missing between the stamps, in gaps and singly."""
+        """Number of samples missing by the stamps."""
         return max(self._extra, 0)
 
     @property
     def odr_hz(self) -> float | None:
-        """True data rate by the stamps, gaps left out."""
+        """True data rate by the stamps, without gaps."""
         return self._periods / self._periods_s if self._periods else None
 
     @property
@@ -427,9 +413,3 @@ class StreamHealth:
         t_s, temp_c = np.array(self._temps).T
         centred = t_s - t_s.mean()
         return float(60 * (centred @ temp_c) / (centred @ centred))
-
-    def _feel(self, t_s: float, temp_c: float) -> None:
-        self.temp_c = temp_c if self.temp_c is None else 0.9 * self.temp_c + 0.1 * temp_c
-        if not self._temps or t_s - self._temps[-1][0] >= TEMP_EVERY_S:
-            self._temps.append((t_s, temp_c))
-        self.warmth.feed(t_s, temp_c)

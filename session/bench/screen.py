@@ -20,19 +20,17 @@ from session.bench.live import StreamHealth
 from session.bench.messages import GuideMessage, Kind, Stage
 from session.io.texts import printable
 
-# The screen of a guided recording: one live view in a terminal, plain lines elsewhere; a bell.
-
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
 STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
 FAULTS = (("lost", "lost"), ("crc", "CRC"), ("garbage", "garbage"), ("implausible", "implausible"), ("reset", "resets"))
 COLOURS = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.CLOSURE: "magenta", Stage.DONE: "green"}
-WIDTH = 80  #: of what is typed, the end is seen
-REMEMBERED = 4  #: changes that stay on the screen
-REMIND_S = 5.0  #: between two lines that say the same, where there is no terminal
+WIDTH = 80  #: of a typed line its end is shown
+REMEMBERED = 4  #: messages that stay on the screen
+REMIND_S = 5.0  #: between two equal lines, where there is no terminal
 
 
 class LiveScreen:
-    """A context: the live view between enter and exit."""
+    """A context with the live view in a terminal."""
 
     def __init__(self, title: str, mute: bool = False, console: PlainConsole | None = None):
         self.console = console or PlainConsole(stderr=True)
@@ -48,7 +46,7 @@ class LiveScreen:
         self._live.__exit__(kind, error, traceback)
 
     def change(self, change: GuideMessage) -> None:
-        """Remember it on the screen, and ring."""
+        """Show a message, and ring its bell."""
         if change.kind is not Kind.STAGE:
             self._changes.append(change)
         if not self._mute:
@@ -61,7 +59,7 @@ class LiveScreen:
 
 
 class PlainLines:
-    """A line for each change, and for what it waits for."""
+    """Prints a line for each message, and for each instruction."""
 
     def __init__(self, console: PlainConsole | None = None):
         self.console = console or PlainConsole(stderr=True)
@@ -74,11 +72,11 @@ class PlainLines:
         pass
 
     def change(self, change: GuideMessage) -> None:
-        """Say it in a line."""
+        """Print a message."""
         self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
 
     def show(self, guide: Guide) -> None:
-        """Say a new instruction, and every few seconds why it waits."""
+        """Print a new instruction, and every few seconds why the guide waits."""
         now, wall_s = guide.instruction, time.monotonic()
         if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
             return
@@ -89,15 +87,15 @@ class PlainLines:
 
 def view(guide: Guide, title: str, changes: Collection[GuideMessage]) -> Group:
     """The whole screen, at most 22 lines of 80 columns."""
-    said = Table.grid(padding=(0, 2))
-    said.add_column(justify="right", width=8)
-    said.add_column()
+    messages = Table.grid(padding=(0, 2))
+    messages.add_column(justify="right", width=8)
+    messages.add_column()
     for number, change in enumerate(changes, start=1):
         style, newest = STYLES.get(change.kind, ""), number == len(changes)
-        # The newest is said in full, the ones before it in a line each.
+        # The newest is shown in full, the ones before it in a line each.
         text = Text(printable(change.text), style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
-        said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
-    parts: list[RenderableType] = [_instruction(guide, title), _state(guide), said]
+        messages.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
+    parts: list[RenderableType] = [_instruction(guide, title), _state(guide), messages]
     if guide.keys:
         parts.append(Text(guide.keys[-WIDTH:], style="dim", no_wrap=True, overflow="ellipsis"))
     return Group(*parts)
@@ -142,7 +140,7 @@ def _state(guide: Guide) -> Table:
 
 
 def _count(text: str, count: float) -> tuple[str, str]:
-    """What has not been covered yet stands out."""
+    """A count, highlighted while it is zero."""
     return f"{text}  ", "" if count else "yellow"
 
 

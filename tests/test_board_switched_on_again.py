@@ -91,7 +91,7 @@ def test_the_port_sets_it_again_and_begins_another_connection(monkeypatch):
     monkeypatch.setattr(port, "MEANS_IT_S", 0.0)
     monkeypatch.setattr(port.serial, "Serial", lambda *args, **how: wire)
     made = BoardSetup(WANTED)
-    opened = Port("wire", prepare=made, forgotten=made.forgotten)
+    opened = Port("wire", setup=made)
     items = []
     while sum(isinstance(item, Opened) for item in items) < 2:
         items.append(opened.items.get(timeout=PATIENCE_S))

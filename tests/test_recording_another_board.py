@@ -182,7 +182,7 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
             process.send_signal(signal.SIGINT)
             assert ended(process)[0] == 130
         port.unplug()
-        until(lambda: not noticed or (len(read_marks(folder / "raw.bin")) > 1 and "close" in read_marks(folder / "raw.bin")[-1].event))
+        until(lambda: not noticed or any(mark.event.startswith("close") for mark in read_marks(folder / "raw.bin")))
         port.plug()
         if noticed:
             pour(port, folder, b"".join(said_by(other, 3, 1)), 2, process)

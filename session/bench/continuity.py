@@ -238,7 +238,10 @@ class Continuity:
                 self._leave_out(len(self._chain) - len(kept), out)
                 self._chain = kept
             self._chain.append(one)
-            if len(self._chain) >= CHAIN and len(self._chain) >= self._chain_needed():
+            first, needed = self._chain[0], CHAIN
+            if self._begun and self._gap(first) is None:  # a restart
+                needed = max(self._needed, TEXT_RESET_CHAIN if first.sequence is None else CHAIN)
+            if len(self._chain) >= needed:
                 run = self._flush(run, readings, out)
                 self._lock(out)
         self._flush(run, readings, out)
@@ -256,12 +259,6 @@ class Continuity:
     def _period(self) -> float:
         assert self.period_us is not None  # as soon as a reading has counted
         return self.period_us
-
-    def _chain_needed(self) -> int:
-        first = self._chain[0]
-        if not self._begun or self._gap(first) is not None:
-            return CHAIN
-        return max(self._needed, TEXT_RESET_CHAIN if first.sequence is None else CHAIN)
 
     def _step(self, sequence: int | None, stamp: int) -> tuple[int, int] | None:
         """Time and sample periods since the last that counted; None where they do not fit."""
@@ -339,18 +336,20 @@ class Continuity:
     def _emit(self, accepted: AcceptedSamples, sequence: object, out: list, before_us: int | None = None) -> None:
         """Pass accepted readings on; sequence: None in text; before_us: unrolled time of the reading before, the last one without it."""
         lost = int(accepted.periods.sum()) - len(accepted.periods)
-        passed: AcceptedSamples | None = accepted
         if sequence is None:
             # Bytes lost from the middle of one line to the middle of another leave one line made of two.  It looks whole, and a gap
             # follows.  So the line before a gap does not count.
             if self._held is not None and lost:
                 self._held = None
                 lost += 1
-            passed = self._hold(accepted)
+            if self._held is not None:
+                accepted = AcceptedSamples(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
+            self._held = AcceptedSamples(*(array[-1:] for array in accepted.arrays))
+            accepted = AcceptedSamples(*(array[:-1] for array in accepted.arrays))
         if lost:
             out.append(Trouble("lost", lost, self._t_us if before_us is None and self._begun else before_us))
-        if passed is not None:
-            out.append(passed)
+        if len(accepted.t_us):
+            out.append(accepted)
 
     def _advance(self, sequence: int | None, stamp: int, t_us: int, periods: int, count: int) -> None:
         """Note the last of so many readings that count."""
@@ -360,12 +359,6 @@ class Continuity:
         if self._count >= self._next_period:
             self.period_us = (t_us - self._since) / self._count
             self._next_period = self._count + min(max(self._count, 16), 1024)
-
-    def _hold(self, accepted: AcceptedSamples) -> AcceptedSamples | None:
-        if self._held is not None:
-            accepted = AcceptedSamples(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
-        self._held = AcceptedSamples(*(array[-1:] for array in accepted.arrays))
-        return AcceptedSamples(*(array[:-1] for array in accepted.arrays)) if len(accepted.t_us) > 1 else None
 
     def _leave_out(self, count: int, out: list) -> None:
         if count:

@@ -73,11 +73,14 @@ class Window:
 
     def rest(self, still_s: float) -> None:
         """Shorten a reference still that has lasted for still_s to its last part."""
-        if still_s > 2 * LONGEST_REST_S and self._starts_ns:
-            last_ns = int(self._parts[-1].t_ns[-1])
-            if float(last_ns - self._parts[0].t_ns[0]) * NS > 2 * LONGEST_REST_S:
-                self._starts_ns = [last_ns - round(LONGEST_REST_S / NS)]
-                self._drop_before(self._starts_ns[0])
+        if still_s > 2 * LONGEST_REST_S and self._starts_ns and self.duration_s > 2 * LONGEST_REST_S:
+            self._starts_ns = [int(self._parts[-1].t_ns[-1]) - round(LONGEST_REST_S / NS)]
+            self._drop_before(self._starts_ns[0])
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the kept samples."""
+        return float(self._parts[-1].t_ns[-1] - self._parts[0].t_ns[0]) * NS if self._parts else 0.0
 
     def _drop_before(self, t_ns: int) -> None:
         samples = self._whole()

@@ -304,14 +304,11 @@ class RawFile:
         if self._discarded or self.saved is not None:
             return
         with self._lock:
-            gone = [path for file, path in self._files if is_gone(file, path)]
+            files = ((self._raw, self.path), (self._times, self.path.with_name(TIMES)))
+            gone = [path for file, path in files if is_gone(file, path)]
         self._missed = self._missed + 1 if gone else 0
         if gone and (self._missed > 1 or last):
             self._save(gone[0])
-
-    @property
-    def _files(self) -> tuple[tuple[int, Path], tuple[int, Path]]:
-        return (self._raw, self.path), (self._times, self.path.with_name(TIMES))
 
     def _save(self, gone: Path) -> None:
         """Continue in copies under another name."""
@@ -338,21 +335,11 @@ class RawFile:
         self.trouble = StorageError(f"{what}, and {why}")
 
 
-def read_marks(raw_path: Path) -> list[Mark]:
-    """The marks of a raw file, by offset; none without ``raw.times``.  Truncated lines are skipped."""
-    return sorted(_marks(raw_path), key=lambda mark: mark.offset)
+def read_marks(raw_path: Path) -> Iterator[Mark]:
+    """The marks of a raw file in the order of ``raw.times``, line by line: a day has millions.
 
-
-def read_events(raw_path: Path) -> list[Mark]:
-    """The marks that are events.  FormatError for more than ``MOST_EVENTS``."""
-    events = list(itertools.islice((mark for mark in _marks(raw_path) if mark.event), MOST_EVENTS + 1))
-    if len(events) > MOST_EVENTS:
-        raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
-    return sorted(events, key=lambda mark: mark.offset)
-
-
-def _marks(raw_path: Path) -> Iterator[Mark]:
-    """Read line by line: a day has millions.  A line that is too long ends the file."""
+    There are none without that file.  Truncated lines are skipped; a line that is too long ends the file.
+    """
     path = raw_path.with_suffix(".times")
     if not path.exists():
         return
@@ -361,6 +348,14 @@ def _marks(raw_path: Path) -> Iterator[Mark]:
             cells = line[:-1].decode(errors="replace").split(",", 2)
             if len(cells) == 3 and all(cell.isascii() and cell.isdigit() and len(cell) < 20 for cell in cells[:2]):
                 yield Mark(int(cells[0]), int(cells[1]), cells[2])
+
+
+def read_events(raw_path: Path) -> list[Mark]:
+    """The marks that are events.  FormatError for more than ``MOST_EVENTS``."""
+    events = list(itertools.islice((mark for mark in read_marks(raw_path) if mark.event), MOST_EVENTS + 1))
+    if len(events) > MOST_EVENTS:
+        raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
+    return sorted(events, key=lambda mark: mark.offset)
 
 
 # Decisions at the table, each an event in ``raw.times``, so that a replay repeats them at the same byte.

@@ -32,38 +32,30 @@ def toml_text(config: Config) -> str:
     chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
     chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
     chip |= {name: getattr(sensor, name) for name in OPTIONAL}
+    accelerometer, own = "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n", config.accelerometer
+    if own.source != "none":  # a section counts as a calibration
+        given: dict[str, Value | None] = {"matrix": own.matrix.tolist(), "bias_mps2": own.bias_mps2.tolist()}
+        accelerometer = "[accelerometer]\n" + _lines(given | {"sigma_mg": own.sigma_mg, "own_stills": own.own_stills})
     table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
     stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
     table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
+    mounting = config.truth.mounting.tolist() if config.truth.mounting is not None else None
+    truth = _lines({name: getattr(config.truth, name) for name in ("offset_s", "frame", "sense", "order")} | {"mounting": mounting})
+    truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
 {line("schema", SCHEMA)}
 [sensor]
 {_lines(chip)}
-{_accelerometer_text(config.accelerometer)}
+{accelerometer}
 [site]
 {_lines(here) or NO_SITE}
 [protocol]
-{_lines(table)}{_truth_text(config.truth)}{notes}{exclude_text(config.exclude)}"""
+{_lines(table)}{truth}{notes}{exclude_text(config.exclude)}"""
 
 
 def _lines(table: Mapping[str, Value | None]) -> str:
     return "".join(line(name, value) for name, value in table.items() if value is not None)
-
-
-def _accelerometer_text(accelerometer: Accelerometer) -> str:
-    """Its section; a comment for an uncalibrated one, since a section counts as a calibration."""
-    if accelerometer.source == "none":
-        return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
-    table: dict[str, Value | None] = {"matrix": accelerometer.matrix.tolist(), "bias_mps2": accelerometer.bias_mps2.tolist()}
-    return "[accelerometer]\n" + _lines(table | {"sigma_mg": accelerometer.sigma_mg, "own_stills": accelerometer.own_stills})
-
-
-def _truth_text(truth: TruthGiven) -> str:
-    """Its section; nothing where the recording determines how the file is read."""
-    mounting = truth.mounting.tolist() if truth.mounting is not None else None
-    given = _lines({"offset_s": truth.offset_s, "frame": truth.frame, "sense": truth.sense, "order": truth.order, "mounting": mounting})
-    return f"\n[truth]\n{given}" if given else ""
 
 
 NAME = "session.toml"

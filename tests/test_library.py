@@ -1,6 +1,8 @@
 """What a notebook calls: sessions of arrays, fit, explain, simulate, load; the same answers as from files and commands."""
 
+import doctest
 import json
+import pydoc
 import re
 import runpy
 import sys
@@ -159,11 +161,37 @@ def test_the_package_loads_nothing_heavy_before_it_is_asked():
 
 
 def test_all_names_are_there_and_no_other():
-    for name in tinygc.__all__:
+    assert {"Session", "fit", "fit_temperature", "ThermalFit", "CalibrationError"} <= set(dir(tinygc))
+    for name in dir(tinygc):
         assert getattr(tinygc, name) is not None
-    assert set(tinygc.__all__) <= set(dir(tinygc))
+    assert pydoc.render_doc(tinygc).count("\n") < 150  # three screens
     with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
         tinygc.fitt  # noqa: B018
+
+
+@pytest.mark.parametrize("name", ["check", "explain", "fit", "simulate"])
+def test_examples_of_docstrings_run(name):
+    (example,) = doctest.DocTestFinder(recurse=False).find(getattr(tinygc, name), name, module=False, globs={})
+    assert example.examples
+    assert doctest.DocTestRunner().run(example).failed == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda: tinygc.fit("x", method=("raw",)), "fit: no option 'method'; did you mean methods?"),
+        (lambda: tinygc.explain("x", seeds=1), "explain: no option 'seeds'; did you mean seed?"),
+        (lambda: tinygc.simulate(xyz=8), "simulate: no option 'xyz'; expected some of options, effects, segments"),
+        (lambda: tinygc.simulate(tinygc.FitOptions()), "options is of type FitOptions, expected tinygc.SimulationOptions"),
+        (lambda: tinygc.fit([1, 2]), "session is of type list, expected a tinygc.Session or the path of its folder"),
+        (lambda: tinygc.check(3), "session is of type int"),
+        (lambda: tinygc.fit("x", progress=3), "progress is 3, expected a function"),
+        (lambda: tinygc.fit(), "fit: missing a required argument: 'session'"),
+    ],
+)
+def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
+    with pytest.raises(CalibrationError, match=re.escape(complaint)):
+        call()
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from session.io.errors import CalibrationError
 from session.io.folder import Session
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.library.sessions import as_html, as_text
+from tinygc.library.sessions import Progress, as_html, as_text, nothing, public, session_or_folder
 from tinygc.reporting.explanation_text import ExplanationReport
 from tinygc.reporting.pictures.canvas import save as save_figure
 from tinygc.reporting.truth_text import TruthReport
@@ -32,24 +32,28 @@ ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {
     "truth": (explain_truth, TruthReport),
 }
 
-#: told what is being done, and how many steps of how many are done
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True, eq=False)
 class FoundEffect:
-    """An effect that is claimed, or a finding without a name: its id and equation; parameters and their std by JSON name, in the units of
-    that name; p_value, or None where none is known; probability: of the name, after all that was weighed; rivals: probability of what was
-    weighed in its place, by id; equivalent: ids of what could stand in for it; says: one sentence."""
+    """An effect that is claimed, or a finding without a name."""
 
+    #: of the catalogue, such as ``gyro.g_sensitivity``
     id: str
+    #: what it adds, as one line
     equation: str
+    #: value by JSON name, in the unit of that name
     parameters: dict[str, Any]
+    #: one standard deviation by JSON name, in the same unit
     std: dict[str, Any]
+    #: of a session without it; None where none is known
     p_value: float | None
+    #: of the name, after all candidates were compared
     probability: float
+    #: probability of each candidate that was compared in its place, by id
     rivals: dict[str, float]
+    #: ids that this recording cannot tell from it
     equivalent: tuple[str, ...]
+    #: one sentence
     says: str
 
     def __repr__(self) -> str:
@@ -158,6 +162,7 @@ class Why:
         return saved
 
 
+@public()
 def explain(
     session: Session | Path | str,
     *,
@@ -165,15 +170,45 @@ def explain(
     use_earth: bool = True,
     lot: Any = None,
     discover: bool = False,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress | None = None,
 ) -> Why:
-    """Explain the mismatch of a session, or of a session folder: against its stills' gravity or dials, or against its truth file.
+    """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
 
-    seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; lot, or its file: whose
-    effects the unit may have; discover: search for the equation that no catalogue has (docs/discover.md); progress is told what is being
-    done.  Raises CalibrationError, in one line, for what cannot be read, and for a boring cause that must be mended first.
+    Parameters
+    ----------
+    session : Session, str or Path
+        The recording, or its folder.
+    seed : int, optional
+        Of the critical values, which are drawn.
+    use_earth : bool, optional
+        Whether the Earth's rotation is subtracted.
+    lot : Lot, str or Path, optional
+        A production lot, or its file: the effects that the unit may have.
+    discover : bool, optional
+        Search for an equation that the catalogue does not have (docs/discover.md).
+    progress : callable, optional
+        Called with what is being done, the steps that are done, and all steps.
+
+    Returns
+    -------
+    Why
+        ``verdict``, ``effects``, ``findings``, ``noise``; ``summary()``, ``plot()`` and ``save()``.
+
+    Raises
+    ------
+    CalibrationError
+        In one line, for what cannot be read, and for an error in the data that must be repaired first.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session)
+    >>> why.verdict
+    'no_mismatch'
+
     """
-    where = session if isinstance(session, Session) else Path(session)
+    progress = progress or nothing
+    where = session_or_folder(session)
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
         if discover:

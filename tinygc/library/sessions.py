@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from functools import cached_property, wraps
+from inspect import signature
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -63,19 +66,98 @@ def as_html(page: RenderableType) -> str:
     return console.export_html(inline_styles=True, code_format=_HTML)
 
 
+# What a person may pass.
+
+#: called with what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+P = ParamSpec("P")
+R = TypeVar("R")
+Options = TypeVar("Options", FitOptions, SimulationOptions)
+
+
+def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A function whose wrong keyword is a CalibrationError that names the right one; options: whose fields are keywords as well."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        parameters = [each.name for each in signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
+        known = [*parameters, *([] if options is None else (each.name for each in fields(options)))]
+
+        @wraps(function)
+        def call(*args: P.args, **keywords: P.kwargs) -> R:
+            for name in keywords:
+                if name not in known:
+                    near = get_close_matches(name, known, 1, 0.5)
+                    hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
+                    raise CalibrationError(f"{function.__name__}: no option {name!r}; {hint}")
+            if keywords.get("progress") is not None and not callable(keywords["progress"]):
+                raise CalibrationError(f"progress is {keywords['progress']!r}, expected a function of three arguments: what, done, of")
+            try:
+                signature(function).bind(*args, **keywords)
+            except TypeError as error:
+                raise CalibrationError(f"{function.__name__}: {error}; it takes {', '.join(parameters)}") from None
+            return function(*args, **keywords)
+
+        return call
+
+    return decorate
+
+
+def session_or_folder(session: Any) -> Session | Path:
+    """A session, or the folder of one; CalibrationError for anything else."""
+    if isinstance(session, Session):
+        return session
+    if isinstance(session, str | PathLike):
+        return Path(session)
+    raise CalibrationError(f"session is of type {type(session).__name__}, expected a tinygc.Session or the path of its folder")
+
+
+def nothing(what: str, done: int, of: int) -> None:
+    """Progress that nobody follows."""
+
+
+def chosen(kind: type[Options], options: Options | None, choices: dict[str, Any]) -> Options:
+    """Options of a kind with single ones replaced; CalibrationError where they are of another kind."""
+    if options is not None and not isinstance(options, kind):
+        raise CalibrationError(f"options is of type {type(options).__name__}, expected tinygc.{kind.__name__}")
+    return replace(kind() if options is None else options, **choices)
+
+
 # ``tinygc.check``: the first look at a session, or at a folder that may not even be readable as one.
 
 
+@public()
 def check(session: Any) -> list[Finding]:
-    """All findings, in the order in which they are looked for: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.
+    """Check a recording before a fit: rates, scales, stills, turns, gaps, the accelerometer.
 
-    Of a folder, a log that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
+    Parameters
+    ----------
+    session : Session, ArraySession, str or Path
+        The recording, or its folder.
+
+    Returns
+    -------
+    list of Finding
+        In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.  Of a folder, a log
+        that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
+
+    Raises
+    ------
+    CalibrationError
+        Where ``session`` is no recording.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> findings = tinygc.check(tinygc.simulate(segments=12, odr_hz=104.0, seed=1).session)
+    >>> any(finding.level == "error" for finding in findings)
+    False
+
     """
     if isinstance(session, Session):
         found = SessionStills(session)
         findings = check_session(session, found)
         return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)
-    if isinstance(session, str | Path):
+    if isinstance(session, str | PathLike):
         folder = Path(session)
         if not is_array(folder):
             return check_folder(folder, first_look_at_gravity_sign)
@@ -84,22 +166,25 @@ def check(session: Any) -> list[Finding]:
             session = read_array(folder)
         except CalibrationError as error:
             return [Finding("error", folder.name, "reading", str(error))]
+    elif not hasattr(session, "units"):
+        session_or_folder(session)
     return need("checks of arrays").check_array(session, first_look_at_gravity_sign)
 
 
 # ``tinygc.fit``: the main job, from a session to calibrations and how well they close.
 
-#: told what is being done, and how many steps of how many are done
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True)
 class Estimate:
-    """One fitted number: its name, value and one sigma, in ``unit`` (SI; ``1`` where it has none)."""
+    """One fitted number."""
 
+    #: ``E_xy``, ``B_x``, ``bias_x``, …
     name: str
+    #: in ``unit``
     value: float
+    #: one standard deviation, in ``unit``
     sigma: float
+    #: SI; ``1`` where it has none
     unit: str
 
     def __repr__(self) -> str:
@@ -108,8 +193,9 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """What ``tinygc.fit`` gives; ``result`` holds everything that was found, in SI."""
+    """What ``tinygc.fit`` returns: parameters with their sigmas, closure of each method, models."""
 
+    #: everything that was found, in SI
     result: FitResult
 
     def __repr__(self) -> str:
@@ -206,25 +292,77 @@ class Fit:
         return save_models(self.result, None if folder is None else Path(folder))
 
 
-def fit(
-    session: Session | Path | str,
-    options: FitOptions | None = None,
-    *,
-    progress: Progress = lambda what, done, of: None,
-    **choices: Any,
-) -> Fit:
-    """Fit the calibration of a session, or of a session folder, by all methods that are asked for.
+@public(FitOptions)
+def fit(session: Session | Path | str, options: FitOptions | None = None, *, progress: Progress | None = None, **choices: Any) -> Fit:
+    """Fit the calibration ``omega = E m + B`` of a session, and the other methods that are chosen.
 
-    options, or single ones of them by name (``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``): see
-    ``FitOptions``; progress is told what is being done.  Raises CalibrationError, in one line, for what cannot be read or fitted.
+    Parameters
+    ----------
+    session : Session, str or Path
+        The recording, or its folder.  Rates are in rad/s, specific force in m/s^2, both (N, 3) in body axes forward, right, down.
+    options : FitOptions, optional
+        What decides the fit's numbers.
+    progress : callable, optional
+        Called with what is being done, the steps that are done, and all steps.
+    **choices
+        Single fields of ``FitOptions``: ``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``.
+
+    Returns
+    -------
+    Fit
+        ``parameters`` (E without unit, B in rad/s), ``covariance`` (12, 12), ``closure`` in degrees, ``models``.
+
+    Raises
+    ------
+    CalibrationError
+        In one line, for what cannot be read or fitted, and for a wrong option.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> simulated = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1)
+    >>> result = tinygc.fit(simulated.session, methods=("least_squares",))
+    >>> result.parameters["B_x"].unit
+    'rad/s'
+    >>> abs(result.parameters["E_xx"].value - simulated.truth["E"][0][0]) < 5 * result.parameters["E_xx"].sigma
+    True
+
     """
-    where = session if isinstance(session, Session) else Path(session)
-    options = replace(options or FitOptions(), **choices)
+    where, options = session_or_folder(session), chosen(FitOptions, options, choices)
     if options.physics is None:
-        return Fit(fit_session(where, options, progress))
+        return Fit(fit_session(where, options, progress or nothing))
     from tinygc.explanation.physics import physics_methods
 
-    return Fit(fit_session(where, options, progress, physics=physics_methods))
+    return Fit(fit_session(where, options, progress or nothing, physics=physics_methods))
+
+
+@public()
+def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> Any:
+    """Fit a calibration over temperature: of rest logs, and of every session with turns, of one sensor.
+
+    Parameters
+    ----------
+    folders : str, Path or sequence of them
+        Folders of one sensor.
+    most_order : int, optional
+        Highest order of the polynomials over temperature, 0 to 5.
+    progress : callable, optional
+        Called with what is being done, the steps that are done, and all steps.
+
+    Returns
+    -------
+    ThermalFit
+        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
+        identity.
+
+    Raises
+    ------
+    CalibrationError
+        In one line, for what cannot be read or fitted, and where the annex temperature was removed.
+
+    """
+    annex = need("calibrations over temperature")
+    return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
 
 
 # ``tinygc.simulate``: a session that the rest of the tool cannot tell from a recorded one, with its truth.
@@ -232,10 +370,13 @@ def fit(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulated:
-    """session: what a recorder would have kept; truth: ``tinygc-truth/1`` (docs/formats.md); simulation: all of it, registers too."""
+    """What ``tinygc.simulate`` returns: a session with its truth."""
 
+    #: what a recorder would have kept
     session: Session
+    #: ``tinygc-truth/1`` (docs/formats.md)
     truth: dict
+    #: options, movement, unit and registers
     simulation: Simulation
 
     def __repr__(self) -> str:
@@ -247,19 +388,46 @@ class Simulated:
         return write_simulation(self.simulation, Path(folder), force, self.truth["effects"])
 
 
+@public(SimulationOptions)
 def simulate(
     options: SimulationOptions | None = None, *, effects: Mapping[str, Mapping[str, Any]] | None = None, **choices: Any
 ) -> Simulated:
     """Simulate a session; the same arguments give the same registers.
 
-    options, or single ones of them by name (``segments=12``, ``odr_hz=416.0``, ``seed=3``): see ``SimulationOptions``.  effects: what the
-    gyroscope hides, id -> parameters by their JSON names and units (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…]]}}``).  Raises
-    CalibrationError for options that cannot be, and for an effect that does not add to the rate.
+    Parameters
+    ----------
+    options : SimulationOptions, optional
+        Sensor, unit, bench and movement.
+    effects : mapping, optional
+        What the gyroscope hides: id -> parameters by their JSON names and units
+        (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…], […], […]]}}``).
+    **choices
+        Single fields of ``SimulationOptions``: ``segments=12``, ``odr_hz=416.0``, ``seed=3``.
+
+    Returns
+    -------
+    Simulated
+        ``session`` and ``truth``; ``save(folder)`` writes both.
+
+    Raises
+    ------
+    CalibrationError
+        For options that cannot be, and for an effect that does not add to the rate.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> simulated = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1)
+    >>> simulated
+    <Simulated 12 turns, seed 1; hides nothing>
+    >>> simulated.session.logs[0].samples.gyro.shape[1]
+    3
+
     """
-    chosen = replace(options or SimulationOptions(), **choices)
+    settings = chosen(SimulationOptions, options, choices)
     hidden = {name: dict(parameters) for name, parameters in (effects or {}).items()}
-    plan = plan_of(chosen)
-    simulation = simulate_session(chosen, _distort(hidden, chosen, plan.log_s), plan=plan)
+    plan = plan_of(settings)
+    simulation = simulate_session(settings, _distort(hidden, settings, plan.log_s), plan=plan)
     return Simulated(_session(simulation), truth_table(simulation, hidden), simulation)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
 
 from session.detect.segments import Segment
 from session.detect.stills import Still
@@ -229,12 +228,14 @@ class Unseen:
 
     def assessed(self, without: Hypothesis, law: Hypothesis, held: np.ndarray, recording: str | None = None) -> HeldOut | None:
         """How the law predicts the used segments ``held`` (indices); None where there are none."""
+        from scipy.stats import wilcoxon
+
         if not len(held):
             return None
         sigma = self.sigma(law.noise)
         before, after = (self.whole.residuals(each.fit.state) for each in (without, law))
         gains = self._squares(before.stacked() / sigma)[held] - self._squares(after.stacked() / sigma)[held]
-        p_value = float(stats.wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+        p_value = float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
         white = self.whole.problem.floor.white[held]
         floor = float(np.sqrt(np.mean(white[:, 0, 0] + white[:, 1, 1])))
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]

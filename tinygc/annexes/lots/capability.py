@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import signal, stats
+from scipy.special import bdtrc, gammaincinv, ndtr, ndtri, pdtrc, stdtr
 
 from session.io.errors import FormatError
 from session.io.results import shown
@@ -80,7 +80,7 @@ def _number(value: Any, where: str) -> float:
 
 CONFIDENCE = 0.95
 #: of a unit at its limit that is accepted by a reading within the guarded limits: ISO 14253-1's one-sided 95 %
-GUARD_SIGMAS = float(stats.norm.ppf(0.95))
+GUARD_SIGMAS = float(ndtri(0.95))
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ def indices(lower: float, upper: float, mean: float, sigma: float, freedom: floa
     index = (upper - lower) / (6 * sigma) if both else float("nan")
     centred = min(upper - mean, mean - lower) / (3 * sigma)
     freedom = max(freedom, 1.0)
-    ends = np.sqrt(stats.chi2.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], freedom) / freedom)
-    half = stats.norm.ppf((1 + CONFIDENCE) / 2) * np.sqrt(1 / (9 * units) + centred**2 / (2 * freedom))
+    ends = np.sqrt(2 * gammaincinv(freedom / 2, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]) / freedom)
+    half = ndtri((1 + CONFIDENCE) / 2) * np.sqrt(1 / (9 * units) + centred**2 / (2 * freedom))
     of_index = (float(index * ends[0]), float(index * ends[1])) if both else nan
     return Indices(float(index), of_index, float(centred), (float(centred - half), float(centred + half)))
 
@@ -143,8 +143,8 @@ def outside_ppm(lower: float, upper: float, mean: float, sigma: float, tails: fl
     if not sigma > 0:
         return 1e6 * float(not lower <= mean <= upper)
     scale = sigma * np.sqrt((tails - 2) / tails) if np.isfinite(tails) else sigma
-    of = stats.t(tails) if np.isfinite(tails) else stats.norm()
-    return float(1e6 * (of.cdf((lower - mean) / scale) + of.sf((upper - mean) / scale)))
+    below, above = (lower - mean) / scale, (mean - upper) / scale
+    return float(1e6 * (stdtr(tails, below) + stdtr(tails, above) if np.isfinite(tails) else ndtr(below) + ndtr(above)))
 
 
 def risks(lower: float, upper: float, mean: float, sigma: float, noise: float, guard: float = 0.0) -> tuple[float, float]:
@@ -155,8 +155,8 @@ def risks(lower: float, upper: float, mean: float, sigma: float, noise: float, g
     edges = [edge + noise * np.linspace(-7, 7, 801) for edge in (lower, upper) if np.isfinite(edge)]
     x = np.unique(np.concatenate([mean + sigma * np.linspace(-9, 9, 2001), *edges]))
     middle, width = (x[1:] + x[:-1]) / 2, np.diff(x)
-    density = stats.norm.pdf(middle, mean, sigma) * width
-    accepted = stats.norm.cdf((upper - guard - middle) / noise) - stats.norm.cdf((lower + guard - middle) / noise)
+    density = np.exp(-(((middle - mean) / sigma) ** 2) / 2) / np.sqrt(2 * np.pi) / sigma * width
+    accepted = ndtr((upper - guard - middle) / noise) - ndtr((lower + guard - middle) / noise)
     accepted = np.clip(accepted, 0, 1)
     inside = (middle >= lower) & (middle <= upper)
     return float(1e6 * np.sum(density[~inside] * accepted[~inside])), float(1e6 * np.sum(density[inside] * (1 - accepted[inside])))
@@ -225,9 +225,9 @@ MEDIAN_FREEDOM, MEAN_FREEDOM = 0.31, 0.63
 WILD = 3.0
 #: chance of each rule at a point in control, of independent normal points
 RULES = {
-    "beyond 3 sigma": float(2 * stats.norm.sf(3)),
-    "2 of 3 beyond 2 sigma": float(2 * stats.binom.sf(1, 3, stats.norm.sf(2))),
-    "4 of 5 beyond 1 sigma": float(2 * stats.binom.sf(3, 5, stats.norm.sf(1))),
+    "beyond 3 sigma": float(2 * ndtr(-3)),
+    "2 of 3 beyond 2 sigma": float(2 * bdtrc(1, 3, ndtr(-2))),
+    "4 of 5 beyond 1 sigma": float(2 * bdtrc(3, 5, ndtr(-1))),
     "9 on one side": 2 * 0.5**9,
 }
 #: a count above what chance gives this seldom is said, over all rules and charts
@@ -274,20 +274,21 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     centre = float(np.median(y)) if n > 20 else float(np.mean(y))
     moving = np.concatenate([[np.nan], np.abs(np.diff(y))])
     # The mean moving range is not robust: a wild point enters it twice.  The median of normal ranges is 0.954 sigma.
-    whole = float(np.nanmedian(moving)) / (np.sqrt(2) * stats.norm.ppf(0.75)) if n > 20 else float(np.nanmean(moving)) / D2
+    whole = float(np.nanmedian(moving)) / (np.sqrt(2) * ndtri(0.75)) if n > 20 else float(np.nanmean(moving)) / D2
     short = float(np.sqrt(max(whole**2 - np.mean(noise**2), 0.0)))
     sigma = np.sqrt(short**2 + noise**2)
     # Sigma itself is known from so many degrees of freedom, which tails have to count as well.
     known = (MEDIAN_FREEDOM if n > 20 else MEAN_FREEDOM) * (n - 1)
     score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
-    limit = float(stats.norm.isf(FAMILY_P / 2 / (n * charts) / 2))
+    limit = float(-ndtri(FAMILY_P / 2 / (n * charts) / 2))
     ewma, ewma_limit = _ewma(score, charts)
     counts = {name: int(hits.sum()) for name, hits in _rung(score).items()}
     chance = {name: rate * n for name, rate in RULES.items()}
     seldom = COUNT_P / (len(RULES) * charts)
     # Hits of a rule come in runs: a run of up to so many counts as one draw of chance.
     runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
-    broken = tuple(name for name in RULES if stats.poisson.sf((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
+    rung = [name for name in RULES if counts[name]]
+    broken = tuple(name for name in rung if pdtrc((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
     return ControlChart(
         np.arange(n) if place is None else place,
         y,
@@ -311,17 +312,19 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
 def _scores(z: np.ndarray, freedom: float, tails: float) -> np.ndarray:
     """Normal scores of Student's t; tails: of the lot, by whose variance z was scaled."""
     t = np.abs(z) * (np.sqrt(tails / (tails - 2)) if np.isfinite(tails) else 1.0)
-    return np.sign(z) * stats.norm.isf(np.maximum(stats.t.sf(t, freedom), 1e-300))
+    return np.sign(z) * -ndtri(np.maximum(stdtr(freedom, -t), 1e-300))
 
 
 def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
     """In sigmas of its own at each point, and the limit over all points of all charts."""
+    from scipy.signal import lfilter
+
     w = EWMA_WEIGHT
     # One wild point is no drift: it has a rule of its own, and counts here as what is still of this process.
-    found = signal.lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
+    found = lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
     own = np.sqrt(w / (2 - w) * (1 - (1 - w) ** (2 * np.arange(1, len(score) + 1))))
     independent = max(len(score) * w * EWMA_POINTS, 1.0) * charts
-    return found / own, float(stats.norm.isf(FAMILY_P / 2 / independent / 2))
+    return found / own, float(-ndtri(FAMILY_P / 2 / independent / 2))
 
 
 def _rung(score: np.ndarray) -> dict[str, np.ndarray]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 from session.bench.messages import AcceptedTurn
 from session.io.errors import CalibrationError
@@ -140,7 +139,9 @@ def _known(values: Mapping[str, float], names: tuple[str, ...]) -> np.ndarray:
 
 
 def _log_normal(x: np.ndarray, covariance: np.ndarray) -> float:
-    return float(stats.multivariate_normal.logpdf(x, np.zeros(len(x)), covariance, allow_singular=True))
+    from scipy.stats import multivariate_normal
+
+    return float(multivariate_normal.logpdf(x, np.zeros(len(x)), covariance, allow_singular=True))
 
 
 def _beside_the_fit(closure: np.ndarray, columns: np.ndarray) -> np.ndarray:

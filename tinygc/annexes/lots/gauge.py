@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy.special import fdtrc
 
 # The crossed study of measurement-system analysis by analysis of variance: every appraiser measures every part as often.
 #
@@ -57,7 +57,7 @@ def anova(y: np.ndarray, pool_p: float = POOL_P) -> Anova:
     f = p = NAN
     if freedom[2] > 0 and freedom[3] > 0 and squares[3] > 0:
         f = float(squares[2] / freedom[2] / (squares[3] / freedom[3]))
-        p = float(stats.f.sf(f, freedom[2], freedom[3]))
+        p = float(fdtrc(freedom[2], freedom[3], f))
     pooled = bool(freedom[2] == 0 or trials == 1 or p > pool_p)
     return Anova(squares, freedom, f, p, pooled, parts, appraisers, trials)
 
@@ -162,6 +162,8 @@ def minus_twice_log_likelihood(variances: np.ndarray, cells: Cells) -> float:
 
 def variances(cells: Cells) -> tuple[np.ndarray, np.ndarray]:
     """(4,): of parts, appraisers, interaction and repeats, and (4, 4) the covariance of their logarithms; NaN for what is not told."""
+    from scipy.optimize import minimize
+
     can = told(cells)
     scale = max(float(np.var(cells.mean)), cells.inside / max(cells.freedom, 1), 1e-300)
     few = Cells(cells.mean / np.sqrt(scale), cells.count, cells.part, cells.appraiser, cells.inside / scale, cells.freedom)
@@ -175,7 +177,7 @@ def variances(cells: Cells) -> tuple[np.ndarray, np.ndarray]:
     starts = [np.log(np.array([1.0, 0.1, 0.05, 0.1]))[can], np.log(np.array([0.3, 0.3, 0.01, 0.5]))[can]]
     bounds = [(np.log(_LEAST), 10.0)] * int(can.sum())
     options = {"ftol": 1e-11, "gtol": 1e-6}
-    best = min((optimize.minimize(cost, start, method="L-BFGS-B", bounds=bounds, options=options) for start in starts), key=lambda o: o.fun)
+    best = min((minimize(cost, start, method="L-BFGS-B", bounds=bounds, options=options) for start in starts), key=lambda o: o.fun)
     found, covariance = np.full(4, np.nan), np.full((4, 4), np.nan)
     found[can] = np.where(np.exp(best.x) > 10 * _LEAST, np.exp(best.x), 0.0) * scale
     inner = found[can] > 0

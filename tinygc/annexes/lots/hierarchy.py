@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import optimize, stats
-from scipy.special import gammaln, logsumexp
+from scipy.special import chdtrc, gammaln, logsumexp, stdtr
 
 from session.io.numeric import MEDIAN_SIGMAS
 from tinygc.annexes.lots.sessions import COUNT, LotSessions, UnitChunk
@@ -158,7 +157,7 @@ def _repeats(sums: Sums, chunk: UnitChunk, of: Combined, W: np.ndarray, pulled: 
     told = (np.einsum("sii->si", chunk.noise[of.several]) < 1e7).sum(axis=1)
     total = np.linalg.inv(np.linalg.inv(of.precision) + doubt[unit])
     far = np.einsum("si,sij,sj->s", d, total, d)
-    keep = member[unit] * (stats.chi2.sf(far, told) > BAD_SESSION_P)
+    keep = member[unit] * (chdtrc(told, far) > BAD_SESSION_P)
     sums.repeated += (left * keep[:, None]).T @ left + (keep @ moved.reshape(len(moved), -1)).reshape(COUNT, COUNT)
     sums.repeats += keep.sum()
     variance = np.einsum("sii->si", chunk.noise[of.several]) + np.diag(V)
@@ -333,15 +332,16 @@ def _sound(matrix: np.ndarray, freedom: float, told: int, known: np.ndarray) -> 
 
 def _tails(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
     """Degrees of freedom by likelihood; infinity where a normal distribution explains the distances as well."""
+    from scipy.optimize import minimize_scalar
 
     def cost(inverse: float) -> float:
         # The determinant belongs to the scale, which is fitted beside: the covariance is held, not the scale.
         tails = 1 / inverse if inverse > 0 else np.inf
         return -float(member @ log_density(delta, told, tails))
 
-    found = optimize.minimize_scalar(cost, bounds=(1e-4, 1 / LEAST_TAILS), method="bounded")
+    found = minimize_scalar(cost, bounds=(1e-4, 1 / LEAST_TAILS), method="bounded")
     gain = 2 * (cost(0.0) - found.fun)
-    return float(1 / found.x) if stats.chi2.sf(max(gain, 0.0), 1) / 2 < TAILS_P else np.inf
+    return float(1 / found.x) if chdtrc(1, max(gain, 0.0)) / 2 < TAILS_P else np.inf
 
 
 def _moved(lot: LotSessions, before: Belief, after: Belief, sums: Sums, step: np.ndarray, rate: np.ndarray) -> float:
@@ -365,7 +365,7 @@ def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
     drift, drift_covariance = np.where(hidden, np.nan, belief.beta[1]), _hidden(K[1, :, 1], hidden)
     z = np.abs(drift[lot.known]) / np.sqrt(np.diag(drift_covariance)[lot.known])
     freedom = max(lot.units - 2, 1)
-    drift_p = float(min(1.0, numbers * 2 * stats.t.sf(z.max(), freedom))) if len(z) and lot.units > 2 else 1.0
+    drift_p = float(min(1.0, numbers * 2 * stdtr(freedom, -z.max()))) if len(z) and lot.units > 2 else 1.0
     drifts = bool(drift_p < DRIFT_P)
     if drifts:
         end = 0.5 + 1 / max(lot.units - 1, 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, fdtrc, stdtr
 
 from session.io.numeric import sigma_of
 from tinygc.annexes.lots.hierarchy import Hierarchy, combined
@@ -66,7 +66,7 @@ def _closures(lot: LotSessions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # A closure of some dozen segments is never known better than to some percent.
         spread = max(float(sigma_of(logs[fine] - middle)), 0.05)
         sigmas[fine] = (logs[fine] - middle) / spread
-        p[fine] = stats.t.sf(sigmas[fine], fine.sum() - 1)
+        p[fine] = stdtr(fine.sum() - 1, -sigmas[fine])
         p[ratio <= 1] = 1.0  # at its floor, however low the others are
     return ratio, sigmas, p
 
@@ -86,7 +86,7 @@ def _bad_sessions(lot: LotSessions, found: Hierarchy, closures: tuple) -> tuple[
         d = chunk.y - of.y[number]
         far = np.einsum("si,sij,sj->s", d, np.linalg.inv(own), d)
         freedom = np.maximum(told.sum(axis=1), 1)
-        p = stats.chi2.sf(far, freedom)
+        p = chdtrc(freedom, far)
         for s in np.flatnonzero(p * per_unit < FAMILY_P):
             u = part[number[s]]
             mine = np.flatnonzero(number == number[s])
@@ -122,12 +122,12 @@ def _odd_units(lot: LotSessions, found: Hierarchy, closures: tuple, excused: set
         q = np.maximum(told.sum(axis=1), 1)
         units = max(lot.units - 1, 2)
         freed = np.minimum(tails, np.maximum(units - q, 1))
-        p_all = stats.f.sf(delta / q, q, freed) if with_combinations else np.ones(len(part))
+        p_all = fdtrc(q, freed, delta / q) if with_combinations else np.ones(len(part))
         both = told[:, :, None] & told[:, None, :]
         moved = np.where(told, r, 0.0) @ (J * S).T
         variance = np.einsum("ni,uij,nj->un", J * S, np.where(both, whole, 0.0), J * S, optimize=True)
         z = np.where(told[:, OWN], moved / np.sqrt(np.maximum(variance, 1e-300)), 0.0)
-        p_each = 2 * stats.t.sf(np.abs(z), own_tails)
+        p_each = 2 * stdtr(own_tails, -np.abs(z))
         p = tests * np.minimum(p_all, q * np.where(told[:, OWN], p_each, 1.0).min(axis=1))
         rows = lot.first[part]
         closed = np.minimum.reduceat(closures[2][np.repeat(rows - chunk.first, chunk.count) + np.arange(len(chunk.y))], chunk.first)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, fdtrc
 
 from session.io.errors import CalibrationError
 from tinygc.annexes.lots.lot import Lot
@@ -95,7 +95,7 @@ def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: 
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
         return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
-    p_value = float(stats.chi2.sf(square, freedom) if not np.isfinite(tails) else stats.f.sf(square / freedom, freedom, tails))
+    p_value = float(chdtrc(freedom, square) if not np.isfinite(tails) else fdtrc(freedom, tails, square / freedom))
     log_in = _log_in(square, freedom, tails)
     # Off the lot: one number, or all, each by a normal so many times as wide.
     shift = project.T @ to
@@ -117,7 +117,9 @@ def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: 
 def _log_in(square: float, freedom: int, tails: float) -> float:
     if not np.isfinite(tails):
         return -square / 2
-    found = stats.multivariate_t.logpdf(np.append(np.sqrt(square), np.zeros(freedom - 1)), np.zeros(freedom), np.eye(freedom), tails)
+    from scipy.stats import multivariate_t
+
+    found = multivariate_t.logpdf(np.append(np.sqrt(square), np.zeros(freedom - 1)), np.zeros(freedom), np.eye(freedom), tails)
     return float(found) + freedom / 2 * np.log(2 * np.pi)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv, stdtr
 
 from tinygc.annexes.lots.capability import Capability, ControlChart, capability, chart
 from tinygc.annexes.lots.gauge import Gauge, gauge
@@ -136,7 +136,7 @@ def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: Session
     of_mean, spread, again, of_drift = map(sigma, (found.mean_covariance, found.spread, found.repeatability, found.drift_covariance))
     drift = J @ np.nan_to_num(found.drift)
     per = PER_UNITS / max(lot.units - 1, 1)
-    p = 2 * stats.t.sf(np.abs(drift) / of_drift, max(lot.units - 2, 1))
+    p = 2 * stdtr(max(lot.units - 2, 1), -np.abs(drift) / of_drift)
     ratio, ratio_p = stated(read)
     units = np.logical_or.reduceat(np.isfinite(read.values), read.first).sum(axis=0)
     squares = np.where(np.isfinite(read.sigmas), read.sigmas**2, 0.0).sum(axis=0) / np.maximum(np.isfinite(read.sigmas).sum(axis=0), 1)
@@ -167,7 +167,7 @@ def _interval(sigma: float, freedom: float) -> tuple[float, float]:
         return (float("nan"), float("nan"))
     if freedom < 1:  # not told from none
         return (0.0, float("nan"))
-    lo, hi = stats.chi2.ppf([(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2], freedom)
+    lo, hi = 2 * gammaincinv(freedom / 2, [(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
     return (float(sigma * np.sqrt(freedom / lo)), float(sigma * np.sqrt(freedom / hi)))
 
 

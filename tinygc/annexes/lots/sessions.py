@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
@@ -222,4 +222,4 @@ def stated(found: SessionErrors) -> tuple[np.ndarray, np.ndarray]:
     freedom = np.maximum(told - 1, 0).sum(axis=0)
     some = freedom > 0
     ratio = np.where(some, np.sqrt(chi_square / np.maximum(freedom, 1)), np.nan)
-    return ratio, np.where(some, stats.chi2.sf(chi_square, np.maximum(freedom, 1)), np.nan)
+    return ratio, np.where(some, chdtrc(np.maximum(freedom, 1), chi_square), np.nan)

@@ -24,7 +24,7 @@ from tinygc.annexes.challenge.recording import (
     FAULTS,
     MULTIPLES,
     STRONG,
-    Trial,
+    InjectionTrial,
     draw_trials,
     inject,
     rate_changes,
@@ -63,7 +63,7 @@ def in_si(recording, tmp_path_factory):
 
 
 def trial(name, size, seed=3):
-    return Trial("case001", name, size, "", None, seed)
+    return InjectionTrial("case001", name, size, "", None, seed)
 
 
 @pytest.mark.parametrize("name", sorted(SIZES))
@@ -233,7 +233,10 @@ def test_names_of_its_own_that_went_missing_are_written_and_printed():
 
 def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
     untouched = said("gyro.g_sensitivity", verdict="partly_explained", findings=("unknown.curve_over_time",))
-    trials = [Trial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0), Trial("case002", "outside.telegraph", 1.0, STRONG, None, 0)]
+    trials = [
+        InjectionTrial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0),
+        InjectionTrial("case002", "outside.telegraph", 1.0, STRONG, None, 0),
+    ]
     answers = {
         "case001": said("gyro.g_sensitivity", "gyro.bias_drift", "gyro.bias_step"),
         "case002": said("gyro.g_sensitivity", verdict="partly_explained", findings=("unknown.curve_over_time",)),

@@ -207,15 +207,19 @@ def _by_strength(scores: list[Score]) -> Table:
     for strength in (*STRENGTHS, None):
         group = hidden if strength is None else [each for each in hidden if each.strength == strength]
         if group:
-            counts = (
-                len(group),
-                sum(each.exact for each in group),
-                sum(each.covered for each in group),
-                sum(bool(each.wrong) for each in group),
-                sum(bool(each.missed) for each in group),
-            )
-            table.add_row("all" if strength is None else f"× {strength:g}", *map(str, counts), *_parameters(group))
+            counts = map(str, _counts(group).values())
+            table.add_row("all" if strength is None else f"× {strength:g}", str(len(group)), *counts, *_parameters(group))
     return table
+
+
+def _counts(group: list[Score]) -> dict[str, int]:
+    """Sessions by how they are named."""
+    return {
+        "named_exactly": sum(each.exact for each in group),
+        "named_with_equivalents": sum(each.covered for each in group),
+        "wrongly_named": sum(bool(each.wrong) for each in group),
+        "missed": sum(bool(each.missed) for each in group),
+    }
 
 
 def _by_probability(scores: list[Score]) -> Table:
@@ -258,26 +262,12 @@ def totals(scores: list[Score]) -> dict:
         "nulls": len(kinds["nothing"]),
         "false_alarms": sum(each.alarmed for each in kinds["nothing"]),
         "hidden": len(hidden),
-        "named_exactly": sum(each.exact for each in hidden),
-        "named_with_equivalents": sum(each.covered for each in hidden),
-        "wrongly_named": sum(bool(each.wrong) for each in hidden),
-        "missed": sum(bool(each.missed) for each in hidden),
+        **_counts(hidden),
         "outsiders": len(kinds["outside"]),
         "outsiders_seen": sum(each.alarmed for each in kinds["outside"]),
         "outsiders_wrongly_named": sum(bool(each.wrong) for each in kinds["outside"]),
         "outsiders_undecided": sum(bool(each.claimed) and not each.wrong for each in kinds["outside"]),
-        "kinds": [
-            {
-                "kind": kind,
-                "sessions": len(group),
-                "named_exactly": sum(each.exact for each in group),
-                "named_with_equivalents": sum(each.covered for each in group),
-                "wrongly_named": sum(bool(each.wrong) for each in group),
-                "missed": sum(bool(each.missed) for each in group),
-            }
-            for kind, group in kinds.items()
-            if group
-        ],
+        "kinds": [{"kind": kind, "sessions": len(group), **_counts(group)} for kind, group in kinds.items() if group],
         "splits": splits(scores),
         "reliability": [vars(each) for each in reliability(stated)],
         "ece": calibration_error(stated),

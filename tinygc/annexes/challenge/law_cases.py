@@ -11,7 +11,7 @@ import numpy as np
 from session.io.samples import Samples
 from session.io.units import DEG
 from tinygc.annexes.challenge.cases import LEAST_HZ, MAKERS, NEEDS, STRENGTHS, TOLD, Case, case_of, drawn, taking_turns
-from tinygc.annexes.challenge.laws import BY_HAND, DRAWN, LAWS
+from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import Conditions, Effect, EffectError, Movement, Parts, catalogue, movement_of, using
 from tinygc.simulation import simulator
@@ -69,7 +69,7 @@ def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> l
         "by hand": taking_turns(list(BY_HAND), number["by hand"], streams[2]),
         "beside": taking_turns(list(BY_HAND), number["beside"], streams[3]),
         "catalogue": taking_turns(list(RATE_EFFECTS), number["catalogue"], streams[4]),
-        "drawn": list(DRAWN) * number["drawn"],
+        "drawn": ["law.random"] * number["drawn"],
     }
     given = dict.fromkeys(SHARES, 0)
     cases = []
@@ -162,12 +162,8 @@ def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> lis
         missing = [law["id"] for law in laws if law["id"] not in known]
         if missing:
             raise EffectError(f"{folder}: no file defines {', '.join(missing)}")
-        return [added(known[law["id"]], {**_constants(law), **law["parameters"]}, movement) for law in laws]
-
-
-def _constants(law: dict) -> dict:
-    """A law's constants by name, in the units of their JSON."""
-    return {name: each["value"] for name, each in law.get("constants", {}).items()}
+        constants = [{name: each["value"] for name, each in law.get("constants", {}).items()} for law in laws]
+        return [added(known[law["id"]], own | law["parameters"], movement) for law, own in zip(laws, constants, strict=True)]
 
 
 def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | None:

@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from tinygc.annexes.challenge.cases import STRENGTHS, Case
+from tinygc.annexes.challenge.cases import STRENGTHS
 from tinygc.annexes.challenge.examination import SESSIONS, Examination, as_table, asked_blind, explained, hide, new_folder, opened
 from tinygc.annexes.challenge.law_cases import ALL, AddedRate, added_by_laws, added_by_names, added_rate, draw_discover_cases
 from tinygc.annexes.challenge.laws import LAWS
@@ -176,7 +176,8 @@ def _by_strength(scores: list[LawScore]) -> Table:
     for strength in (*STRENGTHS, None):
         group = hidden if strength is None else [each for each in hidden if each.strength == strength]
         if group:
-            table.add_row("all" if strength is None else f"× {strength:g}", str(len(group)), *_counts(group), *_proofs(group))
+            counts = (str(_count(group, outcome)) for outcome in WITH_LAW)
+            table.add_row("all" if strength is None else f"× {strength:g}", str(len(group)), *counts, *_proofs(group))
     return table
 
 
@@ -203,10 +204,6 @@ def _without(scores: list[LawScore]) -> Table:
         if group:
             table.add_row(title, str(len(group)), *(str(_count(group, outcome)) for outcome in WITHOUT_LAW), _seconds(group))
     return table
-
-
-def _counts(group: list[LawScore]) -> list[str]:
-    return [str(_count(group, outcome)) for outcome in WITH_LAW]
 
 
 def _count(group: list[LawScore], outcome: str) -> int:
@@ -314,25 +311,17 @@ def examine_laws(
     cases = draw_discover_cases(count, seed, segments)
     closed = hide(folder, cases, progress, ALL)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
-    copies = [_copy(folder, case.name) for case in cases]
+    # What a worker writes stays out of the session that was hidden.
+    copies = [Path(shutil.copytree(folder / SESSIONS / case.name, folder / SESSIONS / COPIES / case.name)) for case in cases]
     said = asked_blind(copies, answer, "searching blind", progress)
     truth = opened(folder, closed, said)
     scores: list[LawScore] = []
     for case, copy in zip(cases, copies, strict=True):
         progress("scoring", len(scores), count)
-        scores.append(_scored(case, truth[case.name], said[case.name], copy))
+        scores.append(score_law(case.name, truth[case.name], said[case.name], added_rate(case), copy / EXPLAIN))
         if (copy / EXPLAIN / "effects").is_dir():
             shutil.copytree(copy / EXPLAIN / "effects", folder / EXAMINED_LAWS / case.name, ignore=shutil.ignore_patterns("__pycache__"))
     return Examination(seed, closed.sha256, scores, truth, said)
-
-
-def _copy(folder: Path, name: str) -> Path:
-    """The session once more: what a worker writes stays out of the session that was hidden."""
-    return Path(shutil.copytree(folder / SESSIONS / name, folder / SESSIONS / COPIES / name))
-
-
-def _scored(case: Case, truth: dict, said: dict, copy: Path) -> LawScore:
-    return score_law(case.name, truth, said, added_rate(case), copy / EXPLAIN)
 
 
 def to_json(result: Examination[LawScore]) -> dict:

@@ -97,16 +97,6 @@ class Signals:
 Curve = Callable[[Signals], np.ndarray]
 
 
-def _turned(s: Signals) -> np.ndarray:
-    """Angle turned so far, whatever the sense."""
-    return np.cumsum(size_of(s.rate), axis=0) * (s.t[1] - s.t[0]) / TURNED
-
-
-def _angle(s: Signals) -> np.ndarray:
-    """Integral of the rate about each axis, rad."""
-    return np.cumsum(s.rate, axis=0) * (s.t[1] - s.t[0])
-
-
 LEAVES: dict[str, Curve] = {
     "w": lambda s: s.rate / RATE,
     "w_next": lambda s: next_axis(s.rate) / RATE,
@@ -120,8 +110,8 @@ LEAVES: dict[str, Curve] = {
     "|a|": lambda s: size_of(slope(s.t, s.rate)) / ACCELERATION,
     "T": lambda s: s.warm[:, None] / WARM_C,
     "t": lambda s: s.share[:, None],
-    "turned": _turned,
-    "angle": _angle,
+    "turned": lambda s: np.cumsum(size_of(s.rate), axis=0) * (s.t[1] - s.t[0]) / TURNED,  # angle so far, whatever the sense
+    "angle": lambda s: np.cumsum(s.rate, axis=0) * (s.t[1] - s.t[0]),  # integral of the rate about each axis, rad
     "v": lambda s: s.vibration[:, None] / VIBRATION,
 }
 #: how often each is drawn; rate and force are what a hand gives most of
@@ -197,9 +187,6 @@ def quantised(scene: Scene) -> Concealment:
     return adding("law.quantised", {"rps": step.tolist()}, lambda t, rate, force, temp: step * np.rint(rate / step) - rate)
 
 
-CHANCE: dict[str, Maker] = {"law.telegraph": telegraph, "law.quantised": quantised}
-
-
 # The vibrating element and its loops: what they do to the rate itself.
 
 # Strong sizes, SI
@@ -265,16 +252,6 @@ def soft_limit(scene: Scene) -> Concealment:
     return adding("law.soft_limit", {"rps": limit.tolist()}, lambda t, rate, force, temp: limit * np.tanh(rate / limit) - rate)
 
 
-ELEMENT: dict[str, Maker] = {
-    "law.resonance": resonance,
-    "law.drive_droop": drive_droop,
-    "law.drive_recovery": drive_recovery,
-    "law.dead_zone": dead_zone,
-    "law.root_scale": root_scale,
-    "law.soft_limit": soft_limit,
-}
-
-
 # The Earth's field, fixed in the world, reaches a zero: drive coils, pick-off loops, steel in the package.
 
 # Strong sizes, SI
@@ -312,9 +289,6 @@ def _field(scene: Scene) -> tuple[np.ndarray, dict]:
     heading = scene.rng.uniform(0, 2 * np.pi)
     field = np.array([np.cos(dip) * np.cos(heading), np.cos(dip) * np.sin(heading), -np.sin(dip)])
     return field, {"dip_rad": float(dip), "heading_rad": float(heading)}
-
-
-MAGNETIC: dict[str, Maker] = {"law.magnetic_zero": magnetic_zero, "law.magnetic_induction": magnetic_induction}
 
 
 # The zero remembers: the last turn, an overload, how it lay.
@@ -377,14 +351,6 @@ def gravity_creep(scene: Scene) -> Concealment:
     )
 
 
-MEMORY: dict[str, Maker] = {
-    "law.last_turn": last_turn,
-    "law.turn_hysteresis": turn_hysteresis,
-    "law.overload": overload,
-    "law.gravity_creep": gravity_creep,
-}
-
-
 # The package warms up: strain, and what temperature does to other sensitivities.
 
 # Strong sizes, SI; a session warms up by 10 degC with a time constant of 150 s
@@ -443,15 +409,6 @@ def warm_square(scene: Scene) -> Concealment:
         {"rps_per_c_at_fs": size.tolist()},
         lambda t, rate, force, temp: size * (rate / full_scale) ** 2 * (temp - start_c)[:, None],
     )
-
-
-PACKAGE: dict[str, Maker] = {
-    "law.temperature_rate": temperature_rate,
-    "law.package_strain": package_strain,
-    "law.temperature_curve": temperature_curve,
-    "law.warm_gravity": warm_gravity,
-    "law.warm_square": warm_square,
-}
 
 
 # Products: of rates about several axes, of forces, of rate and force, of rate and vibration.
@@ -527,17 +484,6 @@ def vibration_scale(scene: Scene) -> Concealment:
     )
 
 
-RECTIFICATION: dict[str, Maker] = {
-    "law.rate_product": rate_product,
-    "law.rate_squares": rate_squares,
-    "law.cross_cube": cross_cube,
-    "law.rectified_acceleration": rectified_acceleration,
-    "law.anisoelastic": anisoelastic,
-    "law.force_scale": force_scale,
-    "law.vibration_scale": vibration_scale,
-}
-
-
 # The supply sags, and what it feeds follows: a load by a clock, a regulator after switch-on.
 
 # Strong sizes, SI
@@ -574,13 +520,6 @@ def _clock(scene: Scene) -> tuple[Callable[[np.ndarray], np.ndarray], dict]:
     """Whether the load is on at times t (N,) s, and its parameters."""
     period_s, duty, phase = scene.rng.uniform(*PERIOD_S), scene.rng.uniform(*DUTY), scene.rng.uniform()
     return lambda t: ((t / period_s + phase) % 1 < duty).astype(float), {"period_s": period_s, "duty": duty, "phase": phase}
-
-
-SUPPLY: dict[str, Maker] = {
-    "law.switched_load": switched_load,
-    "law.ratiometric_scale": ratiometric_scale,
-    "law.sag_recovery": sag_recovery,
-}
 
 
 # A law drawn at random from a grammar that is wider than any search: trees of products, ratios, bends and lags over all signals.
@@ -712,11 +651,14 @@ def _trial_movement() -> Signals:
     return Signals(t, t / 60, rate, force, -10 * np.expm1(-t / 40), 0.16 * (bell[:, 0] > 0.2) * (np.arange(len(t)) % 600 < 300))
 
 
-DRAWN: dict[str, Maker] = {"law.random": random_law}
-
-
 # All laws by id.
 
 #: written by hand, from physics
-BY_HAND: dict[str, Maker] = {**MAGNETIC, **SUPPLY, **ELEMENT, **MEMORY, **PACKAGE, **RECTIFICATION, **CHANCE}
-LAWS: dict[str, Maker] = {**BY_HAND, **DRAWN}
+_BY_HAND = (
+    *(magnetic_zero, magnetic_induction, switched_load, ratiometric_scale, sag_recovery, resonance, drive_droop),
+    *(drive_recovery, dead_zone, root_scale, soft_limit, last_turn, turn_hysteresis, overload, gravity_creep),
+    *(temperature_rate, package_strain, temperature_curve, warm_gravity, warm_square, rate_product, rate_squares, cross_cube),
+    *(rectified_acceleration, anisoelastic, force_scale, vibration_scale, telegraph, quantised),
+)
+BY_HAND: dict[str, Maker] = {f"law.{law.__name__}": law for law in _BY_HAND}
+LAWS: dict[str, Maker] = {**BY_HAND, "law.random": random_law}

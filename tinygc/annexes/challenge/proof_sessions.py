@@ -52,7 +52,7 @@ class NotChecked(Exception):
 
 
 @dataclass(frozen=True)
-class Part:
+class ProofPart:
     """name; result: passed, failed or not checked; says: the numbers, or why."""
 
     name: str
@@ -70,7 +70,7 @@ class Report:
     """id of the effect, and its parts in order."""
 
     id: str
-    parts: tuple[Part, ...]
+    parts: tuple[ProofPart, ...]
 
     @property
     def ok(self) -> bool:
@@ -82,7 +82,7 @@ class Report:
         """Names of the parts that failed."""
         return tuple(part.name for part in self.parts if not part.ok)
 
-    def __getitem__(self, name: str) -> Part:
+    def __getitem__(self, name: str) -> ProofPart:
         return next(part for part in self.parts if part.name == name)
 
     def __str__(self) -> str:
@@ -103,7 +103,7 @@ SIZE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class EffectTrial:
     """effect: with a value of its scanned shape, where it has one; original: as it was given; theta (P,) SI, a strong one."""
 
     effect: Effect
@@ -128,12 +128,12 @@ class Trial:
 LENGTH_S = 20.0
 
 
-def trial(effect: Effect, size: float, seed: int, value: float | None = None) -> Trial:
+def trial(effect: Effect, size: float, seed: int, value: float | None = None) -> EffectTrial:
     """Parameters of either sign, 0.5 to 1.5 times ``size``; lags are positive; the scanned shape at ``value``, or amid its grid."""
     here = effect
     if effect.scan is not None:
         here = effect.at(middle_value(effect, [movement(104.0, effect.found_at)]) if value is None else value)
-    return Trial(here, effect, random_theta(effect, size, seed))
+    return EffectTrial(here, effect, random_theta(effect, size, seed))
 
 
 def random_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
@@ -208,7 +208,7 @@ class Injected:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FittedProof:
     """What a fit with the effect makes of it: twin, whitener, and the fits without and with it, in its gauge."""
 
     injected: Injected
@@ -304,7 +304,7 @@ class _Scene:
         return force + G * rms[:, None] * noise / noise.std(axis=0)
 
 
-def fitted(effect: Effect, injected: Injected) -> Found:
+def fitted(effect: Effect, injected: Injected) -> FittedProof:
     """Read the session and fit linear model and effect together, a scanned shape searched for as naming does it."""
     problem = build_problem(read_session(injected.folder))
     twin = Twin(problem)
@@ -315,10 +315,10 @@ def fitted(effect: Effect, injected: Injected) -> Found:
         gains = selection_of(twin, whiten, first, variants, 0).gains(first.r)
         effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.__getitem__)], Replay(twin, first))
     fit = in_gauge(twin, whiten, refit(twin, whiten, [effect], twin.start()))
-    return Found(injected, twin, whiten, first, fit)
+    return FittedProof(injected, twin, whiten, first, fit)
 
 
-def explanation_of(found: Found) -> Explanation:
+def explanation_of(found: FittedProof) -> Explanation:
     """As ``explain`` gives it, with the effect named and nothing else looked for."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
@@ -341,7 +341,7 @@ MODEL_SHARE = 0.01
 HARDLY_SEEN = 1 / 3
 
 
-def recover(effect: Effect, size: float, seeds: int, value: float | None = None) -> tuple[str, Found]:
+def recover(effect: Effect, size: float, seeds: int, value: float | None = None) -> tuple[str, FittedProof]:
     """Squares of the errors in stated sigmas, summed over parameters and sessions, against chi-square."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
@@ -350,7 +350,7 @@ def recover(effect: Effect, size: float, seeds: int, value: float | None = None)
     return _verdict(found), found[0]
 
 
-def _verdict(found: list[Found]) -> str:
+def _verdict(found: list[FittedProof]) -> str:
     looks = [_look(one) for one in found]
     error, sigma = (np.concatenate([look[i] for look in looks]) for i in (0, 1))
     count = len(error)
@@ -373,7 +373,7 @@ def _verdict(found: list[Found]) -> str:
     return numbers + weak
 
 
-def _look(one: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _look(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Errors (n,) and stated sigmas (n,) of what the JSON says, their correlation (n, n), and the injected size (n,)."""
     claim, truth = one.claim, one.injected.theta
     effect = claim.effect

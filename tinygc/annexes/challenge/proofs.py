@@ -25,10 +25,10 @@ from tinygc.annexes.challenge.proof_sessions import (
     NOT_CHECKED,
     PASSED,
     SIZE,
+    EffectTrial,
     NotChecked,
-    Part,
+    ProofPart,
     Report,
-    Trial,
     Wrong,
     explanation_of,
     log,
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from tinygc.annexes.challenge.proof_sessions import Found
+    from tinygc.annexes.challenge.proof_sessions import FittedProof
 
 
 # Words, units and JSON.
@@ -64,7 +64,7 @@ LONGEST = 300
 RESERVED = ("id", "equation", "theta_si")
 
 
-def units(trial: Trial) -> str:
+def units(trial: EffectTrial) -> str:
     """One sentence with a number; a unit that is as large as declared; names and numbers that come back from a model file."""
     _sentence(trial)
     said = [_unit(trial.effect.parameter.unit, trial.effect.parameter.si)]
@@ -79,7 +79,7 @@ def units(trial: Trial) -> str:
     return "; ".join(said)
 
 
-def _sentence(trial: Trial) -> None:
+def _sentence(trial: EffectTrial) -> None:
     says = trial.effect.says(trial.theta)
     if not isinstance(says, str) or "\n" in says or not re.search(r"\d", says) or "nan" in says or len(says) > LONGEST:
         raise Wrong(f"says gives {says!r:.120}, expected one sentence with a number")
@@ -99,7 +99,7 @@ def _unit(unit: str, si: float) -> str:
     return f"unit {unit!r} is {si:.6g} SI"
 
 
-def _round_trip(trial: Trial) -> None:
+def _round_trip(trial: EffectTrial) -> None:
     parameter = trial.effect.parameter
     text = json.dumps(models.to_dict(trial.model()), allow_nan=False)
     with having(trial.original):
@@ -127,7 +127,7 @@ ENDS = 50
 ROUNDING = 1e-12
 
 
-def columns(trial: Trial) -> str:
+def columns(trial: EffectTrial) -> str:
     """Against finite differences of ``distort`` at zero: for a rate effect; none for what bends something else."""
     effect, moved = trial.effect, movement(FINE_HZ, trial.at, 10.0)
     size = effect.parameter.size
@@ -149,7 +149,7 @@ def columns(trial: Trial) -> str:
     return f"within {100 * off:.2g} % of the finite differences of distort"
 
 
-def undo(trial: Trial) -> str:
+def undo(trial: EffectTrial) -> str:
     """``correct`` gives the true rate back, and does nothing without parameters."""
     effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
     if effect.kind != "rate":
@@ -176,7 +176,7 @@ PIECE = 300
 WITHIN = 1e-9
 
 
-def live(trial: Trial) -> str:
+def live(trial: EffectTrial) -> str:
     """Sample by sample as whole, or refused in one line where it looks ahead; and no farther around than declared."""
     if trial.effect.kind != "rate":
         raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
@@ -224,7 +224,7 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
         raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach say all that it looks at?")
 
 
-def _looks_no_farther(trial: Trial, samples: Samples) -> None:
+def _looks_no_farther(trial: EffectTrial, samples: Samples) -> None:
     """What lies beyond the declared reach of a sample does not move its rate."""
     middle = len(samples) // 2
     behind, ahead = trial.effect.looks(trial.theta).rows(RATE_HZ)
@@ -249,7 +249,7 @@ RANDOM = 2000
 DOUBLE_WITHIN = 1e-5
 
 
-def c(trial: Trial) -> str:
+def c(trial: EffectTrial) -> str:
     """Compiled with the host's gcc; a stated reason where there is no C."""
     code = trial.effect.device
     if isinstance(code, NoC):
@@ -405,7 +405,7 @@ def check(
     return Report(effect.id, tuple(_part(name, run[name]) for name in PARTS if name in parts))
 
 
-def recover_one(effect: Effect, size: float, value: float | None) -> Found:
+def recover_one(effect: Effect, size: float, value: float | None) -> FittedProof:
     """One session with the effect, fitted, whatever comes of it."""
     import tempfile
     from pathlib import Path
@@ -416,12 +416,12 @@ def recover_one(effect: Effect, size: float, value: float | None) -> Found:
         return fitted(effect, inject(effect, Path(folder) / "1", size, 1, value))
 
 
-def _part(name: str, run: Callable[[], str]) -> Part:
+def _part(name: str, run: Callable[[], str]) -> ProofPart:
     try:
-        return Part(name, PASSED, run())
+        return ProofPart(name, PASSED, run())
     except NotChecked as why:
-        return Part(name, NOT_CHECKED, str(why))
+        return ProofPart(name, NOT_CHECKED, str(why))
     except (Wrong, CalibrationError) as wrong:
-        return Part(name, FAILED, str(wrong))
+        return ProofPart(name, FAILED, str(wrong))
     except Exception as error:  # the effect's own code is on trial: whatever it raises is a failure of this part
-        return Part(name, FAILED, f"{type(error).__name__}: {' '.join(str(error).split())}")
+        return ProofPart(name, FAILED, f"{type(error).__name__}: {' '.join(str(error).split())}")

@@ -32,7 +32,7 @@ STEP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class HostRecording:
     """A session and its problem, with the answers that ``concealment.Place`` and ``concealment.Course`` ask for."""
 
     problem: Problem
@@ -117,14 +117,14 @@ def steps_of(session: Session, log: int) -> Steps:
     )
 
 
-def recording_of(folder: Path) -> Recording:
+def recording_of(folder: Path) -> HostRecording:
     """The recording of a session folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError beside truth files."""
     session = read_session(folder)
     if session.config.protocol.reference == "truth":
         raise DataError(
             f"{folder}: a recording beside truth files is not supported; give one whose stills are compared with gravity or dials"
         )
-    return Recording(prepare(session).problem)
+    return HostRecording(prepare(session).problem)
 
 
 def with_gyro(samples: Samples, gyro: np.ndarray) -> Samples:
@@ -196,7 +196,7 @@ Drawn = tuple[str, float, str, float | None]
 
 
 @dataclass(frozen=True)
-class Trial:
+class InjectionTrial:
     """One concealed effect: id; size and its unit, or ``STRONG``; seen_from, in that unit, or None; a seed for directions and moments."""
 
     name: str
@@ -207,7 +207,9 @@ class Trial:
     seed: int
 
 
-def draw_trials(seen_from: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int) -> list[Trial]:
+def draw_trials(
+    seen_from: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int
+) -> list[InjectionTrial]:
     """Trials in random order.
 
     seen_from: effect id -> size in its parameter's unit, of those that this recording can see; own: names that it gets untouched, which
@@ -229,7 +231,7 @@ def draw_trials(seen_from: dict[str, float], own: Collection[str], has_temperatu
     trials = []
     for place, i in enumerate(rng.permutation(len(chosen)).tolist()):
         name, size, unit, promised = chosen[i]
-        trials.append(Trial(f"case{place + 1:03d}", name, size, unit, promised, int(rng.integers(2**31))))
+        trials.append(InjectionTrial(f"case{place + 1:03d}", name, size, unit, promised, int(rng.integers(2**31))))
     return trials
 
 
@@ -263,7 +265,7 @@ class Spoilt:
     truth: dict
 
 
-def inject(recording: Recording, trial: Trial) -> Spoilt:
+def inject(recording: HostRecording, trial: InjectionTrial) -> Spoilt:
     """The recording with what a trial conceals; the trial's seed decides directions, signs and moments."""
     rng = np.random.default_rng(trial.seed)
     logs = tuple(log.samples for log in recording.session.logs)
@@ -277,7 +279,7 @@ def inject(recording: Recording, trial: Trial) -> Spoilt:
     return Spoilt(tuple(spoilt), truth)
 
 
-def rate_changes(recording: Recording, trial: Trial, rng: np.random.Generator) -> tuple[list[np.ndarray], dict]:
+def rate_changes(recording: HostRecording, trial: InjectionTrial, rng: np.random.Generator) -> tuple[list[np.ndarray], dict]:
     """What the readings of each log (N, 3), rad/s, gain: E^-1 (distorted less true rate); and the truth."""
     if trial.id in OUTSIDERS:
         hidden = OUTSIDERS[trial.id](Scene(rng, trial.size, recording, recording))
@@ -309,7 +311,9 @@ def requantised(old: np.ndarray, change: np.ndarray, step: float, rng: np.random
     return old + step * np.floor(change / step + rng.uniform(size=change.shape))
 
 
-def _accelerometer(recording: Recording, logs: tuple[Samples, ...], steps: list[Steps], size_mg: float, rng: np.random.Generator) -> Spoilt:
+def _accelerometer(
+    recording: HostRecording, logs: tuple[Samples, ...], steps: list[Steps], size_mg: float, rng: np.random.Generator
+) -> Spoilt:
     """The accelerometer's pre-calibration leaves a bias, here of so many mg in a random direction."""
     parameter, direction = catalogue()["reference.accelerometer"].parameter, rng.standard_normal(3)
     bias = size_mg * direction / np.linalg.norm(direction)

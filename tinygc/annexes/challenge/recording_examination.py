@@ -16,7 +16,7 @@ from rich.text import Text
 from session.io.errors import DataError
 from tinygc.annexes.challenge.examination import SEALED, SESSIONS, Seal, asked_blind, explained, new_folder, opened, seal
 from tinygc.annexes.challenge.other_effects import OUTSIDERS
-from tinygc.annexes.challenge.recording import STRONG, Recording, Trial, draw_trials, inject, recording_of, write_spoilt
+from tinygc.annexes.challenge.recording import STRONG, HostRecording, InjectionTrial, draw_trials, inject, recording_of, write_spoilt
 from tinygc.annexes.challenge.score import NAMELESS, score
 
 # From what size on a recording names each effect that was concealed in it, beside the size that ``explain`` promised.
@@ -85,7 +85,7 @@ def own_names(untouched: dict) -> set[str]:
     return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
 
 
-def powers(trials: list[Trial], said: dict[str, dict], untouched: dict) -> list[Power]:
+def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict) -> list[Power]:
     """By effect.  What the untouched recording is said to have is neither right nor wrong."""
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
@@ -95,7 +95,7 @@ def powers(trials: list[Trial], said: dict[str, dict], untouched: dict) -> list[
     return [Power(name, unit, seen_from, tuple(tried)) for (name, unit, seen_from), tried in ordered]
 
 
-def _tried_sizes(trial: Trial, said: dict, own: set[str], untouched: dict) -> Tried:
+def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: dict) -> Tried:
     result = score(trial.name, {"effects": {trial.id: {}}, "strength": trial.size}, said)
     wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
     found = bool(result.found)
@@ -172,7 +172,9 @@ def examine_recording(
     return OwnExamination(recording.session.name, seed, closed.sha256, untouched["verdict"], tuple(sorted(own)), found)
 
 
-def _write(recording: Recording, trials: list[Trial], folder: Path, progress: Callable[[str, int, int], None]) -> tuple[list[Trial], Seal]:
+def _write(
+    recording: HostRecording, trials: list[InjectionTrial], folder: Path, progress: Callable[[str, int, int], None]
+) -> tuple[list[InjectionTrial], Seal]:
     """The session folders of the trials that this recording allows, and the truth beside them, sealed."""
     written, truth = [], {}
     for done, trial in enumerate(trials):
@@ -203,16 +205,12 @@ def to_json(result: OwnExamination) -> dict:
                 "told_from": each.told_from,
                 "ratio": each.ratio,
                 "agrees": each.agrees,
-                "tried": [_tried(one) for one in each.tried],
+                "tried": [vars(one) for one in each.tried],
             }
             for each in result.powers
         ],
         "agreement": agreement(result.powers),
     }
-
-
-def _tried(one: Tried) -> dict:
-    return {"size": one.size, "found": one.found, "named": list(one.named), "wrong": list(one.wrong), "lost": list(one.lost)}
 
 
 # What a recording can tell, as ``calibrate.py challenge --on`` prints it.
@@ -228,7 +226,7 @@ def power_tables(result: OwnExamination) -> Group:
         sizes = "  ".join(f"{one.size:.2g} {FOUND if one.found else NOT_FOUND}" for one in each.tried)
         ratio = "" if each.ratio is None else _at_most(each) + f"{each.ratio:.2g}"
         wrong = ", ".join(sorted({name for one in each.tried for name in one.wrong}))
-        table.add_row(each.id, each.unit, _number(each.seen_from), _told(each), ratio, sizes, wrong)
+        table.add_row(each.id, each.unit, _number(each.seen_from), _at_most(each) + _number(each.told_from), ratio, sizes, wrong)
     return Group(table, Text(""), Text("\n".join(sentences(result))))
 
 
@@ -249,22 +247,14 @@ def sentences(result: OwnExamination) -> list[str]:
     if lost := Counter(name for one in tried for name in one.lost):
         gone = ", ".join(f"{name} in {count}" for name, count in sorted(lost.items()))
         lines.append(f"its own that are gone beside what was concealed: {gone}")
-    if blind := _blind(found):
+    if blind := [each.id for each in found if not any(one.found for one in each.tried)]:
         lines.append(f"not told at any size that was tried: {', '.join(blind)}")
     return lines
-
-
-def _told(power: Power) -> str:
-    return _at_most(power) + _number(power.told_from)
 
 
 def _at_most(power: Power) -> str:
     """A sign before what is only known to be no more, because no smaller size was tried."""
     return "≤ " if power.told_from is not None and power.not_told_at is None else ""
-
-
-def _blind(found: list[Power]) -> list[str]:
-    return [each.id for each in found if not any(one.found for one in each.tried)]
 
 
 def _number(value: float | None) -> str:

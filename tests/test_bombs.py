@@ -21,7 +21,7 @@ from session.io import files
 from session.io.errors import FormatError
 from session.io.files import open_file, open_stream, read_bytes
 from tinygc.cli.arguments import parser, path_read
-from tinygc.cli.commands import COMMANDS
+from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -198,7 +198,7 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
     model = linear_model(tmp_path)
     log = shutil.copyfile(folder / "log0001.csv", tmp_path / "log.csv")
     path = bomb.put(folder)
-    for number, line in enumerate(readers_of(bomb)):
+    for number, line in enumerate(line for line in readers_of(bomb) if line.split()[0] in present_commands()):
         words = line.format(S=folder, B=path, M=model, L=log, O=tmp_path / f"out{number}").split()
         if words[0] in ("check", "list", "fleet"):  # whose table says it
             code, out, _ = run(*words)
@@ -211,8 +211,8 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
 def test_every_command_that_reads_files_meets_the_bombs():
     """By the parser: a command with a path that is there already is among the readers."""
     (commands,) = (action.choices for action in parser()._actions if hasattr(action, "choices") and isinstance(action.choices, dict))
-    reading_ones = {name for name in COMMANDS if {a.dest for a in commands[name]._actions if a.type is path_read} - {"effects"}}
-    assert reading_ones == {line.split()[0] for lines in READERS.values() for line in lines}
+    reading_ones = {name for name in present_commands() if {a.dest for a in commands[name]._actions if a.type is path_read} - {"effects"}}
+    assert reading_ones == {line.split()[0] for lines in READERS.values() for line in lines} & set(present_commands())
 
 
 @pytest.mark.parametrize("name", ["log0002.csv", "closure0002.csv", "attitudes.csv", "turns.csv"])
@@ -295,7 +295,7 @@ def test_files_are_opened_for_reading_in_one_place_only():
                 called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
                 if (called in OPENING and isinstance(node.func, ast.Attribute)) or _opens_to_read(node, called):
                     found.add((name, called))
-    assert found == ALLOWED
+    assert found == {(name, called) for name, called in ALLOWED if (ROOT / name).exists()}
 
 
 def _opens_to_read(node: ast.Call, called: str) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from session.io.config import Sensor
 from session.io.errors import FormatError
 from session.io.logfile import read_log
-from session.io.samples import Packer, PackedReadings, inserted, mapped, pick, pieces, replaced, times
+from session.io.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 SENSOR = Sensor("ASM330LHH", "", 208.0, 500.0, 4.0)

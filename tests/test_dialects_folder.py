@@ -78,7 +78,7 @@ def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys)
     assert calibrate.main(command) == 2
     assert "--gyro-fs DPS --accel-fs G" in capsys.readouterr().err
     assert calibrate.main([*command, "--gyro-fs", "500", "--accel-fs", "4", "--json", str(table)]) == 0
-    assert "next: calibrate.py check" in capsys.readouterr().out
+    assert "next:\n  python calibrate.py check" in capsys.readouterr().out
     assert json.loads(table.read_text())["dialects"] == ["PX4 sensor_combined"]
     head, site = (made / "session.toml").read_text().split("# Fill in"), (folder / "session.toml").read_text()
     (made / "session.toml").write_text(head[0] + site[site.index("[accelerometer]") :])

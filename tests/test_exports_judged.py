@@ -50,7 +50,7 @@ def test_a_fit_that_does_not_say_whether_its_model_may_leave_is_no_permission(wi
         del table[last]
     path.write_text(json.dumps(whole))
     code, _, err = run("export", fitted_here, "--to", "px4")
-    assert (code, err) == (2, f"calibrate: {path}: {says}; run `calibrate.py fit {fitted_here}` again\n")
+    assert (code, err) == (2, f"calibrate: {path}: {says}; run `python calibrate.py fit {fitted_here}` again\n")
     assert not (fitted_here / "export").exists()
 
 

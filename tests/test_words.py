@@ -47,18 +47,18 @@ def test_the_first_look_has_the_worst_first_each_level_in_its_order():
 
 def test_check_ends_with_its_verdict_and_what_to_do_next(run, folder):
     code, out, _ = run("check", folder)
-    *_, verdict, following = out.strip().splitlines()
+    *_, verdict, introduction, following = out.strip().splitlines()
     assert code == 0
     assert verdict.startswith("Pass")
-    assert following == f"next: calibrate.py fit {folder}"
+    assert (introduction, following) == ("next:", f"  python calibrate.py fit {folder}")
     assert run("check", folder, "--quiet") == (0, verdict + "\n", "")
     spoil(folder, lambda lines: lines[:2])
     code, out, _ = run("check", folder)
-    *_, verdict, following = out.strip().splitlines()
+    *_, verdict, introduction, following = out.strip().splitlines()
     assert code == 2
     assert "error" in verdict
     assert "no samples" in verdict
-    assert following == f"next: mend it, then calibrate.py check {folder}"
+    assert (introduction, following) == ("next: correct the errors, then", f"  python calibrate.py check {folder}")
     assert out.splitlines()[2].startswith("error")
     code, out, err = run("check", folder, "--quiet")
     assert (code, out) == (2, "")
@@ -120,8 +120,8 @@ def test_fit_report_compare_and_truth_have_one_sign(run, folder, tmp_path):
         np.testing.assert_allclose(accel, value, rtol=0, atol=1.01)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "scale correction" not in page + out + compared
-    assert lines[-1].startswith("next: calibrate.py ")
-    assert lines[-3].startswith("Use model_least_squares.json (least squares): held out ")
+    assert lines[-1].startswith("  python calibrate.py ")
+    assert lines[-4].startswith("Use model_least_squares.json (least squares): held out ")
     assert fitted["use"]["model"] == "model_least_squares.json"
     assert "Of these methods use least squares" in page
 
@@ -132,8 +132,8 @@ def test_fit_report_compare_and_truth_have_one_sign(run, folder, tmp_path):
 def test_the_name_alone_shows_the_help_and_is_no_success(run):
     code, out, err = run()
     assert (code, err) == (2, "")
-    assert out.startswith("usage: calibrate.py")
-    assert "To begin: calibrate.py fit data/session1" in " ".join(out.split())
+    assert out.startswith("usage: python calibrate.py")
+    assert "To begin: python calibrate.py fit data/session1" in " ".join(out.split())
 
 
 def test_version(run):
@@ -162,7 +162,8 @@ def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
         result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", goodness=goodness, noise=None)
         return next_line(result, effects).plain
 
-    assert says() == "next: calibrate.py explain s"
+    assert says() == "next:\n  python calibrate.py explain s"
     assert (
-        says(Path("one/explain/effects"), Path("my own")) == "next: calibrate.py explain s --effects one/explain/effects --effects 'my own'"
+        says(Path("one/explain/effects"), Path("my own"))
+        == "next:\n  python calibrate.py explain s --effects one/explain/effects --effects 'my own'"
     )

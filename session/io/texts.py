@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
+import sys
 from os import fspath
 
 # Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
@@ -17,6 +19,8 @@ BYTES = range(0xDC80, 0xDD00)
 SURROGATE = re.compile("[\ud800-\udfff]")
 #: what ends a comment or begins another in some language, and what makes a compiler join its line to the next one (also as a trigraph)
 MARKS = re.compile(r"(?<=\*)/|(?<=/)\*|(?<=--)>|(?<=<)!|\?(?=\?)|\\(?=\s*$)")
+#: there in a checkout, and in no installed package
+CHECKOUT = os.path.join(os.path.dirname(__file__), "..", "..", "pyproject.toml")
 
 
 def unicode_text(text: str) -> str:
@@ -57,6 +61,20 @@ def shell_word(path: object) -> str:
         return shlex.quote(text)
     inside = "".join(_in_shell(c) for c in text)
     return f"$'{inside}'"
+
+
+def program() -> str:
+    """How this installation runs the tool: ``calibrate``, or ``python`` and the path of ``calibrate.py`` as it was started."""
+    started = sys.argv[0] if sys.argv else ""
+    if os.path.basename(started) == "calibrate.py":
+        return f"python {shell_word(started)}"
+    installed = os.path.splitext(os.path.basename(started))[0] == "calibrate" or not os.path.exists(CHECKOUT)
+    return "calibrate" if installed else "python calibrate.py"
+
+
+def command_line(*words: object) -> str:
+    """A command of the tool for a reader to run, spelled as this installation runs it; paths are quoted where a shell needs that."""
+    return " ".join([program(), *map(shell_word, words)])
 
 
 def _escaped(character: str) -> str:

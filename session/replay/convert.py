@@ -27,7 +27,7 @@ from session.io.names import log_paths
 from session.io.reader import Piece, Reader, counted, evenly, fresh
 from session.io.recognise import OWN
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
-from session.io.texts import comment, shell_word
+from session.io.texts import command_line, comment
 from session.io.toml import line, setting
 from session.io.units import NS_PER_S, TIME, endings
 
@@ -428,10 +428,10 @@ def _source(readers: list[Reader]) -> str:
 
 
 def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    look = f"calibrate.py check {shell_word(out)}"
+    look = command_line("check", out)
     if any(finding.level == "error" for finding in findings):
         return (look,)
-    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", f"calibrate.py fit {shell_word(out)}"
+    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", command_line("fit", out)
 
 
 # A session folder from a raw file: the logs that a recording made, or would have made, from the same bytes.
@@ -505,7 +505,7 @@ def convert_raw(
     if logs.not_logged:
         notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
     notes += [ASSUMED] * assumed
-    next_steps = (f"calibrate.py check {shell_word(out)}", f"calibrate.py fit {shell_word(out)}")
+    next_steps = (command_line("check", out), command_line("fit", out))
     return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
 
 

@@ -204,7 +204,7 @@ def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
     )
     assert equal == pytest.approx(np.sqrt(3), abs=0.01)
     assert times == pytest.approx(equal, rel=0.1)  # three of one kind
-    assert f"next: calibrate.py explain {shell_word(folder)}" in said
+    assert f"next:\n  python calibrate.py explain {shell_word(folder)}" in said
     written = json.loads(table.read_text(encoding="utf-8"))
     assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
     assert written["schema"] == "tinygc-array-fit/1"

@@ -180,7 +180,7 @@ def test_the_command_writes_what_it_says_and_plan_takes_it_up(asked, folder, tmp
     assert written == json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
     (law,) = written["discovery"]["laws"]
     assert "EFFECT = Effect(" in (out / law["file"]).read_text(encoding="utf-8")
-    assert f"use it: calibrate.py explain OTHER --effects {out / 'effects'}" in capsys.readouterr().out
+    assert f"use it in another session:\n  python calibrate.py explain OTHER --effects {out / 'effects'}" in capsys.readouterr().out
     for log in folder.glob("log*"):
         (tmp_path / log.name).write_bytes(log.read_bytes())
     assert requested_by_explain(tmp_path) == written["next"]

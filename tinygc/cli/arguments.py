@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from session.io.errors import CalibrationError
 from session.io.names import has_recorded_name, is_session
-from session.io.texts import printable
+from session.io.texts import printable, program
 from tinygc.cli.commands import COMMANDS, command_module, present_commands
 from tinygc.cli.extensions import add_annex_arguments
 from tinygc.estimation.options import CHOSEN
@@ -184,8 +184,8 @@ FASTEST_DPS = 1e5  #: the largest full scale that session.toml may have
 SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S = 5.0, 3600.0
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
-BEGIN = """To begin: calibrate.py fit data/session1 calibrates the session that comes with the tool.  At the bench: record, then check, fit,
-explain and report, each with the session's folder.  calibrate.py COMMAND --help says what a command takes."""
+BEGIN = """To begin: {program} fit data/session1 calibrates the session that comes with the tool.  At the bench: record, then check, fit,
+explain and report, each with the session's folder.  {program} COMMAND --help says what a command takes."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -197,7 +197,9 @@ class _Parser(argparse.ArgumentParser):
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """The whole command line: every command of ``tinygc.cli.commands``; for words that begin with one, that one, which is all they ask."""
-    whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN)
+    whole = _Parser(
+        prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
+    )
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name in words[:1] if words and words[0] in COMMANDS else present_commands():

@@ -119,7 +119,7 @@ def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
 def add_log_options(command: argparse.ArgumentParser) -> None:
     """``--odr``, ``--gyro-fs``, … in a group of their own."""
     asked = command.add_argument_group("what a log may not tell")
-    asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (calibrate.py sensors lists those known)")
+    asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (the command sensors lists those known)")
     asked.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate")
     asked.add_argument("--gyro-fs", type=gyro_full_scale, metavar="DPS", help="full scale of the gyroscope")
     asked.add_argument("--accel-fs", type=accel_full_scale, metavar="G", help="full scale of the accelerometer")

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from session.io.annexes import need
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from tinygc.cli.defaults import defaults_json
-from tinygc.cli.results import Interruption, complain, output, write_json
+from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide, View
@@ -214,7 +214,7 @@ class _Finished:
 
     def __init__(self, server: PageServer, folder: Path):
         self._server, self._path = server, folder / "report.html"
-        self._command, self._folder = f"calibrate.py report {shell_word(folder)}", folder
+        self._command, self._folder = command_line("report", folder), folder
         self._ready = False
         server.report = lambda: self._path.read_bytes() if self._ready and self._path.is_file() else None
         self._say("offered", "The files are closed.")
@@ -310,7 +310,7 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
     done = sum(each.done for each in series.entries)
     output(args).print(f"{series.folder}: {done} of {len(series.entries)} boards done", soft_wrap=True)
     if series.entries:
-        output(args).print(f"next: calibrate.py fleet {shell_word(series.folder)}", soft_wrap=True)
+        print_commands(args, "next:", command_line("fleet", series.folder))
     write_json(
         args.json, {"schema": SCHEMA, "folder": str(series.folder), "boards": [vars(e) for e in series.entries]} | defaults_json(args)
     )

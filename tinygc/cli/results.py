@@ -111,6 +111,12 @@ def output(args: argparse.Namespace) -> PlainConsole:
     return console.output(args.quiet or is_standard_output(args.json))
 
 
+def print_commands(args: argparse.Namespace, introduction: str, *commands: str) -> None:
+    """Commands for the reader to run, each alone on its line."""
+    for line in (introduction, *(f"  {command}" for command in commands)):
+        output(args).print(line, soft_wrap=True, markup=False)
+
+
 def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> None:
     """What is said of a log that was written: on standard error where the log itself goes to standard output."""
     for line in lines:

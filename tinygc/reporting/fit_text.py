@@ -14,7 +14,7 @@ from rich.text import Text
 from session.bench.console import one_line
 from session.detect.accelerometer import LengthFit
 from session.detect.check_references import truth_words
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
 from tinygc.closure.runs import ClosureRun
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -205,12 +205,14 @@ def use_line(result: FitResult) -> Text:
 
 def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
     """What to run next; effects: folders of effects that the fit was given, which what comes next needs, too."""
-    folder = shell_word(result.session.folder)
+    folder = result.session.folder
     if result.file_to_use is None:
-        return one_line(f"next: calibrate.py check {folder}; then record more turns, to more attitudes")
+        return Text("next: record more turns, to more attitudes; look for errors with\n").append(
+            one_line(f"  {command_line('check', folder)}")
+        )
     unexplained = result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual)
-    given = "".join(f" --effects {shell_word(path)}" for path in effects)
-    return one_line(f"next: calibrate.py {'explain' if unexplained else 'report'} {folder}{given}")
+    given = [word for path in effects for word in ("--effects", path)]
+    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *given)}"))
 
 
 def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from session.bench.console import one_line
 from session.detect.findings import LEVELS, Finding, worst
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
 from tinygc.estimation.listing import ListedSession
 
@@ -35,9 +35,9 @@ def findings_table(findings: list[Finding]) -> Table:
 
 def next_line(folder: Path, findings: list[Finding]) -> Text:
     """What to do next."""
-    word = shell_word(folder)
-    said = f"mend it, then calibrate.py check {word}" if worst(findings) == "error" else f"calibrate.py fit {word}"
-    return one_line(f"next: {said}")
+    if worst(findings) == "error":
+        return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder)}"))
+    return Text("next:\n").append(one_line(f"  {command_line('fit', folder)}"))
 
 
 def unit_lines(findings: list[Finding]) -> list[Text]:

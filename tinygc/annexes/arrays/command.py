@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.io.errors import CalibrationError
-from session.io.texts import shell_word
+from session.io.texts import command_line
 from tinygc.cli.arguments import STANDARD, add_field_arguments, given_fields
 from tinygc.cli.options import answers_of, given
-from tinygc.cli.results import Done, beside_log, complain, output, try_destinations, verdict, write_files, write_json
+from tinygc.cli.results import Done, beside_log, complain, output, print_commands, try_destinations, verdict, write_files, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
@@ -77,7 +77,7 @@ def fit(args: argparse.Namespace) -> Done:
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
-    output(args).print(f"next: calibrate.py explain {shell_word(args.folder)}", soft_wrap=True, markup=False)
+    print_commands(args, "next:", command_line("explain", args.folder))
     closure = {unit["number"]: unit["closure"]["alone_rms_deg"] for unit in table["units"]}
     above = [] if args.limit is None else [number for number, rms in closure.items() if not rms <= args.limit]
     for number in above:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.results import output, write_json
 
@@ -32,7 +33,9 @@ def run(args: argparse.Namespace) -> int:
     bare = replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))
     found = own_fit(bare)
     if found is None:
-        raise SegmentError(f"{args.folder}: no still in which gravity is about 1 g; see `calibrate.py check` for its units")
+        raise SegmentError(
+            f"{args.folder}: no still in which gravity is about 1 g; see `{command_line('check', args.folder)}` for its units"
+        )
     if found.rung is None:
         raise SegmentError(f"{args.folder}: {why_not(found)}; rest it on all six sides and some edges")
     table = of_lengths(found)

@@ -9,9 +9,9 @@ from pathlib import Path
 from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
-from session.io.texts import shell_word
+from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
-from tinygc.cli.results import complain, output, try_destinations, verdict, write_json
+from tinygc.cli.results import complain, output, print_commands, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
@@ -48,8 +48,7 @@ def run(args: argparse.Namespace) -> int:
     for line in why.said_of_files:
         output(args).print(line, soft_wrap=True)
     if why.discovery is not None and why.discovery.laws:
-        effects = shell_word(folder / "effects")
-        output(args).print(f"use it: calibrate.py explain OTHER --effects {effects}", soft_wrap=True, markup=False)
+        print_commands(args, "use it in another session:", command_line("explain", "OTHER", "--effects", folder / "effects"))
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from tinygc.cli.results import output, write_json
+from session.io.texts import command_line
+from tinygc.cli.results import output, print_commands, write_json
 
 SUMMARY = "list the serial ports, and say which may be the board"
 
@@ -24,6 +25,6 @@ def run(args: argparse.Namespace) -> int:
         serial = "" if port.serial_number is None else f"  S/N {port.serial_number}"
         output(args).print(f"{port.name}  {port.what}{usb}{serial}", soft_wrap=True)
     if not any(port.is_candidate for port in ports):
-        output(args).print("no board: plug one in, or start a virtual one with calibrate.py board", soft_wrap=True)
+        print_commands(args, "no board: plug one in, or start a virtual one with", command_line("board"))
     write_json(args.json, {"schema": "tinygc-ports/1", "ports": [asdict(port) for port in ports]})
     return 0

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from tinygc.cli.arguments import (
     accel_full_scale,
     closure_seconds,
@@ -39,7 +39,7 @@ from tinygc.cli.recording import (
     takes,
     views,
 )
-from tinygc.cli.results import Interruption, complain, output, write_json
+from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
 
 if TYPE_CHECKING:
     from session.bench.events import Info
@@ -85,7 +85,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.set_defaults(**dict.fromkeys(DEFAULTS, None), takes_defaults=takes)
-    command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
+    command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (see the command sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate: set where the board takes commands, else what it is")
     command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, likewise")
@@ -139,11 +139,12 @@ def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: st
 
 def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     """The command that goes on."""
-    again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
-    again += "" if args.segments == USUAL_SEGMENTS else f" --segments {args.segments}"
-    again += "" if args.view is None else " --view"
-    again += "" if args.lot is None else f" --lot {shell_word(args.lot)}"
-    return again + (f" --closure {args.closure:g}" if args.closure else "")
+    words: list[object] = ["record", "--resume", "--out", folder, "--port", port]
+    words += [] if args.segments == USUAL_SEGMENTS else ["--segments", args.segments]
+    words += [] if args.view is None else ["--view"]
+    words += [] if args.lot is None else ["--lot", args.lot]
+    words += ["--closure", f"{args.closure:g}"] if args.closure else []
+    return command_line(*words)
 
 
 def _tell(
@@ -168,9 +169,10 @@ def _tell(
     if words := missing(guide):
         console.print(words, soft_wrap=True)
     if interrupted:
-        complain(f"interrupted; everything received is kept. To go on: {_again(args, folder, port)}")
+        complain("interrupted; everything received is kept. To go on:")
+        print(f"  {_again(args, folder, port)}", file=sys.stderr, flush=True)
     else:
-        console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
+        print_commands(args, "next:", command_line("check", folder), command_line("fit", folder))
     if not args.series:
         write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted

@@ -42,8 +42,9 @@ def run(args: argparse.Namespace) -> int:
     for finding in made.findings:
         if finding.level in ("error", "warning"):
             console.print(f"  {finding.level}: {finding.line}", soft_wrap=True)
-    for number, step in enumerate(made.next):
-        console.print(f"{'next:' if number == 0 else 'then:'} {step}", soft_wrap=True)
+    console.print("next:")
+    for step in made.next:
+        console.print(f"  {step}", soft_wrap=True, markup=False)
     write_json(args.json, {"schema": "tinygc-replay/1", **_table(made)})
     return 0
 

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from session.io.texts import command_line
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         if one is None:
             near = nearest_name(args.name)
             meant = f"; is {near} meant?" if near else ""
-            raise CalibrationError(f"{args.name[:60]!r} is no sensor that is known{meant} (`calibrate.py sensors`)")
+            raise CalibrationError(f"{args.name[:60]!r} is no sensor that is known{meant} (`{command_line('sensors')}`)")
         for line in _lines(one):
             console.print(line, soft_wrap=True)
         chosen = (one,)

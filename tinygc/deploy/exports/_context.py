@@ -14,7 +14,7 @@ from session.io.config import Accelerometer, Config, read_config
 from session.io.folder import file_key, sha256_of
 from session.io.logfile import read_log
 from session.io.names import log_paths
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
 from tinygc.deploy import ExportError
@@ -134,7 +134,7 @@ def read_context(
     name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
     judged = named.removesuffix(AT_END)
-    fit = _fit_beside(path, judged, f"run `calibrate.py fit {shell_word(folder)}` again")
+    fit = _fit_beside(path, judged, f"run `{command_line('fit', folder)}` again")
     if worse := worse_in_table(fit, judged):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
         words = f"{path.name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
@@ -149,7 +149,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
         return Path(method)
     there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
     if not there:
-        raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {shell_word(folder)}` first, or give --model FILE")
+        raise ExportError(f"{folder / 'fit'}: no model; run `{command_line('fit', folder)}` first, or give --model FILE")
     wanted = method or (ONLY if set(there) == {ONLY} else PREFERRED)
     if wanted not in there:
         raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
 from tinygc.explanation.data_repair import FROM_THE_BAR, Mended
@@ -184,7 +184,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     # The sigma is from the scatter of so many turns: Student's tail, and its likelihood against the price of any name.
     freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
-    p_value = float(2 * stats.t.sf(abs(t), freedom))
+    p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
     parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.says(np.array([gravity.offset_s]))

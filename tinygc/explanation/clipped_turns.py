@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from session.detect.events import FALSE_ALARM, run_bar
 from session.detect.stills import CREEP_SIGMAS
@@ -165,7 +165,7 @@ def find_clipping(problem: Problem) -> Clipping | None:
     if not any(ceilings):
         known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors came after
         misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
-        chance = float(chi2.sf(misfit, int(problem.batch.known.sum())))
+        chance = float(chdtrc(int(problem.batch.known.sum()), misfit))
         ceilings = [find_plateaus(log.samples, full_scale) for log in problem.logs]
     levels = [ceiling.level for ceiling in ceilings if ceiling is not None]
     if not levels:
@@ -203,7 +203,7 @@ VERTICAL = 3.0
 
 def chance_of_creep(problem: Problem) -> float:
     """Bound of the chance that noise alone makes one of the stills seem to creep."""
-    return min(1.0, len(problem.stills) * float(chi2.sf(CREEP_SIGMAS**2, 3)))
+    return min(1.0, len(problem.stills) * float(chdtrc(3, CREEP_SIGMAS**2)))
 
 
 def about_the_vertical(problem: Problem) -> list[int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from session.detect import bridging
 from session.detect.segments import Segment
@@ -459,7 +459,7 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
         session, gaps = _with_lost(session, lost, length)
     for v in verdicts:
         if v.accepted:
-            chances[v.id] = min(1.0, len(v.events) * float(chi2.sf(max(2 * v.log_ratio, 0.0), len(v.accepted))))
+            chances[v.id] = min(1.0, len(v.events) * float(chdtrc(len(v.accepted), max(2 * v.log_ratio, 0.0))))
     return _again(problem, session), gaps
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
-from scipy import stats
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
@@ -233,7 +232,7 @@ def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionN
     }
     says = f"{effect.says(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
-    return [Claim(effect, parameters, std, float(chi2.sf(max(gain, 0.0), 1)), says, probability=probability)]
+    return [Claim(effect, parameters, std, float(chdtrc(1, max(gain, 0.0))), says, probability=probability)]
 
 
 # A claim stays only if what the fit never saw improves with it by more than chance, paired by segments.
@@ -271,7 +270,9 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     else:
         with_it = left_out(twin, whiten, fit.r, J)
     gains = per_segment(twin, have, left_out(twin, whiten, r, fewer)) - per_segment(twin, have, with_it)
-    return float(stats.wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
 
 
 def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
@@ -463,7 +464,7 @@ def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, 
     effect = best.effects[number]
     gain = _wald(best.fit, number)
     freedom = effect.parameter.size + (effect.scan is not None)
-    p_value = min(1.0, tests * float(stats.chi2.sf(gain, freedom)))
+    p_value = min(1.0, tests * float(chdtrc(freedom, gain)))
     rivals = rivals_of(evidence.weighed, best, effect)
     return NamedEffect(
         effect,

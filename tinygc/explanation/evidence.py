@@ -10,8 +10,7 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy import stats
-from scipy.optimize import brentq
+from scipy.special import fdtrc
 
 from tinygc.effects import Effect, catalogue
 from tinygc.noise.channels import in_gauge
@@ -139,7 +138,8 @@ class Selection(Generic[Name]):
 
 def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
     """Logarithm of Fisher's tail, where scipy's underflows as well: the tail is a power law there."""
-    value = stats.f.logsf(ratio, rank, freedom)
+    with np.errstate(divide="ignore"):
+        value = np.log(fdtrc(rank, freedom, np.maximum(ratio, 0)))
     far = -freedom / 2 * np.log1p(np.maximum(ratio, 0) * rank / freedom)
     return np.where(np.isfinite(value), value, far)
 
@@ -483,6 +483,8 @@ def price(effect: Effect, shapes: int, odds: float | None = None) -> float:
 def least_gain(effect: Effect, shapes: int) -> float:
     """Chi-square that an effect must take up to be as probable as nothing: each parameter also pays the logarithm of its signal over its
     noise."""
+    from scipy.optimize import brentq
+
     size = effect.parameter.size
     return float(brentq(lambda gain: gain - size * np.log(gain / size) - price(effect, shapes), size, 1e4))
 

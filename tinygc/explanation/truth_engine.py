@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
-from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc, fdtrc, gammaincinv
 
 from session.io.config import FOUND, TruthAlignment
 from session.io.folder import Session
@@ -52,7 +51,7 @@ OPPOSITE = -0.7
 
 
 #: median length of a vector of three normal deviates; and how many squares a scale from a median of N such lengths is worth, over N
-MEDIAN_LENGTH, FREEDOM_SHARE = float(stats.chi.median(3)), 1.58
+MEDIAN_LENGTH, FREEDOM_SHARE = float(np.sqrt(2 * gammaincinv(1.5, 0.5))), 1.58
 
 
 def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, float]], float]:
@@ -90,7 +89,7 @@ def chance_of(times_usual: float, pairs: int, segments: int) -> float:
     """Upper bound of the chance that normal errors, of the scale that the median length of ``segments`` of them tells, miss on both sides
     of one of ``pairs`` moments by so many times that length: that one side of one does, over all moments (Bonferroni)."""
     ratio = (times_usual * MEDIAN_LENGTH) ** 2 / 3
-    return float(min(1.0, pairs * stats.f.sf(ratio, 3, FREEDOM_SHARE * segments)))
+    return float(min(1.0, pairs * fdtrc(3, FREEDOM_SHARE * segments, ratio)))
 
 
 # The truth's clock as it was recorded: found before anything was fitted, or beside a delay of the gyro's axes; a claim like the others.
@@ -116,7 +115,7 @@ def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
         return replace(names, claimed=others)
     first_share, names = _set_back(names, found_s) if found_s else (0.0, names)
     others = [replace(claim, share=None if claim.share is None else claim.share * (1 - first_share)) for claim in others]
-    p_value = float(stats.chi2.sf((whole_s / sigma_s) ** 2, 1))
+    p_value = float(chdtrc(1, (whole_s / sigma_s) ** 2))
     theta, sigma = np.array([whole_s]), np.array([sigma_s])
     claim = truth_claim(OFFSET, theta, sigma, p_value, share=first_share, equivalent=common_delays())
     if named is not None:
@@ -217,11 +216,15 @@ def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
     """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem reckons with."""
     if alignment is None or not np.isfinite(alignment.turned).all():
         return np.zeros(3)
+    from scipy.spatial.transform import Rotation
+
     return (Rotation.from_matrix(alignment.reading.mounting).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
 
 
 def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np.ndarray]:
     """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without a mounting that was found, and as the gyro asks."""
+    from scipy.spatial.transform import Rotation
+
     asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
     if alignment is None or alignment.source["mounting"] != FOUND:
         return np.eye(3), asked
@@ -236,11 +239,11 @@ def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[
     turned, sigma = _not_taken_off(alignment), alignment.turned_sigma
     if alignment.source["mounting"] == FOUND:
         sure = float(np.sum((alignment.turned / sigma) ** 2))
-        return [truth_claim(MOUNTED, alignment.turned, sigma, float(stats.chi2.sf(sure, 3)))]
+        return [truth_claim(MOUNTED, alignment.turned, sigma, float(chdtrc(3, sure)))]
     size = float(np.linalg.norm(turned))
     sure = float(np.sum((turned / sigma) ** 2))
     if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:
         return []
     if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
-    return [truth_claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)))]
+    return [truth_claim(FRAME, turned, sigma, float(chdtrc(3, sure)))]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import nnls
 
 from session.detect.findings import Finding
 from session.detect.segments import Segment
@@ -125,6 +124,8 @@ def noises(lengths: np.ndarray, closures: np.ndarray) -> tuple[float, float]:
     """Per angle: sigma rad of a moment of truth, and the random walk rad/sqrt(s), from variance = 2 truth^2 + walk^2 T + drift^2 T^2."""
     if len(lengths) < 3:
         return float("nan"), float("nan")
+    from scipy.optimize import nnls
+
     variance = np.mean(closures**2, axis=1)
     design = np.column_stack([2 * np.ones_like(lengths), lengths, lengths**2])
     solution, _ = nnls(design / variance[:, None], np.ones_like(lengths))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from session.io.config import GIVEN
 from session.io.units import DEG
@@ -282,7 +282,7 @@ def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
     number = [claim.effect.id for claim in fit.state.claims].index(effect.id)
     theta = fit.state.claims[number].theta
     gain = float(theta @ np.linalg.solve(fit.theta_covariance(number), theta))
-    return NamedEffect(effect, float(stats.chi2.sf(gain, len(theta))), gain, probability)
+    return NamedEffect(effect, float(chdtrc(len(theta), gain)), gain, probability)
 
 
 def _claims(naming: Naming, fit: Refit) -> list[TruthClaim]:

@@ -11,9 +11,9 @@ from spoilt_registers import closed_up, rows_in_turns, with_losses
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import Trial, lowest, mend
+from tinygc.explanation.data_repair import ClosureTrial, lowest, mend
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.faulty_readings import FALSE, LOST, Event, proposed
+from tinygc.explanation.faulty_readings import FALSE, LOST, RegisterFault, proposed
 from tinygc.noise.twin import Twin
 
 ODR_HZ, SAMPLES = 208.0, 3
@@ -62,7 +62,7 @@ def excursions(rows: np.ndarray, dps: float, back: bool = False, seed: int = 4) 
     return {int(row): dps * DEG * np.outer(shape, axis) for row, axis in zip(rows, axes, strict=True)}
 
 
-def mended(table: Table, pushes) -> tuple[list[Event], object]:
+def mended(table: Table, pushes) -> tuple[list[RegisterFault], object]:
     problem = build_problem(session_of(sensed(table, pushes)))
     return proposed(problem.session), mend(problem)
 
@@ -107,17 +107,17 @@ def trial_of(table, rows):
     quiet = build_problem(session_of(sensed(table, {})))
     physics = Evidence(Twin(quiet)).nothing
 
-    def make(false: np.ndarray) -> Trial:
+    def make(false: np.ndarray) -> ClosureTrial:
         pushes = {row: (0 * rate if row in false else rate, rate) for row, rate in excursions(rows, 60).items()}
-        return Trial(build_problem(session_of(sensed(table, pushes))), physics, quiet)
+        return ClosureTrial(build_problem(session_of(sensed(table, pushes))), physics, quiet)
 
     return make
 
 
-def resting(trial: Trial) -> Event:
+def resting(trial: ClosureTrial) -> RegisterFault:
     """In a still, of which no closure can tell: it is no part of a segment."""
     first = trial.twin.stills[0][1]
-    return Event(FALSE, 0, (first.start + first.stop) // 2 - 20, SAMPLES)
+    return RegisterFault(FALSE, 0, (first.start + first.stop) // 2 - 20, SAMPLES)
 
 
 @pytest.mark.slow
@@ -126,7 +126,7 @@ def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(tria
     trial = trial_of(rows[:true])
     silent = resting(trial)
     assert trial.segment_of(silent) is None
-    decided = [Event(FALSE, 0, int(row), SAMPLES) for row in rows]
+    decided = [RegisterFault(FALSE, 0, int(row), SAMPLES) for row in rows]
     verdict = trial.judge(FALSE, [*decided, silent], [])
     assert verdict.accepted == decided[:true] + [silent] * believed
     share = (verdict.chance.sum() + 0.5) / (len(decided) + 2)

@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 from scipy.special import stdtr
 
+from session.io.units import DEG
 from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
 from tinygc.explanation.data_repair import FROM_THE_BAR, Mended
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
@@ -138,6 +139,11 @@ class Considered:
     moments: int = 0
     closure_rad: tuple[float, float] | None = None
 
+    def to_json(self) -> dict:
+        """One of ``considered`` of ``tinygc-explain/1``."""
+        closure = None if self.closure_rad is None else {"before": self.closure_rad[0] / DEG, "after": self.closure_rad[1] / DEG}
+        return {"id": self.id, "probability": self.probability, "moments": self.moments, "closure_rms_deg": closure}
+
 
 def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
     """The names, and the moments, that were not borne out; likeliest first."""
@@ -165,11 +171,6 @@ def mended_claims(mended: Mended) -> list[Claim]:
     return claims
 
 
-def _delays(effect: Effect) -> bool:
-    """Whether to first order it delays each axis: what all axes share of that is a delay of the gyro."""
-    return effect.gauge is not None and bool(effect.gauge.delays)
-
-
 def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     """The delay between gyro and accelerometer, which closure does not see.
 
@@ -179,7 +180,8 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
         return []
     known = catalogue()
     names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
-    lags = sorted(name for name in names if name in known and _delays(known[name]))
+    # An effect that delays each axis to first order: what all axes share of that is a delay of the gyro.
+    lags = sorted(name for name in names if name in known and (gauge := known[name].gauge) is not None and gauge.delays)
     effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     # The sigma is from the scatter of so many turns: Student's tail, and its likelihood against the price of any name.

@@ -25,7 +25,7 @@ from tinygc.effects import Effect
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis, candidates
-from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, Event, bridged, crossing, proposed
+from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, bridged, crossing, proposed
 from tinygc.explanation.search import search
 from tinygc.noise.components import undersampling
 from tinygc.noise.refit import design
@@ -105,7 +105,7 @@ class Verdict:
     with all of them mended; log_ratio: logarithm of the likelihood ratio of all."""
 
     id: str
-    events: list[Event]
+    events: list[RegisterFault]
     chance: np.ndarray
     probability: float
     length: int
@@ -114,12 +114,12 @@ class Verdict:
     log_ratio: float
 
     @property
-    def accepted(self) -> list[Event]:
+    def accepted(self) -> list[RegisterFault]:
         """The events that are likelier than not, if there are any of this kind at all."""
         return [event for event, chance in zip(self.events, self.chance, strict=True) if chance > 0.5] if self.probability > 0.5 else []
 
 
-class Trial:
+class ClosureTrial:
     """Segments as they close with any of the events mended.
 
     problem: as it was recorded; hypothesis: the physics, of a twin that has seen no event; quiet: the same problem with all false readings
@@ -146,14 +146,14 @@ class Trial:
         self._batch = twin.batch_at(self.state)
         self._period_s = float(np.median([movement.dt_s for movement in twin.movements]))
 
-    def segment_of(self, event: Event) -> int | None:
+    def segment_of(self, event: RegisterFault) -> int | None:
         """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
         for i, segment in enumerate(self.twin.problem.used):
             if segment.log == event.log and segment.start + bridging.SIDE <= event.row < segment.stop - bridging.SIDE:
                 return i
         return None
 
-    def angles(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> np.ndarray:
+    def angles(self, i: int, mended: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int) -> np.ndarray:
         """(d,) rad that segment i misses with these of its events mended."""
         segment, batch, seen = self.twin.problem.used[i], self._batch, self.twin.segments[i]
         count = segment.stop - segment.start
@@ -171,7 +171,7 @@ class Trial:
         return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
 
     def _choices(
-        self, i: int, own: list[Event], others: list[Event], cross: Callable[[Event], Crossing], length: int
+        self, i: int, own: list[RegisterFault], others: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int
     ) -> dict[Choice, float]:
         """Log-likelihood of each choice of segment i's own events, with ``others`` mended in any case."""
 
@@ -185,7 +185,7 @@ class Trial:
 
         return choices(len(own), value)
 
-    def lost_each_time(self, losses: list[Event]) -> int:
+    def lost_each_time(self, losses: list[RegisterFault]) -> int:
         """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
 
         For this search a loss is one long step, and each segment has one at the most, at any of its events, or has none: one without a
@@ -217,12 +217,12 @@ class Trial:
 
         return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
 
-    def _tilt_rms(self, mended: dict[int, list[Event]], cross: Callable[[Event], Crossing], length: int) -> float:
+    def _tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
         """rad, of segments with these of their events mended."""
         squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
-    def judge(self, name: str, events: list[Event], others: list[Event]) -> Verdict:
+    def judge(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
         """Events of one id, with ``others``, of another id, mended already."""
         length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
@@ -251,7 +251,7 @@ class Trial:
         in_rests = CERTAIN * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
         log_ratio = float(closed) + in_rests - np.log(tries)
         touched = list(inside)
-        none: dict[int, list[Event]] = {i: [] for i in touched}
+        none: dict[int, list[RegisterFault]] = {i: [] for i in touched}
         all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
         rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]
         probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
@@ -272,7 +272,7 @@ def lowest(cost: Callable[[int], float], most: int) -> int:
 # How many samples were lost each time, where hardly a turn is without a loss: each count with the linear model that suits it best.
 
 
-def common_count(problem: Problem, losses: list[Event]) -> int:
+def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
     """Samples missing after each of the events, the same for all, by the closure of all segments.
 
     For this search a loss is one long step.
@@ -351,17 +351,16 @@ FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """What was mended.
+    """What was repaired.
 
     problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
-    id -> upper bound of the chance that noise alone does it in this recording; misfit: chi-square of the closure before, 0 where nothing
-    was mended; reference: effects that the segments without any event ask for;
-    verdicts: on what was proposed, borne out or not; clipping likewise."""
+    id -> upper bound of the chance that noise alone does it in this recording; reference: effects that the segments without any event
+    show; verdicts on what was proposed, accepted or not; clipping likewise.
+    """
 
     problem: Problem
     found: dict[str, tuple[dict, dict]]
     p_value: dict[str, float]
-    misfit: float = 0.0
     reference: tuple[Effect, ...] = ()
     verdicts: list[Verdict] = field(default_factory=list)
     clipping: Clipping | None = None
@@ -380,7 +379,6 @@ def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) 
     """Clipping, then false readings and losses, then creeping stills: each is proposed, tried, and mended where it is borne out."""
     found: dict[str, tuple[dict, dict]] = {}
     chances: dict[str, float] = {}
-    original = problem
     progress("registers")
     clipping = find_clipping(problem)
     if clipping is not None and clipping.borne_out:
@@ -392,7 +390,7 @@ def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) 
     problem, gaps = _with_accepted(problem, verdicts, found, chances)
     progress("stills")
     problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
-    return Mended(problem, found, chances, _misfit(original) if found else 0.0, reference, verdicts, clipping)
+    return Mended(problem, found, chances, reference, verdicts, clipping)
 
 
 def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
@@ -406,14 +404,14 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
     false, lost = ([e for e in events if e.id == name] for name in (FALSE, LOST))
     quiet = _again(problem, bridged(problem.session, false)) if false else problem
     reference = _reference(problem, quiet, false, lost)
-    trial = Trial(problem, reference, quiet)
+    trial = ClosureTrial(problem, reference, quiet)
     verdicts = [trial.judge(FALSE, false, [])] if false else []
     if lost:
         verdicts.append(trial.judge(LOST, lost, [e for v in verdicts for e in v.accepted]))
     return verdicts, reference.effects
 
 
-def _reference(problem: Problem, quiet: Problem, false: list[Event], lost: list[Event]) -> Hypothesis:
+def _reference(problem: Problem, quiet: Problem, false: list[RegisterFault], lost: list[RegisterFault]) -> Hypothesis:
     """The physics by which events are judged: of the segments that close, with or without any.  Where those are few, or do not close as a
     sensor's do, also of all, as they are and with everything mended; whichever has the greater evidence for each of its values."""
     inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
@@ -463,7 +461,7 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
     return _again(problem, session), gaps
 
 
-def _with_lost(session: Session, lost: list[Event], length: int) -> tuple[Session, list[Gap]]:
+def _with_lost(session: Session, lost: list[RegisterFault], length: int) -> tuple[Session, list[Gap]]:
     """The session with ``length`` samples put back after each of the events."""
     logs, gaps = [], []
     for number, log in enumerate(session.logs):
@@ -475,11 +473,6 @@ def _with_lost(session: Session, lost: list[Event], length: int) -> tuple[Sessio
             log = replace(log, samples=faulty_readings.with_lost(log.samples, rows, length, np.array(orders)), bridges=moved)
         logs.append(log)
     return replace(session, logs=tuple(logs)), gaps
-
-
-def _misfit(problem: Problem) -> float:
-    """Chi-square of the closure."""
-    return float(np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2))
 
 
 def _again(

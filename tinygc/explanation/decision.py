@@ -201,13 +201,13 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
 WORTH_SAYING = 0.5
 
 
-def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
+def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
     """The claim, if the recording bears it out: the noise is less probable without it, whatever each turn may err by otherwise."""
-    factor, missed = noise.size(UNDERSAMPLED), noise.missed
+    twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
     if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
         return []
-    J = whiten.back(fit.J) * Evidence.prior_of(twin, fit)
+    J = whiten.back(fit.J) * evidence.prior(fit)
     fewer = noise.without(UNDERSAMPLED)
     gain = fewer.estimated(whiten, whiten.back(fit.r), J, fewer.s).value - noise.value
     probability = float(1 / (1 + np.exp(-np.clip(gain, -700, 700) / 2)))
@@ -436,7 +436,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     first = refit(twin, best.whiten, [], twin.start())
     r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
     noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
-    undersampled = undersampled_claim(twin, best.whiten, fit, noise)
+    undersampled = undersampled_claim(evidence, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
     unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
     named = sorted(names, key=lambda n: -n.gain)
@@ -461,8 +461,9 @@ def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit,
 
 
 def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:
-    effect = best.effects[number]
-    gain = _wald(best.fit, number)
+    effect, claims = best.effects[number], best.fit.state.claims
+    part, theta = claim_slice(claims, number), claims[number].theta
+    gain = float(theta @ np.linalg.solve(best.fit.covariance[part, part], theta))
     freedom = effect.parameter.size + (effect.scan is not None)
     p_value = min(1.0, tests * float(chdtrc(freedom, gain)))
     rivals = rivals_of(evidence.weighed, best, effect)
@@ -474,10 +475,3 @@ def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, 
         tuple(name for name, worse in rivals.items() if worse < STAND_IN),
         {name: chance[name] for name in rivals},
     )
-
-
-def _wald(fit: Refit, number: int) -> float:
-    """Chi-square of a claim's parameters against none."""
-    part = claim_slice(fit.state.claims, number)
-    theta = fit.state.claims[number].theta
-    return float(theta @ np.linalg.solve(fit.covariance[part, part], theta))

@@ -121,7 +121,7 @@ def explain_session(
     # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
-        mended = replace(mended, problem=problem, found={}, p_value={}, misfit=0.0)  # what makes the closure worse mends nothing
+        mended = replace(mended, problem=problem, found={}, p_value={})  # what makes the closure worse mends nothing
         twin, naming, proof = _decided(problem, mended, seed, progress, known)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])

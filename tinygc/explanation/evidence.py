@@ -16,7 +16,7 @@ from tinygc.effects import Effect, catalogue
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
 from tinygc.noise.session_noise import SessionNoise, Whiteners, first_noise
-from tinygc.noise.twin import State, Twin, claim_slice
+from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
 # Name: which group of columns explains the residuals beyond chance.
@@ -29,9 +29,6 @@ from tinygc.noise.whitening import Whitener
 DRAWS = 1000
 #: false alarms that are allowed; benchmarks/null_sessions.py finds 6.5 % +- 1.7 %
 FAMILY_WISE = 0.05
-#: of the family-wise level, for the candidates; the rest is for the channels' chi-square, which stated noise decides
-#: (benchmarks/null_sessions.py: detection p-values uniform with it)
-SHAPE_SHARE = 0.98
 #: a direction that the nuisance leaves less of than this is not seen: a hundredth of a per cent, less than columns are linear to
 UNSEEN = 1e-4
 #: the same beside the allowances, of which there are twelve, themselves known to finite differences (``twin.SMALL_SHARE``)
@@ -77,19 +74,18 @@ class Selection(Generic[Name]):
         """(groups, …) logarithm of each group's p-value for residuals r (n, …): their order, no more."""
         r = r - self.q @ (self.q.T @ r)
         rss = np.sum(r**2, axis=0)
-        return np.array([self._log_p_of(group, r, rss) for group in self.groups])
+        found = []
+        for group in self.groups:
+            rank = group.basis.shape[1]
+            freedom = self.n - self.q.shape[1] - rank
+            gain = np.sum((group.basis.T @ r) ** 2, axis=0)
+            found.append(_log_f_tail((gain / rank) / np.maximum((rss - gain) / freedom, 1e-300), rank, freedom))
+        return np.array(found)
 
     def gains(self, r: np.ndarray) -> dict[Name, float]:
         """Chi-square that each candidate would take up."""
         r = r - self.q @ (self.q.T @ r)
         return {group.name: float(np.sum((group.basis.T @ r) ** 2)) for group in self.groups}
-
-    def _log_p_of(self, group: Group[Name], r: np.ndarray, rss: np.ndarray) -> np.ndarray:
-        rank = group.basis.shape[1]
-        freedom = self.n - self.q.shape[1] - rank
-        gain = np.sum((group.basis.T @ r) ** 2, axis=0)
-        ratio = (gain / rank) / np.maximum((rss - gain) / freedom, 1e-300)
-        return _log_f_tail(ratio, rank, freedom)
 
     def p_value(self, r: np.ndarray) -> float:
         """Probability that some candidate explains as much of residuals r (n,) as the best one does, when nothing is missing."""
@@ -287,20 +283,11 @@ GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """effects; fit with all of them; noise: the covariance that it was fitted with; score: -2 log of evidence times prior; whiteners: of
-    the recording."""
+class Guess:
+    """effects; score: -2 log of evidence times prior, as their linear columns promise it."""
 
     effects: tuple[Effect, ...]
-    fit: Refit
-    noise: SessionNoise
     score: float
-    whiteners: Whiteners
-
-    @property
-    def whiten(self) -> Whitener:
-        """With its noise."""
-        return self.whiteners.of(self.noise)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -311,17 +298,18 @@ class Hypothesis:
         return f"<{', '.join(sorted(self.ids)) or 'nothing'}: {self.score:.1f}>"
 
 
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """effects, and the score that their linear columns promise."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Hypothesis(Guess):
+    """Weighed exactly.  fit with all effects; noise: the covariance that it was fitted with; whiteners: of the recording."""
 
-    effects: tuple[Effect, ...]
-    score: float
+    fit: Refit
+    noise: SessionNoise
+    whiteners: Whiteners
 
     @property
-    def ids(self) -> frozenset[str]:
-        """Of its effects."""
-        return frozenset(effect.id for effect in self.effects)
+    def whiten(self) -> Whitener:
+        """With its noise."""
+        return self.whiteners.of(self.noise)
 
 
 def _key(effects: tuple[Effect, ...]) -> tuple:
@@ -345,7 +333,7 @@ class Evidence:
         self._replay = Replay(twin, self.nothing.fit)
 
     @property
-    def weighed(self) -> list[Hypothesis | Guess]:
+    def weighed(self) -> list[Guess]:
         """All hypotheses so far: weighed exactly, or else by their linear columns."""
         return [*self._known.values(), *(guess for key, guess in self._guesses.items() if key not in self._known)]
 
@@ -359,14 +347,16 @@ class Evidence:
     def _weigh(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
         twin = self.twin
         whiten = self.first_whiten if begin is None else begin.whiten
-        state = twin.start() if begin is None else self._gauged_start(begin)
+        # Not from where an earlier effect's common delay has run while this one was missing.
+        state = twin.start() if begin is None else in_gauge(twin, begin.whiten, begin.fit).state
         fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
         for start in (None, True):
-            noise = self._noise(whiten, fit, noise.s if start else None)
+            r, J = whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit)
+            noise = self.first_noise.estimated(whiten, r, J, noise.s if start else None)
             whiten = self.whiteners.of(noise)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
         score = noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit)
-        return Hypothesis(effects, fit, noise, score, self.whiteners)
+        return Hypothesis(effects, score, fit, noise, self.whiteners)
 
     def _implausible(self, fit: Refit) -> float:
         """theta' D^-1 theta beyond what ``price`` has of it: a claim that is larger than plausible pays by its square."""
@@ -375,9 +365,6 @@ class Evidence:
             size = float(np.sum((claim.theta / prior[claim_slice(fit.state.claims, number)]) ** 2))
             found += max(size - claim.effect.parameter.size, 0.0)
         return found
-
-    def _noise(self, whiten: Whitener, fit: Refit, start: np.ndarray | None) -> SessionNoise:
-        return self.first_noise.estimated(whiten, whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit), start)
 
     def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
         """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated anew."""
@@ -419,18 +406,9 @@ class Evidence:
                 self._columns[effect] = found
         return found
 
-    def _gauged_start(self, begin: Hypothesis) -> State:
-        # Not from where an earlier effect's common delay has run while this one was missing.
-        return in_gauge(self.twin, begin.whiten, begin.fit).state
-
     def prior(self, fit: Refit) -> np.ndarray:
         """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
-        return self.prior_of(self.twin, fit)
-
-    @staticmethod
-    def prior_of(twin: Twin, fit: Refit) -> np.ndarray:
-        """The same, of any fit."""
-        prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+        prior = prior_sigmas(self.twin, [claim.effect for claim in fit.state.claims])
         for number, claim in enumerate(fit.state.claims):
             part = claim_slice(fit.state.claims, number)
             # At least what the best known of their directions is known to: one that nothing sees says nothing of their size.

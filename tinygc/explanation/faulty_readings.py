@@ -338,7 +338,7 @@ FALSE, LOST = "data.glitches", "timing.dropped_samples"
 
 
 @dataclass(frozen=True)
-class Event:
+class RegisterFault:
     """id, ``FALSE`` or ``LOST``; log; row of the first false reading, or after which samples may be missing; samples that are false; accel:
     whether the accelerometer's are false, too, as in rows that no sensor gives."""
 
@@ -349,22 +349,22 @@ class Event:
     accel: bool = False
 
 
-def proposed(session: Session) -> list[Event]:
+def proposed(session: Session) -> list[RegisterFault]:
     """False readings of every log, then losses in what is left with these bridged."""
-    events: list[Event] = []
+    events: list[RegisterFault] = []
     for number, log in enumerate(session.logs):
         samples = log.samples
         if (glitches := find_glitches(samples)) is not None:
             columns = zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True)
-            events += [Event(FALSE, number, row, count, accel) for row, count, accel in columns]
+            events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in columns]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
         losses = possible_losses(find_jumps(samples), samples.duration_s)
-        events += [Event(LOST, number, row) for row in losses.tolist()]
+        events += [RegisterFault(LOST, number, row) for row in losses.tolist()]
     return [event for event in events if not _in_bridge(session, event)]
 
 
-def _in_bridge(session: Session, event: Event) -> bool:
+def _in_bridge(session: Session, event: RegisterFault) -> bool:
     """Whether an event is where readings were put in: what looks wrong there is no reading's, and the stamps have told the loss."""
     first, last = event.row, event.row + max(event.samples, 1)
     bridges = session.logs[event.log].bridges
@@ -372,7 +372,7 @@ def _in_bridge(session: Session, event: Event) -> bool:
     return any(first <= each.row + each.count + bridging.SIDE and last >= each.row - bridging.SIDE for each in gaps)
 
 
-def bridged(session: Session, events: list[Event]) -> Session:
+def bridged(session: Session, events: list[RegisterFault]) -> Session:
     """The session with false readings replaced by what their neighbours say; losses are left as they are."""
     logs = []
     for number, log in enumerate(session.logs):
@@ -392,6 +392,6 @@ class Crossing:
     missed_rad: float
 
 
-def crossing(samples: Samples, event: Event, length: int) -> Crossing:
+def crossing(samples: Samples, event: RegisterFault, length: int) -> Crossing:
     """Of an event; length: how many samples each loss has, where it is one."""
     return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))

@@ -327,7 +327,7 @@ def to_json(e: Explanation) -> dict:
     assert e.within is not None  # an explanation that is told is whole
     return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
-        "considered": [_considered(each) for each in e.considered],
+        "considered": [each.to_json() for each in e.considered],
         "lot_effects": [each.to_json() for each in e.of_lot],
         "lines_end_hz": lines_end_hz(e.twin),
         "fit": {
@@ -360,11 +360,6 @@ def to_json(e: Explanation) -> dict:
         "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
     }
-
-
-def _considered(each: Considered) -> dict:
-    closure = None if each.closure_rad is None else dict(zip(("before", "after"), (rad / DEG for rad in each.closure_rad), strict=True))
-    return {"id": each.id, "probability": each.probability, "moments": each.moments, "closure_rms_deg": closure}
 
 
 def truth_to_json(e: TruthExplanation) -> dict:

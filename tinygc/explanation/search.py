@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -62,16 +62,30 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
     replay = Replay(evidence.twin, have.fit)
     looks = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
     for (whiten, fit), promise in zip(looks, promises(evidence, looks, rest), strict=True):
-        taken = 0
-        for number in np.argsort(-promise):
-            if promise[number] < 0 or taken >= MOST_TRIALS:
-                break
-            effect = rest[number]
-            key = effect.id if effect.scan is not None else effect.equation
-            if key not in found:
-                found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
-                taken += 1
+        found |= _most_promising(evidence, (whiten, fit, replay), rest, promise, 0.0, MOST_TRIALS, found)
     return list(found.values())
+
+
+def _most_promising(
+    evidence: Evidence,
+    beside: tuple[Whitener, Refit, Replay],
+    rest: list[Effect],
+    promise: np.ndarray,
+    least: float,
+    most: int,
+    known: Mapping[str, Effect],
+) -> dict[str, Effect]:
+    """Of the candidates with the greatest promise, at least so much, so many that are not known yet; each once, at its best shape."""
+    found: dict[str, Effect] = {}
+    for number in np.argsort(-promise):
+        if promise[number] < least or len(found) >= most:
+            break
+        effect = rest[number]
+        key = effect.id if effect.scan is not None else effect.equation
+        if key not in found and key not in known:
+            whiten, fit, replay = beside
+            found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
+    return found
 
 
 def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list[Effect]) -> np.ndarray:
@@ -165,14 +179,8 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
     looks, replay = [(whiten, fit)], Replay(evidence.twin, fit)
     (promise,), ((mine,),) = promises(evidence, looks, rest), promises(evidence, looks, [effect])
-    found: dict[str, Effect] = {}
-    for number in np.argsort(-promise):
-        if promise[number] < max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0) or len(found) >= MOST_LOOKALIKES:
-            break
-        key = rest[number].id if rest[number].scan is not None else rest[number].equation
-        if key not in found:
-            found[key] = sharpened(evidence.twin, whiten, fit, rest[number], replay)
-    return list(found.values())
+    least = max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0)
+    return list(_most_promising(evidence, (whiten, fit, replay), rest, promise, least, MOST_LOOKALIKES, {}).values())
 
 
 # From what size on each effect would have been seen in this recording: what a `no_mismatch` is worth, and what it cannot know.
@@ -190,7 +198,11 @@ def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     shapes = Counter(effect.id for effect in tried)
     for effect in tried:
         columns = whiten(replay.columns(effect).stacked())
-        size = _size(effect, columns - q @ (q.T @ columns), float(np.sqrt(least_gain(effect, shapes[effect.id]))))
+        left, plausible = columns - q @ (q.T @ columns), effect.parameter.plausible
+        # The median: of a delay, what all axes have in common is the clock's and hardly shows, whatever the recording.
+        strength = float(np.median(np.linalg.svd(left * plausible, compute_uv=False)))
+        sigmas = float(np.sqrt(least_gain(effect, shapes[effect.id])))
+        size = sigmas / strength * plausible / effect.parameter.si if strength > sigmas else np.inf
         sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
     return sizes
 
@@ -202,12 +214,6 @@ def in_words(sizes: dict[str, float]) -> list[str]:
     blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
     lines = [f"would have been named from: {shown}"] if shown else []
     return lines + ([f"not observable in this recording: {blind}"] if blind else [])
-
-
-def _size(effect: Effect, columns: np.ndarray, sigmas: float) -> float:
-    # The median: of a delay, what all axes have in common is the clock's and hardly shows, whatever the recording.
-    strength = float(np.median(np.linalg.svd(columns * effect.parameter.plausible, compute_uv=False)))
-    return sigmas / strength * effect.parameter.plausible / effect.parameter.si if strength > sigmas else float("inf")
 
 
 # What is named in a recording, with the probability of each name and of its rivals.
@@ -229,7 +235,7 @@ class NamedEffect:
     rivals: dict[str, float] = field(default_factory=dict)
 
 
-def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
+def probabilities(weighed: Sequence[Guess]) -> dict[str, float]:
     """Posterior probability of each id, over all hypotheses that were weighed; "" for nothing at all."""
     scores = np.array([h.score for h in weighed])
     weight = np.exp(-(scores - scores.min()) / 2)
@@ -241,7 +247,7 @@ def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
     return {name: min(p, 1.0) for name, p in found.items()}
 
 
-def rivals_of(weighed: Sequence[Hypothesis | Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
+def rivals_of(weighed: Sequence[Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
     """Of every effect that was weighed in an effect's place, -2 log evidence by which it is worse, by id."""
     others = best.ids - {effect.id}
     found: dict[str, float] = {}

@@ -87,7 +87,8 @@ class Coach:
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
-        return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
+        moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad) for part in turn.parts)
+        return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
 
     def _says(self, measured: np.ndarray) -> str:
         """Of a board of a lot: how many turns are enough, as it is now; or that it is none of the lot's."""
@@ -216,10 +217,6 @@ class Coach:
 
 def _turns(count: int, one: str, many: str) -> str:
     return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
-
-
-def _movements(turn: Turn) -> tuple[RequestedTurn, ...]:
-    return tuple(RequestedTurn(_vector(part.axis), part.angle_rad) for part in turn.parts)
 
 
 def _vector(vector: np.ndarray) -> tuple[float, float, float]:

@@ -85,7 +85,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class RecordingPlan:
     """proposals; asked: what `explain` asked for there, if it did; enough: how many such turns reach every target, None for more than
     ``MOST``; lot: what came from the lot, where one was given."""
 
@@ -95,7 +95,7 @@ class Plan:
     lot: PriorUse | None = None
 
 
-def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
+def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
     """The plan for a session; lot: file of a lot of units.  Raises what ``build_problem`` and the annex's ``lot_for`` raise."""
     session, _ = with_own_accelerometer(read_session(folder))
     given = None if lot is None else need("a lot as prior").lot_for(lot, session.config.sensor.model)
@@ -111,7 +111,7 @@ def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
             known = replace(known, covariance=np.linalg.inv(information))
     all_turns = _greedy(known, MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
-    return Plan(all_turns[:count], requested_by_explain(session.folder), enough, use)
+    return RecordingPlan(all_turns[:count], requested_by_explain(session.folder), enough, use)
 
 
 @dataclass(frozen=True, eq=False)

@@ -268,7 +268,7 @@ MOST_OF_SCALE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class CandidateTurn:
     """words for the operator; movement, still at both ends; sensitivity (N, 2, 3) s of its closure; stills: rows at rest, before, after."""
 
     words: str
@@ -277,7 +277,7 @@ class Trial:
     stills: tuple[slice, slice]
 
 
-def trials(like: Movement) -> list[Trial]:
+def trials(like: Movement) -> list[CandidateTurn]:
     """Turns by quarters from each side; like: a log of the sensor, whose full scale, temperature and vibration hold."""
     found = []
     for seconds in TURNS_S:
@@ -292,7 +292,7 @@ def trials(like: Movement) -> list[Trial]:
     return found
 
 
-def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Movement) -> list[Trial]:
+def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Movement) -> list[CandidateTurn]:
     """Of one duration."""
     t = np.arange(0, seconds + 2 * SPLITTING_STILL_S, 1 / SPLITTING_RATE_HZ)
     speed = PEAK / seconds * np.sin(np.pi * np.clip((t - SPLITTING_STILL_S) / seconds, 0, 1)) ** 2
@@ -307,7 +307,7 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
     count = round(SPLITTING_STILL_S * SPLITTING_RATE_HZ)
     stills = slice(count), slice(len(t) - count, len(t))
     return [
-        Trial(
+        CandidateTurn(
             f"from a still with {up_words(up)} up, turn {part.words} ({part.seconds:g} s)",
             _movement(t, rate[number], force[number], like),
             sensitivity[number],

@@ -22,7 +22,7 @@ from tinygc.explanation.search import STAND_IN
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Channels
 from tinygc.noise.whitening import Whitener
-from tinygc.planning.turns import Trial, trials
+from tinygc.planning.turns import CandidateTurn, trials
 
 # Which numbers of a law are drawn together: what adds to one axis from one component of the quantity that is drawn along.
 
@@ -229,7 +229,7 @@ def _splitting(pair: Pair) -> str:
     return f"{trial.words}: they differ there by {sigmas:.1f} sigmas, {often}; or {words}"
 
 
-def best_trial(own: Fitted, other: Fitted) -> tuple[Trial, float] | None:
+def best_trial(own: Fitted, other: Fitted) -> tuple[CandidateTurn, float] | None:
     """The movement for which the two differ most, and by how many sigmas: of its closure and of its stills, whatever the zero is then.
 
     None where the gyroscope's range is too small for any.

@@ -19,7 +19,7 @@ from session.io.units import DEG
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
-from tinygc.estimation.network_training import train_second_order
+from tinygc.estimation.network import train_second_order
 from tinygc.models.linear import bias_only
 from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.simulation.options import SimulationOptions

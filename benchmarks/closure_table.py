@@ -21,9 +21,9 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import closure_figures, run_figures
-from tinygc.estimation.denoiser_training import of_problem, train_denoiser
+from tinygc.estimation.denoiser import of_problem, train_denoiser
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.network_training import train_second_order
+from tinygc.estimation.network import train_second_order
 from tinygc.estimation.options import DenoiseOptions, FitOptions
 from tinygc.estimation.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only

@@ -28,10 +28,10 @@ from session.io.units import DEG
 from tinygc import closure
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
-from tinygc.estimation import denoiser_training
+from tinygc.estimation import denoiser
 from tinygc.estimation.choice import run_figures
-from tinygc.estimation.denoiser_training import REACH, Material, of_problem, train_denoiser
-from tinygc.estimation.network_training import train_second_order
+from tinygc.estimation.denoiser import REACH, Material, of_problem, train_denoiser
+from tinygc.estimation.network import train_second_order
 from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.simulation.options import SimulationOptions
@@ -145,7 +145,7 @@ def _judge(unseen: Material, run: ClosureRun, net, model, calibrated) -> dict:
 
 def _in_motion(unseen: Material, net, answer, before: np.ndarray) -> float:
     """dps: the answer against the noisy rate of its own sample, less what noise they share (found with a second dose of it)."""
-    noise = denoiser_training.autocovariance([net(x) for x in unseen.stills], TAPS)[:, 0]
+    noise = denoiser.autocovariance([net(x) for x in unseen.stills], TAPS)[:, 0]
     rng, total = np.random.default_rng(0), []
     for x, count in zip(unseen.context, unseen.counts, strict=True):
         x = net(x[: 2 * REACH + count])

@@ -121,7 +121,7 @@ def _fast_samples() -> Samples:
 
 
 def _methods(problem: Problem, args: argparse.Namespace):
-    from tinygc.estimation.network_training import train_second_order
+    from tinygc.estimation.network import train_second_order
 
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     progress("least squares")

@@ -16,7 +16,7 @@ from common import in_parallel, markdown, simulated
 
 from session.io.folder import read_session
 from tinygc.closure.build import build_problem
-from tinygc.estimation import network_training
+from tinygc.estimation import network
 from tinygc.simulation.options import SimulationOptions
 
 SMALLER = (Case("asymmetry ±0.1 %", asymmetry=0.001), Case("cubic 0.3 %", cubic=0.003))
@@ -48,22 +48,22 @@ def one_session(job: tuple[Case, int]) -> dict[str, tuple[float, float, float, f
         problem = build_problem(read_session(folder))
     batch, sigma = problem.batch, problem.floor.sigma
     return {
-        name: (*_all_ties(batch, sigma, kind), network_training.train_second_order(batch, sigma, start=kind.identity()).tie)
+        name: (*_all_ties(batch, sigma, kind), network.train_second_order(batch, sigma, start=kind.identity()).tie)
         for name, kind in NETS.items()
     }
 
 
 def _all_ties(batch, sigma, kind) -> tuple[float, float, float]:
     """Gains in standard errors, and the tie that is chosen where each is settled."""
-    rows = network_training._Problem(batch, sigma, None, "exact", kind.identity(), None)
-    (_, prior), *rungs = rows.start.rungs(rows.typical_rps, network_training.TIES)
-    vector, r, unbent, _ = rows.settle(rows.identity, prior, network_training.MAX_STEPS)
+    rows = network._Problem(batch, sigma, None, "exact", kind.identity(), None)
+    (_, prior), *rungs = rows.start.rungs(rows.typical_rps, network.TIES)
+    vector, r, unbent, _ = rows.settle(rows.identity, prior, network.MAX_STEPS)
     linear, lowest, chosen, promised, given = rows.linear(vector, r), unbent, 0.0, [], []
     for tie, prior in rungs:
-        vector, _, left_out, _ = rows.settle(vector, prior, network_training.MAX_STEPS)
+        vector, _, left_out, _ = rows.settle(vector, prior, network.MAX_STEPS)
         promised.append(_gain(linear.left_out(prior), unbent))
         given.append(_gain(left_out, unbent))
-        if network_training._less(left_out, lowest, network_training.BELIEF):
+        if network._less(left_out, lowest, network.BELIEF):
             chosen, lowest = tie, left_out
     return max(promised), max(given), chosen
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import calibrate
 from session.detect.accelerometer import PARAMETERS
 from session.io.config import Accelerometer
-from tinygc.estimation.compare import Triad, agreement, compare, into_frame_of, read_calibrated
+from tinygc.estimation.compare import SessionTriad, agreement, compare, into_frame_of, read_calibrated
 from tinygc.models.linear import BIAS, MATRIX
 
 TURN = Rotation.from_rotvec([0.010, -0.006, 0.008])
@@ -65,7 +65,7 @@ def test_the_accelerometers_of_one_sensor_agree_and_one_that_moved_does_not(days
         assert compare(read(days, *names)).triads.agreement.p_value > 0.01, names
     monday, bare = read(days, "monday", "bare")
     moved = Accelerometer(bare.triad.calibration.matrix, bare.triad.calibration.bias_mps2 + np.array([2e-3, 0, 0]))  # 0.2 mg
-    object.__setattr__(bare, "triad", Triad("fit", moved, bare.triad.covariance, bare.triad.shared))
+    object.__setattr__(bare, "triad", SessionTriad("fit", moved, bare.triad.covariance, bare.triad.shared))
     assert compare([monday, bare]).triads.agreement.p_value < 1e-6
 
 
@@ -117,7 +117,7 @@ def test_the_page_and_the_json_have_nine_numbers_of_each(days, tmp_path, capsys)
 
 def test_a_turn_into_one_frame_is_exact():
     upper = np.array([[1.01, 0.002, -0.004], [0, 0.99, 0.003], [0, 0, 1.005]])
-    one, other = Triad("given", Accelerometer(upper)), Triad("given", Accelerometer(TURN.as_matrix() @ upper))
+    one, other = SessionTriad("given", Accelerometer(upper)), SessionTriad("given", Accelerometer(TURN.as_matrix() @ upper))
     rng = np.random.default_rng(0)
     E, B, m = np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3), rng.normal(size=3)
     vector = np.concatenate([E.ravel(), B])

@@ -10,8 +10,8 @@ from conftest import Turns
 from session.io.errors import FitError
 from session.io.units import DEG
 from tinygc import closure
-from tinygc.estimation import denoiser_training
-from tinygc.estimation.denoiser_training import REACH, of_batch, start, taps_and_jacobian, train_denoiser
+from tinygc.estimation import denoiser
+from tinygc.estimation.denoiser import REACH, of_batch, start, taps_and_jacobian, train_denoiser
 from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import bias_only
@@ -73,7 +73,7 @@ def test_the_error_in_motion_is_measured_without_the_truth():
     """The risk of three filters against noisy neighbours, and their squared error against the truth that it never saw."""
     seen, clean = material(seed=2)
     delay = 8
-    risk = denoiser_training.measure(seen.stretches, seen.stills, REACH + 1, delay)
+    risk = denoiser.measure(seen.stretches, seen.stills, REACH + 1, delay)
     np.testing.assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.02)
     for taps in (np.eye(REACH + 1)[delay], np.full(REACH + 1, 1 / 17) * (np.arange(REACH + 1) < 17), risk.ideal(2.0)[0][0]):
         taps = np.tile(taps, (3, 1))
@@ -84,9 +84,9 @@ def test_the_error_in_motion_is_measured_without_the_truth():
 
 
 def test_ideal_taps_keep_their_promises():
-    risk = denoiser_training.measure(material()[0].stretches, material()[0].stills, REACH + 1, 12)
+    risk = denoiser.measure(material()[0].stretches, material()[0].stills, REACH + 1, 12)
     taps, _ = risk.ideal(3.0)
-    np.testing.assert_allclose(denoiser_training.moments(REACH + 1, 12) @ taps.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
+    np.testing.assert_allclose(denoiser.moments(REACH + 1, 12) @ taps.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
     assert (np.sqrt(risk.noise[:, 0] / risk.at_rest(taps)) > 2.999).all()
 
 
@@ -94,9 +94,9 @@ def test_noise_that_rings_longer_than_its_lags_is_still_noise():
     """A line in the stills: its autocovariance, cut off behind twelve lags, has negative power.  White noise stays as it was estimated."""
     rng, t = np.random.default_rng(0), np.arange(2000.0)
     rings = [np.cos(0.9 * t + phase)[:, None] * [1, 2, 3] + 0.01 * rng.standard_normal((2000, 3)) for phase in (0, 1, 2)]
-    r = denoiser_training.autocovariance(rings, REACH + 1)
+    r = denoiser.autocovariance(rings, REACH + 1)
     lags = np.abs(np.arange(REACH + 1)[:, None] - np.arange(REACH + 1))
-    cut = np.where(lags > denoiser_training.LAGS, 0, np.cos(0.9 * lags))
+    cut = np.where(lags > denoiser.LAGS, 0, np.cos(0.9 * lags))
     assert np.linalg.eigvalsh(cut)[0] < -0.1
     assert (np.linalg.eigvalsh(r[:, lags])[:, 0] > 0).all()
     np.testing.assert_allclose(r[:, 0], [0.5, 2, 4.5], rtol=0.01)
@@ -104,7 +104,7 @@ def test_noise_that_rings_longer_than_its_lags_is_still_noise():
     white = [rng.standard_normal((2000, 3)) for _ in range(4)]
     x = [each - each.mean(axis=0) for each in white]
     lag3 = sum((each[3:] * each[:-3]).sum(axis=0) for each in x) / (4 * 1996)
-    np.testing.assert_allclose(denoiser_training.autocovariance(white, REACH + 1)[:, 3], lag3)
+    np.testing.assert_allclose(denoiser.autocovariance(white, REACH + 1)[:, 3], lag3)
 
 
 def test_noise_at_rest_falls_threefold_twelve_samples_late(trained):

@@ -17,7 +17,7 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.truth import absolute_orientation_error
 from tinygc.estimation.bias import level_days
-from tinygc.estimation.network_training import fit_distance
+from tinygc.estimation.network import fit_distance
 from tinygc.explanation.claims import SMALLEST_P, p_entry, p_words
 from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.truth_engine import chance_of, explain_truth

@@ -11,7 +11,7 @@ from tinygc import closure, read_session
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import with_heading
 from tinygc.closure.build import build_problem
-from tinygc.closure.least_squares import Ends, Nearby, fit_least_squares
+from tinygc.closure.least_squares import LinearEnds, Nearby, fit_least_squares
 from tinygc.estimation.particle_swarm import START_BOX, fit_pso, minimise
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 
@@ -118,7 +118,7 @@ def test_nearby_models_between_other_references_need_no_sample(batch):
 
 def test_columns_between_other_references_need_no_sample(batch):
     bent, which = other_references(batch), np.arange(len(batch)) % 3 > 0
-    turned, anew = Ends.of(PERFECT, batch).rows(bent.pick(which), which), Ends.of(PERFECT, bent)
+    turned, anew = LinearEnds.of(PERFECT, batch).rows(bent.pick(which), which), LinearEnds.of(PERFECT, bent)
     np.testing.assert_allclose(turned.columns, anew.columns[which][:, : batch.angles], atol=1e-13)
     exact = 2 * closure.segment_residuals(bent, bent.rate)[which]
     np.testing.assert_allclose(turned.angles, exact, atol=1e-13)

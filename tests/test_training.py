@@ -10,9 +10,9 @@ from session.io.errors import FitError
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.least_squares import Ends, StillRates, fit_least_squares
+from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
 from tinygc.estimation.adamw import train_adamw
-from tinygc.estimation.network_training import fit_distance, mean_distance, train_distance, train_second_order
+from tinygc.estimation.network import fit_distance, mean_distance, train_distance, train_second_order
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet, PublishedNet
 
@@ -52,7 +52,7 @@ def test_what_is_known_of_where_it_begins_need_not_be_found_again():
     """From the linear solution, whose residuals and columns between other references follow from those between the first ones."""
     batch, sigma = recording(3)
     net = CalibrationNet.from_linear(fit_least_squares(batch, sigma, bias_only()).model)
-    ends, some = Ends.of(net, batch, net.columns), np.arange(len(batch)) % 3 > 0
+    ends, some = LinearEnds.of(net, batch, net.columns), np.arange(len(batch)) % 3 > 0
     turned = rotation.exp(np.random.default_rng(5).normal(size=(2, int(some.sum()), 3)) * 0.01 * DEG)
     other = batch.pick(some)
     other = replace(other, start=rotation.multiply(turned[0], other.start), end=rotation.multiply(turned[1], other.end))

@@ -14,7 +14,7 @@ from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.truth import orientation_error
 from tinygc.estimation.bias_of_day import from_gravity
-from tinygc.estimation.network_training import fit_distance, train_second_order
+from tinygc.estimation.network import fit_distance, train_second_order
 
 EPOCHS = 2000
 EVERY = 20

@@ -19,8 +19,8 @@ from session.annexes.public.euroc import true_bias_rps
 from session.io.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.estimation.bias_of_day import from_gravity, from_start
-from tinygc.estimation.denoiser_training import of_problem, train_denoiser
-from tinygc.estimation.network_training import fit_distance, train_second_order
+from tinygc.estimation.denoiser import of_problem, train_denoiser
+from tinygc.estimation.network import fit_distance, train_second_order
 from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.models.nets import PublishedNet

@@ -20,7 +20,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import steps
 from tinygc.closure.residual import Batch
-from tinygc.estimation.network_training import distance_pass, mean_distance, train_second_order
+from tinygc.estimation.network import distance_pass, mean_distance, train_second_order
 from tinygc.models.nets import TIES, CalibrationNet
 
 TIMED_EPOCHS = 3

@@ -26,7 +26,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.least_squares import OBSERVED_BELOW
-from tinygc.closure.problem import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, Problem, System, bent
+from tinygc.closure.problem import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
 from tinygc.closure.residual import nearest_yaw
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.models import linear
@@ -111,7 +111,7 @@ def _weighed(
     first: np.ndarray,
     last: np.ndarray,
     white: np.ndarray,
-) -> System:
+) -> JointSystem:
     """The rows at a point, with weights by what they are found to miss by."""
     number = at[ACCELEROMETER]
     batch = bent(problem.batch, first, last, corrected(number, force))
@@ -128,7 +128,7 @@ def _weighed(
     design[rows:, GRAVITY] = -1.0
     values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
     sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # what tilt misses is found here
-    system = System(design, values, 1 / sigma, prior, x, vague=prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
+    system = JointSystem(design, values, 1 / sigma, prior, x, vague=prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
     # A known angle has its stop's sigma; what the ends of turns miss by in tilt is none of its.
     stops = np.arange(2, rows, d) if batch.turns is not None else np.arange(0)
     ends = np.setdiff1d(np.arange(rows), stops)

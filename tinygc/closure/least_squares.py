@@ -110,7 +110,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Ends:
+class LinearEnds:
     """What a model with this vector (P,), the 12 of a linear one or a net's, makes of the segments of a batch: end (S, 4) q_tb, and how
     each parameter turns it, columns (S, 3, P) rad about the table's axes."""
 
@@ -120,7 +120,7 @@ class Ends:
     batch: Batch
 
     @classmethod
-    def of(cls, model: Any, batch: Batch, columns_of: Callable[[np.ndarray, np.ndarray], np.ndarray] = linear.columns) -> Ends:
+    def of(cls, model: Any, batch: Batch, columns_of: Callable[[np.ndarray, np.ndarray], np.ndarray] = linear.columns) -> LinearEnds:
         """Of a model, by the exact integrator; columns_of sensitivity (S, T, 3, 3) and measured rates (S, T, 3): its columns (S, 3, P)."""
         batch = replace(batch, turns=None)
         end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, len(model.vector)))

@@ -52,7 +52,7 @@ SAID_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class JointSystem:
     """The linear system where the search ended.
 
     design (n, COUNT), values (n,): rows of the closure, S d of them, then of the lengths, in rad and m/s^2; root (n,) of their weights;
@@ -108,7 +108,7 @@ class JointFit:
     model: LinearModel
     unobserved: tuple[str, ...]
     p_value: float | None
-    system: System
+    system: JointSystem
     first: np.ndarray
     last: np.ndarray
     force: np.ndarray

@@ -13,10 +13,10 @@ import numpy as np
 
 from session.io.errors import FitError, FormatError
 from session.io.results import Array, Keys, Text, read_required, write_whole
-from tinygc.closure import problem
 from tinygc.closure.least_squares import StillRates
+from tinygc.closure.problem import carried_sigma, residuals
 from tinygc.closure.residual import Batch
-from tinygc.estimation.network_training import TrainableNet, Training
+from tinygc.estimation.network import TrainableNet, Training
 from tinygc.estimation.options import NAME, Checkpoint
 from tinygc.models.nets import CalibrationNet
 
@@ -172,7 +172,7 @@ def train_adamw(
     start = start or CalibrationNet.identity()
     where = device()
     before = np.full(len(batch), -1) if before is None else before
-    spread_of_rows = problem.carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
+    spread_of_rows = carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
     weights_of_rows = 2 / spread_of_rows
     trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1, where=batch.known))
     rate, weight, trust = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows, trust / trust.mean()))
@@ -184,7 +184,7 @@ def train_adamw(
 
     def loss_of(weights: Tensor) -> Tensor:
         net = start.with_vector(weights)
-        r = problem.residuals(batch, net(rate), before, integrator) * weight
+        r = residuals(batch, net(rate), before, integrator) * weight
         total = (r**2).sum() if loss == "squared" else ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles
         if still_rates is None:
             return total / r.numel()

@@ -15,7 +15,7 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.network_training import distance_weights
+from tinygc.estimation.network import distance_weights
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import BIAS, NAMES
 

@@ -111,7 +111,7 @@ def bias_from_gravity(
     from the one in motion by rest_sigma.  earth_n (3,) rad/s: the Earth's rate in the frame of q_first.  Rows whose specific force is
     exactly zero have none.  Raises FitError if no piece of the run has a specific force.
     """
-    run = _Run(samples, rate, np.asarray(q_first, dtype=float), earth_n, gravity_mps2)
+    run = _SmoothedRun(samples, rate, np.asarray(q_first, dtype=float), earth_n, gravity_mps2)
     knots = run.knots
     count = 3 * len(knots)
     size = count + 5 + 3 * len(run.pieces)
@@ -136,7 +136,7 @@ def bias_from_gravity(
     return BiasOfDay(mean @ x, np.sqrt(np.diag(covariance)), directions.T, np.sqrt(variance), knots, walk)
 
 
-def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _Run) -> tuple[np.ndarray, np.ndarray]:
+def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -> tuple[np.ndarray, np.ndarray]:
     """Precision (P, P) of all unknowns, and what takes them to the bias's mean (3, P)."""
     precision, mean = np.zeros((size, size)), np.zeros((3, size))
     for knot in range(len(knots)):
@@ -151,7 +151,7 @@ def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _Run) -> tuple[
     return precision, mean
 
 
-class _Run:
+class _SmoothedRun:
     """A run in blocks: what does not change from step to step."""
 
     def __init__(self, samples: Samples, rate: np.ndarray, q_first: np.ndarray, earth_n: np.ndarray | None, gravity_mps2: float):
@@ -349,8 +349,7 @@ def rebias_session(
 def _closure(problem: Problem, model: Model) -> np.ndarray:
     """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
     if isinstance(model, DenoisedNet):
-        from tinygc.estimation.denoiser import denoised_angles
-        from tinygc.estimation.denoiser_training import of_problem
+        from tinygc.estimation.denoiser import denoised_angles, of_problem
 
         return denoised_angles(of_problem(problem), model)
     return closure_angles(problem.batch, model)

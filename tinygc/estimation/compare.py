@@ -62,7 +62,7 @@ _NONE = Accelerometer(source="none")
 
 
 @dataclass(frozen=True, eq=False)
-class Triad:
+class SessionTriad:
     """mode of the fit; calibration; covariance (9, 9) of the correction that led to it, SI, None where it was taken as given; shared
     (9, 9): what of it is an error of the calibration that was given; unobserved: names of the triad's numbers."""
 
@@ -82,7 +82,7 @@ class Triad:
 class TriadComparison:
     """triads; agreement of those that were estimated, in the numbers that all of them show; None where fewer than two were."""
 
-    triads: tuple[Triad, ...]
+    triads: tuple[SessionTriad, ...]
     agreement: Agreement | None
 
     @property
@@ -119,7 +119,7 @@ class TriadComparison:
         }
 
 
-def read_triad(table: dict, fit: dict, config: Config, where: str) -> Triad:
+def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTriad:
     """Of a model file and the ``fit.json`` beside it; session.toml's where an older fit does not say.  FormatError for a damaged one."""
     said = fit.get("accelerometer") or {}
     mode = said.get("mode", "given")
@@ -131,7 +131,7 @@ def read_triad(table: dict, fit: dict, config: Config, where: str) -> Triad:
         covariance, shared = (_part(joint, key, where) for key in ("matrix", "shared"))
     if mode not in MODES or not isinstance(left, list) or (mode != "given" and covariance is None and joint is not None):
         raise FormatError(f"{where}: fit.json beside it says nothing sound of the accelerometer; run `calibrate.py fit` again")
-    return Triad(mode, calibration, covariance, shared, tuple(name for name in ACCELEROMETER_NAMES if name in left))
+    return SessionTriad(mode, calibration, covariance, shared, tuple(name for name in ACCELEROMETER_NAMES if name in left))
 
 
 def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
@@ -147,14 +147,14 @@ def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
     return matrix[:PARAMETERS, :PARAMETERS]
 
 
-def all_given_the_same(triads: list[Triad], configs: list[Config]) -> bool:
+def all_given_the_same(triads: list[SessionTriad], configs: list[Config]) -> bool:
     """Whether one calibration was given to all sessions, and used: its error is then the same in all of them."""
     one, others = configs[0].accelerometer, [config.accelerometer for config in configs[1:]]
     same = (np.array_equal(other.matrix, one.matrix) and np.array_equal(other.bias_mps2, one.bias_mps2) for other in others)
     return all(triad.mode != "fit" for triad in triads) and all(same)
 
 
-def into_frame_of(first: Triad, other: Triad) -> np.ndarray:
+def into_frame_of(first: SessionTriad, other: SessionTriad) -> np.ndarray:
     """(12, 12): what turns E row by row and B of one session into the body frame of the other; exactly 1 where they have the same."""
     turned = np.eye(GYROSCOPE_PARAMETERS)
     if not np.array_equal(first.calibration.matrix, other.calibration.matrix):
@@ -163,13 +163,13 @@ def into_frame_of(first: Triad, other: Triad) -> np.ndarray:
     return turned
 
 
-def frame_angle(first: Triad, other: Triad) -> float:
+def frame_angle(first: SessionTriad, other: SessionTriad) -> float:
     """rad between two body frames."""
     turn = first.calibration.frame @ other.calibration.frame.T
     return float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
 
 
-def compare_triads(triads: list[Triad], configs: list[Config]) -> TriadComparison:
+def compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadComparison:
     """Side by side; their agreement leaves out what a calibration that all were given errs by."""
     estimated = [triad for triad in triads if triad.covariance is not None]
     seen = np.array([not any(name in triad.unobserved for triad in triads) for name in ACCELEROMETER_NAMES])
@@ -240,7 +240,7 @@ class Calibrated:
     hashes: tuple[str, ...]
     notes: tuple[str, ...]
     accelerometer: np.ndarray | None = None
-    triad: Triad = field(default_factory=Triad)
+    triad: SessionTriad = field(default_factory=SessionTriad)
 
     @property
     def name(self) -> str:

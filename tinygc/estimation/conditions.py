@@ -11,7 +11,7 @@ from tinygc import closure
 from tinygc.closure.least_squares import StillRates
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch
-from tinygc.estimation.network_training import TrainableNet, Training, train_second_order
+from tinygc.estimation.network import TrainableNet, Training, train_second_order
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
 

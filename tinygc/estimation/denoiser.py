@@ -1,19 +1,511 @@
-"""The method ``tinygc_denoised``: the calibration as ``tinygc`` found it, frozen, and the denoising subnet behind it."""
+"""Train the denoising subnet with the calibration frozen: what it learns from, its losses, second order and AdamW."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.io.errors import FitError
 from tinygc import closure
 from tinygc.closure.problem import Problem
-from tinygc.estimation.denoiser_training import Material, of_problem, train_denoiser, train_smoothing
+from tinygc.closure.residual import Batch
+from tinygc.estimation.adamw import device, minimise
 from tinygc.estimation.held_out import run_method, tell
-from tinygc.estimation.options import FitOptions, MethodFit, Progress
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.estimation.options import DENOISE_LOSSES, Checkpoint, DenoiseOptions, FitOptions, MethodFit, Progress
+from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser
+from tinygc.models.model import Model
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+# What a denoiser learns from: segments with what came before and after them, and the stills.
+
+REACH = (KERNEL - 1) * sum(DILATIONS)
+#: segments, and stills, that tell 56 weights an axis all that they need (benchmarks/long_sessions.py)
+ENOUGH = 400
+#: samples at rest that show the noise, an hour of them: of longer rests the first so many of each, and never fewer than a few seconds
+MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """batch and sigma as for the calibration; context (S, REACH + T + REACH, 3) rad/s, the measured rates of the batch with their
+    surroundings; counts (S,) samples of each segment; stills: measured rates (n, 3) of each; rate_hz; held: whether the surroundings
+    are not measured, but the ends held."""
+
+    batch: Batch
+    sigma: np.ndarray
+    context: np.ndarray
+    counts: np.ndarray
+    stills: list[np.ndarray]
+    rate_hz: float
+    held: bool = False
+
+    @property
+    def stretches(self) -> list[np.ndarray]:
+        """Measured rates (n, 3) of each segment, with its surroundings where they are measured."""
+        if self.held:
+            return [rate[:count] for rate, count in zip(self.batch.rate, self.counts, strict=True)]
+        return [rate[: 2 * REACH + count] for rate, count in zip(self.context, self.counts, strict=True)]
+
+    def pick(self, which: np.ndarray) -> Material:
+        """Some of the segments, by index or mask; the stills, which only show noise, stay."""
+        return replace(self, batch=self.batch.pick(which), sigma=self.sigma[which], context=self.context[which], counts=self.counts[which])
+
+    def enough(self) -> Material:
+        """What a denoiser learns as much from: of many segments and stills every so many, evenly over the session."""
+        every, apart = (-(-len(each) // ENOUGH) for each in (self.counts, self.stills))
+        if every <= 1 and apart <= 1:
+            return self
+        return replace(self.pick(np.arange(0, len(self.counts), max(every, 1))), stills=self.stills[:: max(apart, 1)])
+
+    def rate(self, model: DenoisedNet) -> np.ndarray:
+        """What the whole net makes of the segments, (S, T, 3) rad/s, each answer at the sample that it belongs to."""
+        return model.undelayed(self.context)[:, REACH : REACH + self.batch.rate.shape[1]]
+
+
+def of_problem(problem: Problem) -> Material:
+    """The accepted segments of a session in their logs; beyond a log's ends the rate stands."""
+    longest = problem.batch.rate.shape[1]
+    context = np.empty((len(problem.batch), longest + 2 * REACH, 3))
+    for row, segment in zip(context, problem.used, strict=True):
+        gyro = problem.logs[segment.log].samples.gyro
+        row[:] = gyro[np.clip(np.arange(segment.start - REACH, segment.start + longest + REACH), 0, len(gyro) - 1)]
+    counts = np.array([segment.stop - segment.start for segment in problem.used])
+    stills = [(log.samples.gyro, still) for log in problem.logs for still in log.stills if still.problem is None]
+    each = max(MOST_AT_REST // max(len(stills), 1), FEWEST_OF_EACH)
+    long = sum(still.stop - still.start for _, still in stills) > MOST_AT_REST
+    at_rest = [gyro[still.start : min(still.stop, still.start + each) if long else still.stop] for gyro, still in stills]
+    period_s = float(np.median([log.samples.period_s for log in problem.logs]))
+    return Material(problem.batch, problem.floor.sigma, context, counts, at_rest, 1 / period_s)
+
+
+def of_batch(batch: Batch, sigma: np.ndarray, stills: list[np.ndarray]) -> Material:
+    """Of a batch alone: before and after each segment the rate is taken to stand; stills: measured rates (n, 3) of each."""
+    before, after = (np.repeat(batch.rate[:, end], REACH, axis=1) for end in (slice(0, 1), slice(-1, None)))
+    counts = 1 + np.sum(batch.dt > 0, axis=1)
+    context = np.concatenate([before, batch.rate, after], axis=1)
+    return Material(batch, sigma, context, counts, stills, float(1 / np.median(batch.dt[batch.dt > 0])), held=True)
+
+
+# What rewards smoothing without new labels: the log's own neighbours, and the stills' known zero.
+#
+# The endpoint loss integrates, and integration hides noise.  Two figures of a filter h (one axis, taps h_j, sum 1) do not, and both are
+# quadratic in h:
+#
+#     at rest     E f^2 = h' R h                                                     R_ij = r(i - j), r the noise's autocovariance
+#     in motion   E (f_k - s_k-D)^2 = h' A h + 2 sum_j h_j r(j - D) - r(0)           A_ij = mean (x_k-i - x_k-D)(x_k-j - x_k-D)
+#
+# x = s + n is what the calibrated gyro reads, s the true rate D samples ago, which nobody knows.  Taking the noisy neighbour x_k-D for it
+# is noise-to-noise learning (Lehtinen et al. 2018); since x_k-D is in the window itself, the noise that filter and target share is paid
+# back (Stein 1981), with r as the stills show it, where the rate is known to be none but the Earth's.
+#
+# The two pull against each other.  ``ideal`` weighs them so that noise at rest falls by a stated factor, and motion suffers least, among
+# the filters that pass every cubic unchanged, D samples late: moments 1 to 3 of the taps about D are zero.  Why those: by parts, over a
+# movement from rest to rest, the first moment of one axis against another's is a skew of the axes, and the second acts like
+# -m2/2 sum R (w x w') dt, a coning error; without the pins a threefold reduction cost half of the closure and more.
+
+#: lags beyond which the noise of a gyroscope behind its low-pass is taken to be independent
+LAGS = 12
+#: of white noise of the same variance: what rounding to whole steps alone leaves at any frequency is more
+LEAST_POWER = 0.01
+#: powers of ten between which the weight of rest against motion is sought
+WEIGHTS = (-8.0, 9.0)
+#: moments of the taps about the delay, the zeroth (the gain) included
+MOMENTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Risk:
+    """Of one session at one delay: noise (3, K) rad^2/s^2, r at lags 0 to K - 1; motion (3, K, K), A; delay D; samples behind A."""
+
+    noise: np.ndarray
+    motion: np.ndarray
+    delay: int
+    samples: int
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(3, K, K): R."""
+        k = np.arange(self.noise.shape[1])
+        return self.noise[:, np.abs(k[:, None] - k)]
+
+    @property
+    def shared(self) -> np.ndarray:
+        """(3, K): r(j - D), what tap j has in common with the target's noise."""
+        return self.noise[:, np.abs(np.arange(self.noise.shape[1]) - self.delay)]
+
+    def at_rest(self, taps: np.ndarray) -> np.ndarray:
+        """(3,) rad^2/s^2: variance of filtered noise; taps (3, K)."""
+        return np.einsum("ai,aij,aj->a", taps, self.covariance, taps)
+
+    def in_motion(self, taps: np.ndarray) -> np.ndarray:
+        """(3,) rad^2/s^2: expected squared error against the true rate D samples ago; taps (3, K) that sum to 1."""
+        return np.einsum("ai,aij,aj->a", taps, self.motion, taps) + 2 * np.sum(self.shared * taps, axis=1) - self.noise[:, 0]
+
+    def ideal(self, reduction: float) -> tuple[np.ndarray, np.ndarray]:
+        """The taps (3, K) best in motion among those that divide noise at rest by ``reduction`` or more, and rest's weight (3,)."""
+        taps, weights = np.zeros_like(self.noise), np.zeros(3)
+        for axis in range(3):
+            low, high = WEIGHTS
+            for _ in range(40):
+                middle = (low + high) / 2
+                h = self._best(axis, 10.0**middle)
+                enough = h @ self.covariance[axis] @ h * reduction**2 <= self.noise[axis, 0]
+                low, high = (low, middle) if enough else (middle, high)
+            taps[axis], weights[axis] = self._best(axis, 10.0**high), 10.0**high
+        return taps, weights
+
+    def _best(self, axis: int, weight: float) -> np.ndarray:
+        """argmin of h' (A + weight R) h + 2 shared' h, with gain 1 and the other moments zero (Lagrange)."""
+        pins = moments(self.noise.shape[1], self.delay)
+        solved = np.linalg.solve(self.motion[axis] + weight * self.covariance[axis], np.column_stack([-self.shared[axis], pins.T]))
+        free, pulls = solved[:, 0], solved[:, 1:]
+        return free + pulls @ np.linalg.solve(pins @ pulls, np.eye(MOMENTS)[0] - pins @ free)
+
+
+def moments(taps: int, delay: int) -> np.ndarray:
+    """(MOMENTS, taps): rows whose product with the taps is their moments about the delay, in tens of samples."""
+    return ((np.arange(taps) - delay) / 10.0) ** np.arange(MOMENTS)[:, None]
+
+
+def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
+    """(3, taps) of the rates (n, 3) rad/s in each still about their mean, zero beyond LAGS."""
+    total, count = np.zeros((3, taps)), np.zeros(taps)
+    for rate in stills:
+        x = rate - rate.mean(axis=0)
+        for lag in range(min(LAGS + 1, taps, len(x))):
+            total[:, lag] += np.sum(x[lag:] * x[: len(x) - lag], axis=0)
+            count[lag] += max(len(x) - 1 - lag, 0)
+    return np.array([_positive(each) for each in total / np.maximum(count, 1)])
+
+
+def _positive(noise: np.ndarray) -> np.ndarray:
+    """(K,) autocovariance of a process that can be.  Lags that were estimated one by one, and cut off at LAGS, need not be one: then the
+    power of the frequencies where they leave less than ``LEAST_POWER`` is raised to that; all else stays."""
+    taps = len(noise)
+    k = np.arange(taps)
+    if not noise[0] > 0 or not np.isfinite(noise).all() or np.linalg.eigvalsh(noise[np.abs(k[:, None] - k)])[0] > 0:
+        return noise
+    around = np.concatenate([noise, np.zeros(2 * taps), noise[:0:-1]])  # a circle, of which K lags in a row are no circle
+    power = np.fft.fft(around).real
+    raised = np.fft.ifft(np.maximum(power, LEAST_POWER * noise[0])).real[:taps]
+    return raised * (noise[0] / raised[0])
+
+
+def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:
+    """From calibrated rates (n, 3) rad/s of whole stretches of movement, and of stills."""
+    total, count = np.zeros((3, taps, taps)), 0
+    for rate in rates:
+        for axis in range(3):
+            windows = np.lib.stride_tricks.sliding_window_view(rate[:, axis], taps)[:, ::-1]  # newest first
+            off = windows - windows[:, delay : delay + 1]
+            total[axis] += off.T @ off
+        count += len(rate) - taps + 1
+    return Risk(autocovariance(stills, taps), total / max(count, 1), delay, count)
+
+
+# Where the training of the denoiser begins, and what it gives.
+
+
+@dataclass(frozen=True, eq=False)
+class DenoiserTraining:
+    """model whole; loss after each step or epoch."""
+
+    model: DenoisedNet
+    loss: tuple[float, ...]
+
+
+def start(seed: int, slope: float = 1.0) -> Denoiser:
+    """The identity, with a second channel that is ready to learn: nothing reads it yet."""
+    noise = Denoiser.from_vector(0.1 * np.random.default_rng(seed).standard_normal((3, PARAMETERS // 3)))
+    net = Denoiser.identity(slope)
+    net.conv1[:, 1], net.conv2[:, 1] = noise.conv1[:, 1], noise.conv2[:, 1]
+    return net
+
+
+# Levenberg-Marquardt on the taps of the linear denoiser: a fraction of a second.
+
+#: rows (R,), their design (R, 3, K), and the taps (3, K) at which the rows hold
+Term = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+#: sigma of the prior around the weights at the start.  It settles what no loss sees, such as one layer's scale against another's;
+#: the endpoint alone sees so little that it needs a close one, or it buys closure with noise (by as much as thirty times more of it)
+PRIOR_SIGMA = {"endpoint": 0.1, "still": 3.0, "neighbours": 3.0}
+
+
+MAX_STEPS = 80
+#: the same from weights that smooth already: what is left is to close, which asks for little
+NEAR_STEPS = 12
+
+
+#: of the loss, relative: a step that gains less ends the search
+CONVERGED = 1e-5
+
+
+#: in sigmas for a moment of 1: how hard ``neighbours`` holds the moments of the taps at zero
+PIN = 1e4
+
+
+#: times that the closure is linearised anew
+ROUNDS = 2
+
+
+def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILATIONS) -> tuple[np.ndarray, np.ndarray]:
+    """Taps (3, K) of the linear subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
+
+    In the frequency domain, where convolutions are products: linear in each of the three layers.
+    """
+    net = Denoiser.from_vector(vector, dilations=dilations)
+    taps = 1 + (KERNEL - 1) * sum(dilations)
+    length = 2 * taps
+    lag = np.arange(KERNEL)[::-1, None] * np.arange(length // 2 + 1)
+    unit = [np.exp(-2j * np.pi * dilation * lag / length) for dilation in dilations]  # (KERNEL, F) each
+    c1, c2, c3 = (np.einsum("aoci,if->aocf", weight, u) for weight, u in zip((net.conv1, net.conv2, net.conv3), unit, strict=True))
+    first, third = c1[:, :, 0], c3[:, 0]
+    through = np.einsum("aof,aocf->acf", third, c2)
+    inner = np.einsum("aocf,acf->aof", c2, first)
+    by = [
+        np.einsum("acf,if->acif", through, unit[0]).reshape(3, -1, lag.shape[1]),
+        np.einsum("aof,acf,if->aocif", third, first, unit[1]).reshape(3, -1, lag.shape[1]),
+        np.einsum("aof,if->aoif", inner, unit[2]).reshape(3, -1, lag.shape[1]),
+    ]
+    h = np.fft.irfft(np.einsum("aof,aof->af", third, inner), length)[:, :taps]
+    jacobian = np.fft.irfft(np.concatenate(by, axis=1), length)[..., :taps].transpose(0, 2, 1)
+    gain = h.sum(axis=1)[:, None]
+    if np.any(gain < 1e-6):
+        raise FitError("the denoiser lost its gain at constant rates")
+    h = h / gain
+    return h, (jacobian - h[..., None] * jacobian.sum(axis=1)[:, None]) / gain[..., None]
+
+
+def train_second_order(
+    material: Material,
+    calibration: Model,
+    options: DenoiseOptions,
+    progress: Progress = lambda step, steps: None,
+    near: Denoiser | None = None,
+    closing: bool = True,
+) -> DenoiserTraining:
+    """The taps of the linear subnet that are best for the loss, behind this calibration; as ``training.train_denoiser``.
+
+    closing: whether the closure is part of the loss.
+    """
+    terms = [] if options.loss == "endpoint" else [_smoothing(material, calibration, options)]
+    delay = options.delay if options.loss == "neighbours" else 0
+    vector, losses = (start(options.seed) if near is None else near).vector, []
+    steps = MAX_STEPS if near is None else NEAR_STEPS
+    for number in range(ROUNDS):
+        rows = [_closing(material, calibration, taps_and_jacobian(vector)[0], delay)] if closing else []
+        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[options.loss], steps)
+        losses += trace
+        progress(number + 1, ROUNDS)
+    denoiser = Denoiser.from_vector(vector).normalised()
+    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
+
+
+def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Term:
+    """Rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
+    rates = [calibration(x) for x in material.stretches]
+    stills = [calibration(x) for x in material.stills]
+    risk = measure(rates, stills, REACH + 1, options.delay)
+    if not (np.isfinite(risk.motion).all() and (risk.noise[:, 0] > 0).all()):
+        raise FitError("no noise in the stills to learn from, or rates that are not finite; is the log made of smoothed values?")
+    if options.loss == "still":
+        best = np.linalg.solve(risk.covariance, np.ones((3, REACH + 1, 1)))[..., 0]
+        best, form = best / best.sum(axis=1, keepdims=True), risk.covariance
+    else:
+        best, weight = risk.ideal(options.reduction)
+        form = risk.motion + weight[:, None, None] * risk.covariance
+    least = np.einsum("ai,aij,aj->a", best, form, best)
+    root = np.linalg.cholesky(form).transpose(0, 2, 1) * np.sqrt(risk.samples / least)[:, None, None]
+    if options.loss == "neighbours":
+        pins = moments(REACH + 1, options.delay)[1:] * PIN
+        root = np.concatenate([root, np.broadcast_to(pins, (3, *pins.shape))], axis=1)
+    design = np.zeros((3, root.shape[1], 3, REACH + 1))
+    design[np.arange(3), :, np.arange(3)] = root
+    design = design.reshape(-1, 3, REACH + 1)
+    return np.zeros(len(design)), design, best
+
+
+def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: int) -> Term:
+    """Rows (S d,) of the closure in sigmas at these taps, and their design (S d, 3, K): linear in the taps, to first order."""
+    batch = material.batch
+    x = calibration(material.context)
+    windows = np.lib.stride_tricks.sliding_window_view(x[:, delay : delay + REACH + batch.rate.shape[1]], REACH + 1, axis=1)[..., ::-1]
+    rate = np.einsum("staj,aj->sta", windows, taps)
+    turn = closure.sensitivity(batch, rate)[:, :, : batch.angles]
+    weight = 1 / material.sigma.reshape(len(batch), -1)
+    rows = (2 * closure.segment_residuals(batch, rate) * weight).ravel()
+    design = np.empty((len(batch), batch.angles, 3, REACH + 1))
+    for axis in range(3):
+        design[:, :, axis] = turn[..., axis].transpose(0, 2, 1) @ windows[:, :, axis]
+    return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
+
+
+def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
+    """Levenberg-Marquardt on the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
+    began, damping, losses = vector, 1e-3, []
+
+    def residuals(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        h, jacobian = taps_and_jacobian(v)
+        return np.concatenate([rows + np.einsum("raj,aj->r", design, h - at) for rows, design, at in terms]), jacobian
+
+    r, jacobian = residuals(vector)
+    cost = r @ r
+    whole = np.concatenate([design for _, design, _ in terms])
+    for _ in range(steps):
+        J = np.concatenate([whole[:, axis] @ jacobian[axis] for axis in range(3)], axis=1)
+        normal = J.T @ J + np.eye(PARAMETERS) / prior**2
+        gradient = J.T @ r + (vector - began).ravel() / prior**2
+        while True:
+            trial = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient).reshape(3, -1)
+            trial_r, trial_jacobian = _or_none(residuals, trial) or (None, None)
+            trial_cost = np.inf if trial_r is None else trial_r @ trial_r
+            if trial_cost <= cost or damping > 1e6:
+                break
+            damping *= 8
+        gain = cost - trial_cost
+        if gain > 0 and trial_r is not None and trial_jacobian is not None:
+            vector, r, jacobian, cost, damping = trial, trial_r, trial_jacobian, trial_cost, max(damping / 8, 1e-9)
+        if not np.isfinite(cost):
+            raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
+        losses.append(float(cost / len(r)))
+        if gain < CONVERGED * cost:
+            break
+    return vector, losses
+
+
+def _or_none(residuals: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], vector: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    try:
+        return residuals(vector)
+    except FitError:
+        return None
+
+
+# The denoiser by the paper's AdamW in PyTorch: the same losses for any slope of its leaky ReLUs, bent ones too; the best epoch counts.
+
+#: a third of the calibration's: the subnet's taps are products of three weights
+LEARNING_RATE = 0.003
+#: size of the second dose of noise that shows how far an answer follows the noise of its target
+DOSE = 0.1
+
+
+def train_adamw(
+    material: Material, calibration: Model, options: DenoiseOptions, progress: Progress, checkpoint: Checkpoint | None = None
+) -> DenoiserTraining:
+    """As ``training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
+    import torch
+
+    batch, smoothing, where = material.batch, options.loss != "endpoint", device()
+    delay = options.delay if options.loss == "neighbours" else 0
+    context = np.ascontiguousarray(calibration(material.context))
+    x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))
+    if smoothing:
+        quiet = _noise(material, calibration)
+        parts = (quiet, _tiled(quiet, context.shape, options.seed), *_scales(material, calibration, options))
+        noise, dose, scale, rest = (torch.as_tensor(array, device=where) for array in parts)
+
+    def loss_of(vector: Tensor) -> Tensor:
+        net = Denoiser.from_vector(vector, options.slope).normalised()
+        y = net.windowed(x)
+        r = closure.segment_residuals(batch, y[:, delay : delay + batch.rate.shape[1]]) * weight
+        loss = (r**2).mean()
+        if smoothing:
+            loss = loss + (scale * rest * (net.windowed(noise) ** 2).mean(0)).sum()
+        if options.loss == "neighbours":
+            target, doses = (array[:, REACH - delay : x.shape[1] - delay] for array in (x, dose))
+            shared = doses * (net.windowed(x + DOSE * dose) - y) / DOSE
+            loss = loss + (scale * ((y - target) ** 2 + 2 * shared).mean((0, 1))).sum()
+        return loss
+
+    begin = start(options.seed, options.slope).vector
+    if options.loss == "neighbours":
+        # From the identity, a delay of 0, hundreds of epochs do not come near: it begins at the linear solution of the second order.
+        begin = train_second_order(material, calibration, replace(options, slope=1.0)).model.denoiser.vector
+    # The best epoch counts: at the identity the endpoint loss is near its least already.
+    _, best, losses = minimise(
+        loss_of,
+        begin,
+        epochs=options.epochs,
+        learning_rate=LEARNING_RATE,
+        identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma, np.array(list(repr(options).encode()))],
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    denoiser = Denoiser.from_vector(best, options.slope).normalised()
+    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
+
+
+def _noise(material: Material, calibration: Model) -> np.ndarray:
+    """(M, 3) rad/s: the stills one after the other, each about its mean."""
+    return np.concatenate([calibration(still) - calibration(still).mean(axis=0) for still in material.stills])
+
+
+def _tiled(noise: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
+    """Real noise in another order, (S, T, 3)."""
+    starts = np.random.default_rng(seed).integers(len(noise), size=(shape[0], 1))
+    return noise[(starts + np.arange(shape[1])) % len(noise)]
+
+
+def _scales(material: Material, calibration: Model, options: DenoiseOptions) -> tuple[np.ndarray, np.ndarray]:
+    """What a squared error of each axis counts (3,), one over the noise's variance, and rest's weight against motion (3,)."""
+    rates = [calibration(x) for x in material.stretches]
+    risk = measure(rates, [calibration(x) for x in material.stills], REACH + 1, options.delay)
+    weight = risk.ideal(options.reduction)[1] if options.loss == "neighbours" else np.ones(3)
+    return 1 / (risk.noise[:, 0] * np.maximum(weight, 1)), weight
+
+
+# Train the denoising subnet, calibration frozen: second order in NumPy where it is linear, the paper's AdamW in PyTorch.
+#
+# Three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since what it integrates hides
+# noise. ``still`` adds the variance in the stills: it smooths as far as it can, and loses the movement.  ``neighbours`` adds that and the
+# expected error in motion (risk.py), weighed so that noise at rest falls by a stated factor at a stated delay: the default.
+#
+# Linear (slope 1), the closure is linear in the taps to first order, and the other losses are quadratic in them.  What all samples have
+# to say is therefore a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
+
+
+def train_denoiser(
+    material: Material,
+    calibration: Model,
+    options: DenoiseOptions,
+    progress: Progress = lambda step, steps: None,
+    checkpoint: Checkpoint | None = None,
+    near: Denoiser | None = None,
+) -> DenoiserTraining:
+    """The whole net with this calibration, frozen; checkpoint (``Checkpoint``) where AdamW trains it; near: what ``train_smoothing`` found,
+    where the second order may begin, and then soon ends.
+
+    Raises FitError where the loss is not finite, or there is nothing to smooth.
+    """
+    if options.loss not in DENOISE_LOSSES:
+        raise ValueError(f"loss is {options.loss!r}, expected one of {', '.join(DENOISE_LOSSES)}")
+    if not 0 <= options.delay <= REACH:
+        raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
+    if not _is_second_order(options):
+        return train_adamw(material, calibration, options, progress, checkpoint)
+    return train_second_order(material, calibration, options, progress, near)
+
+
+def train_smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Denoiser | None:
+    """The weights best for all of the loss but the closure, from rates alone; None where the closure is all of it, and for AdamW."""
+    if options.loss == "endpoint" or not _is_second_order(options):
+        return None
+    return train_second_order(material, calibration, options, closing=False).model.denoiser
+
+
+def _is_second_order(options: DenoiseOptions) -> bool:
+    return options.optimizer != "adamw" and options.slope == 1
+
+
+# The method ``tinygc_denoised``: the calibration as ``tinygc`` found it, frozen, and the denoising subnet behind it.
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:

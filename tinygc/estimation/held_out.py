@@ -34,10 +34,10 @@ def run_method(
     """
     if name not in METHODS:
         raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
-    module = METHODS[name].module
-    if module is None:
+    if (where := METHODS[name].function) is None:
         raise ValueError(f"{name} is fitted with the physics (FitOptions.physics), not by itself")
-    return importlib.import_module(module).run(problem, options, progress, before or {})
+    module, _, function = where.partition(":")
+    return getattr(importlib.import_module(module), function)(problem, options, progress, before or {})
 
 
 # Fit to all segments, then to all but each fold in turn: the closure of segments that a fit never saw.
@@ -47,7 +47,7 @@ MANY = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FitInput:
     """What one fit sees: some of the segments, or all.
 
     batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
@@ -71,7 +71,7 @@ class Seen:
     rest_rps: np.ndarray | None = None
     prior: GaussianPrior | None = None
 
-    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
+    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> FitInput:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
         same = batch is self.batch
@@ -80,7 +80,7 @@ class Seen:
 
 
 #: a model, and notes on how it was found
-FitOnce = Callable[[Seen], tuple[Model, dict]]
+FitOnce = Callable[[FitInput], tuple[Model, dict]]
 
 
 def held_out(
@@ -90,7 +90,7 @@ def held_out(
     batch, judged_by = problem.batch, integrator or options.integrator
     folds = min(options.folds, len(batch))
     steps = folds + 1
-    everything = Seen(
+    everything = FitInput(
         batch=batch,
         sigma=problem.floor.sigma,
         options=options,

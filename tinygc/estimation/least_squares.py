@@ -7,10 +7,10 @@ from typing import cast
 
 import numpy as np
 
-from tinygc.closure.least_squares import Ends, Rows, fit_least_squares
+from tinygc.closure.least_squares import LinearEnds, Rows, fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.held_out import Seen, held_out
+from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel
 
@@ -19,10 +19,10 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     """E and B.  Raises FitError where the search does not settle."""
     near = before.get("least_squares")
     begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
-    return held_out("least_squares", _Fits(begin), problem, options, progress)
+    return held_out("least_squares", _LeastSquaresFits(begin), problem, options, progress)
 
 
-class _Fits:
+class _LeastSquaresFits:
     """The fit to all segments, from a model near its answer if there is one, then to folds of them, each of which begins where the first
     ended: what it needs there is known."""
 
@@ -30,9 +30,9 @@ class _Fits:
         self.near = near
         self.rows: Rows | None = None
         self.all: Batch | None = None
-        self.ends: Ends | None = None
+        self.ends: LinearEnds | None = None
 
-    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+    def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         options, rest = seen.options, seen.rest_rps
         rates = seen.still_rates if rest is None else None  # the stills are in the readings already
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
@@ -44,7 +44,7 @@ class _Fits:
                 model, batch = cast(LinearModel, seen.whole), self.all
                 if rest is not None:
                     model, batch = replace(model, B=np.zeros(3)), replace(batch, rate=batch.rate - rest)
-                self.ends = Ends.of(model, batch)
+                self.ends = LinearEnds.of(model, batch)
             begin = self.ends.rows(seen.batch, seen.among)
         fit = fit_least_squares(
             seen.batch,

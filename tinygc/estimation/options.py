@@ -26,15 +26,16 @@ Progress = Callable[[int, int], None]
 class Method:
     """One way from a problem to a model.
 
-    name: in the JSON and on the command line; title: in tables; module: whose ``run(problem, options, progress, before)`` gives the
-    ``MethodFit``, ``before`` being what was fitted already, by name; None for named physics, which ``fit_session`` is given;
+    name: in the JSON and on the command line; title: in tables; function: ``module:name`` of what gives the ``MethodFit`` when it is called
+    with (problem, options, progress, before), ``before`` being what was fitted already, by name; None for named physics, which
+    ``fit_session`` is given;
     parameters: how many it fits, None for as many as its model has; chosen: whether ``--methods`` may name it (the others come with an
     option of their own); trained: whether AdamW can train it.
     """
 
     name: str
     title: str
-    module: str | None = None
+    function: str | None = None
     parameters: int | None = None
     chosen: bool = True
     trained: bool = False
@@ -43,13 +44,13 @@ class Method:
 METHODS = {
     method.name: method
     for method in (
-        Method("raw", "raw", "tinygc.estimation.raw", parameters=0),
-        Method("raw_bias_removed", "raw, first still's bias off", "tinygc.estimation.raw_bias_removed", parameters=3),
-        Method("least_squares", "least squares", "tinygc.estimation.least_squares"),
-        Method("pso", "PSO", "tinygc.estimation.particle_swarm"),
-        Method("tinygc", "TinyGC-Net", "tinygc.estimation.network", trained=True),
-        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.estimation.denoiser", trained=True),
-        Method("tinygc_conditions", "TinyGC-Net with conditions", "tinygc.estimation.conditions", chosen=False),
+        Method("raw", "raw", "tinygc.estimation.raw:run", parameters=0),
+        Method("raw_bias_removed", "raw, first still's bias off", "tinygc.estimation.raw:run_bias_removed", parameters=3),
+        Method("least_squares", "least squares", "tinygc.estimation.least_squares:run"),
+        Method("pso", "PSO", "tinygc.estimation.particle_swarm:run"),
+        Method("tinygc", "TinyGC-Net", "tinygc.estimation.network:run", trained=True),
+        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.estimation.denoiser:run", trained=True),
+        Method("tinygc_conditions", "TinyGC-Net with conditions", "tinygc.estimation.conditions:run", chosen=False),
         Method("physics", "linear model with physics", chosen=False),
         Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
     )

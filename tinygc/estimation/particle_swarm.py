@@ -13,7 +13,7 @@ from tinygc import closure
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.held_out import Seen, held_out
+from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -144,15 +144,15 @@ def _tell(progress: Callable[[int, int], None], leg: int, step: int, steps: int)
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """E and B; the same answer for the same ``options.seed``."""
     # What a swarm sees of the closure is exact, and so it is judged.
-    return held_out("pso", _Fits(), problem, options, progress, integrator="exact")
+    return held_out("pso", _SwarmFits(), problem, options, progress, integrator="exact")
 
 
-class _Fits:
+class _SwarmFits:
     """The fit to all segments, then to folds of them: a fold's optimum is near the whole's, its swarm begins around it."""
 
     nearby: Nearby | None = None
 
-    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+    def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         options, rates = seen.options, seen.still_rates
         # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
         prior = None if seen.batch.turns is None else seen.start

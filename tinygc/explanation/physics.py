@@ -165,7 +165,7 @@ def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:
 
 
 def _train(batch: Batch, sigma: np.ndarray) -> tuple[CalibrationNet, float]:
-    from tinygc.estimation.network_training import train_second_order
+    from tinygc.estimation.network import train_second_order
 
     began = time.perf_counter()
     net = train_second_order(batch, sigma).net

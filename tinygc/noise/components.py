@@ -129,7 +129,7 @@ class Prior(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class ComponentEstimate:
     """s (K,) SI of each component, sigma (K,) of it, and value: -2 log of the restricted likelihood with the prior, less a constant."""
 
     s: np.ndarray
@@ -148,7 +148,7 @@ def estimate(
     start: np.ndarray | None = None,
     with_sigma: bool = False,
     steps: int = SCORING_STEPS,
-) -> Estimate:
+) -> ComponentEstimate:
     """Of residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V, K of (n, n); usual (K,).
 
     blocks: row numbers of each block.  start: s (K,) of an earlier search.
@@ -181,7 +181,7 @@ def estimate(
     x = np.where(found.x < NOTHING, 0.0, found.x)
     s = np.sqrt(x) * usual
     value = float(found.fun) if len(searched) == len(parts) else cost(found.x, parts, False)[0]
-    return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
+    return ComponentEstimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
 def _block(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:

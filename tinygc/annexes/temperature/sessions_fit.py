@@ -15,7 +15,7 @@ from session.io.logfile import Log
 from tinygc.annexes.temperature.axis_fit import AxisFit
 from tinygc.annexes.temperature.model import ThermalModel
 from tinygc.annexes.temperature.rest_fit import RestFit
-from tinygc.estimation.compare import Triad, into_frame_of
+from tinygc.estimation.compare import SessionTriad, into_frame_of
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
@@ -104,7 +104,7 @@ def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...
     found = []
     for point in points:
         turn = np.eye(12)
-        frames = Triad(calibration=points[0].accelerometer), Triad(calibration=point.accelerometer)
+        frames = SessionTriad(calibration=points[0].accelerometer), SessionTriad(calibration=point.accelerometer)
         turn[MATRIX, MATRIX] = into_frame_of(*frames)[MATRIX, MATRIX]
         found.append(replace(point, values=turn @ point.values, covariance=turn @ point.covariance @ turn.T))
     return tuple(found)

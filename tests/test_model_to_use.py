@@ -35,11 +35,11 @@ def test_equals_give_the_simplest_and_a_better_one_is_taken():
     linear = errors(rng)
     same = used({"tinygc": Fitted(linear * (1 - 1e-9), 27), "least_squares": Fitted(linear, 12)})
     assert (same.method, same.best, same.p_value) == ("least_squares", "tinygc", None)  # always less, and by nothing
-    assert "none is better by 1 %" in same.why
+    assert "within 1 % of the best" in same.why
     better = used({"least_squares": Fitted(linear, 12), "tinygc": Fitted(0.5 * linear, 27)})
     assert (better.method, better.best) == ("tinygc", "tinygc")
     assert better.p_value < 1e-6
-    assert "better by more than chance" in better.why
+    assert "significantly better" in better.why
 
 
 def test_chance_takes_another_than_the_simplest_as_seldom_as_it_says():

@@ -211,7 +211,7 @@ def _joint_finding(finding: Finding, joint: JointFit) -> Finding:
 
 
 def _refuted(joint: JointFit, free: JointFit | None) -> Finding:
-    says = f"the calibration that is given no longer holds (p = {joint.p_value:.1g})"
+    says = f"the given calibration no longer agrees with the data (p = {joint.p_value:.1g})"
     if free is not None:
         says += f": {free.words}"
     do = "the fit takes what these stills and turns give; calibrate the accelerometer again, or keep it with --accelerometer given"

@@ -56,12 +56,12 @@ class BiasChoice:
         if not self.held_out:
             return f"Bias {where}."
         ends, stills = (_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
-        better = "better by more than chance" if self.used == "stills" else "not better by more than chance"
-        why = "as asked" if self.asked != "auto" else f"the stills are {better}: p = {self.p_value:.2g}"
+        better = "significantly better" if self.used == "stills" else "not significantly better"
+        why = "as asked" if self.asked != "auto" else f"using the stills is {better}: p = {self.p_value:.2g}"
         if self.unseen and self.asked == "auto":
             return f"Bias {where}: the ends of so few turns do not show it."
         if self.of_lot and self.asked == "auto" and self.used == "stills":
-            return f"Bias {where}: beside a lot's prior the turns are few, and their ends are not better by more than chance."
+            return f"Bias {where}: with a lot's prior and few turns, using their ends is not significantly better."
         return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
 
 

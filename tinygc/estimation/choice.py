@@ -185,7 +185,7 @@ def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, 
         return f"{held}, the only one that is better than the raw rates"
     if used != able[0]:
         simpler = METHODS[able[0]].title
-        return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), better by more than chance (p = {p_value:.2g})"
+        return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), significantly better (p = {p_value:.2g})"
     if p_value is None:
-        return f"{held}, the simplest, and none is better by {100 * SAME:g} %"
-    return f"{held}, the simplest; none is better by more than chance ({METHODS[best].title} {tilts[best]:.4f}°, p = {p_value:.2g})"
+        return f"{held}, the simplest model within {100 * SAME:g} % of the best"
+    return f"{held}, the simplest model; none is significantly better ({METHODS[best].title} {tilts[best]:.4f}°, p = {p_value:.2g})"

@@ -172,7 +172,7 @@ static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo
     return samples;
 }
 
-/* The burst that is on its way, or has just been asked for. */
+/* The burst that is on its way, or has just been requested. */
 static unsigned go_on(struct asm330lhh *sensor, struct fifo_sample *out)
 {
     const unsigned words = sensor->burst / FIFO_WORD_BYTES;
@@ -198,7 +198,7 @@ static unsigned words_due(struct asm330lhh *sensor)
         stand_still(sensor, FAULT_HANG);
         return 0;
     }
-    if (status[1] & FIFO_UNUSED) { /* nobody answers, or somebody else */
+    if (status[1] & FIFO_UNUSED) { /* no answer, or another chip */
         const enum fault fault = proof(sensor);
         if (fault != FAULTS)
             stand_still(sensor, fault);
@@ -214,7 +214,7 @@ static unsigned words_due(struct asm330lhh *sensor)
     return status[1] & FIFO_WATERMARK || words >= most ? (words < most ? words : most) : 0;
 }
 
-/* A bus that failed may be back, and the sensor as it was: then its stamps say what is missing.  Else it is started again. */
+/* A bus that failed may be back, and the sensor as it was: then its stamps show what is missing.  Else it is started again. */
 static void try_again(struct asm330lhh *sensor)
 {
     const uint32_t now_us = sensor->bus->time(), passed_us = now_us - sensor->tried_us;

@@ -55,7 +55,7 @@ struct asm330lhh {
     uint8_t reason;  /* of standing still: a fault, or FAULTS */
     uint8_t bad_bursts, overrun;
     unsigned burst; /* bytes that are on their way, or 0 */
-    uint16_t level; /* words in the FIFO when it was last asked */
+    uint16_t level; /* words in the FIFO when it was last read */
     uint32_t burst_us, data_us, tried_us; /* when the burst began, the last one ended, a start was last tried */
     uint8_t words[FIFO_WORDS * FIFO_WORD_BYTES];
 };

@@ -29,7 +29,7 @@ enum {
     FIFO_WORDS = 96,                   /* in a burst; the FIFO holds more than four times as many */
     FIFO_SAMPLES = FIFO_WORDS / 3 + 2, /* of a burst at most */
     WORDS_PER_SLOT = 3,                /* and a temperature now and then */
-    BAD_STAMPS = 4,                    /* in a row: then the sensor's time has begun anew */
+    BAD_STAMPS = 4,                    /* in a row: then the sensor's time has restarted */
     MANY_UNKNOWN = 0xFFFF,
 };
 
@@ -63,7 +63,7 @@ float fifo_rate_hz(uint8_t odr, int8_t freq_fine);
 /* True tick of the stamps in 2^-32 us, 25 us / (1 + 0.0015 f). */
 uint64_t fifo_tick_q32(int8_t freq_fine);
 
-/* The sensor has been started: its stamps begin anew, time and number go on by the target's clock. */
+/* The sensor has been started: its stamps restart, time and number go on by the target's clock. */
 void fifo_begin(struct asm330lhh_fifo *fifo, uint8_t odr, int8_t freq_fine);
 
 /* Words are missing: what follows need not follow on. */

@@ -52,7 +52,7 @@ static int wait_for(volatile const uint32_t *reg, uint32_t mask, uint32_t value)
 }
 
 /* 16 MHz / 16 * 336 / 2 = 168 MHz.  If the PLL does not come up the core stays at 16 MHz, and no host will understand the baud rate:
- * there is nobody to tell. */
+ * there is no receiver. */
 static void start_clock(void)
 {
     FLASH_ACR = 5u | 7u << 8; /* 5 wait states, prefetch and caches: before the clock is raised */
@@ -104,7 +104,7 @@ uint32_t board_milliseconds(void)
     return milliseconds;
 }
 
-/* The counter counts down through a millisecond.  It may begin anew between two looks, and its interrupt may have to wait. */
+/* The counter counts down through a millisecond.  It may restart between two readings, and its interrupt may have to wait. */
 uint32_t board_microseconds(void)
 {
     static uint32_t last;

@@ -66,7 +66,7 @@ static int landed(void)
     for (int spin = 0; spin < DMA_SPINS && (DMA2_CR(STREAM) & DMA_ENABLE); spin++)
         ;
     DMA2_HIFCR = CLEAR;
-    waiting.out += waiting.flying; /* after an error the rest of it is lost, and the host's CRC says so */
+    waiting.out += waiting.flying; /* after an error the rest of it is lost, and the host's CRC shows it */
     waiting.flying = 0;
     return 1;
 }

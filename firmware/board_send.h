@@ -1,4 +1,4 @@
-/* What is sent to the host: a ring that DMA2 empties into USART1, so that nobody waits for the wire. */
+/* What is sent to the host: a ring that DMA2 empties into USART1, so that the program does not wait for the wire. */
 #ifndef BOARD_SEND_H
 #define BOARD_SEND_H
 

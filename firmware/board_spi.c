@@ -120,7 +120,7 @@ static void begin_dma(uint8_t *in, unsigned count)
 
 int board_spi_transfer(const uint8_t *out, uint8_t *in, unsigned count)
 {
-    if (fetching.in && (out || fetching.in != in)) /* somebody has given up */
+    if (fetching.in && (out || fetching.in != in)) /* the transfer was abandoned */
         fail();
     if (out || !in || count < LONG || !board_has_dma())
         return by_hand(out, in, count);

@@ -1,4 +1,4 @@
-/* What the host asks the board to do. */
+/* Commands of the host to the board. */
 #ifndef COMMANDS_H
 #define COMMANDS_H
 
@@ -12,7 +12,7 @@ int commands_take(enum port port, const uint8_t *bytes, unsigned count);
 /* A frame with a good check has come in on the host's port: its new rate, if it has one, is understood. */
 void commands_heard(void);
 
-/* Go back to the rate of before, where nobody has been heard at the new one. */
+/* Go back to the rate of before, if nothing was received at the new one. */
 void commands_service(void);
 
 #endif

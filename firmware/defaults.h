@@ -1,4 +1,4 @@
-/* What the board does until the host says otherwise: the ranges and the rate of the model that it carries, or those of the make options. */
+/* Defaults until the host changes them: the ranges and the rate of the model that it carries, or those of the make options. */
 #ifndef DEFAULTS_H
 #define DEFAULTS_H
 
@@ -26,7 +26,7 @@
 #define BAUD 921600
 #endif
 
-/* Of this program, as the board frame says it. */
+/* Of this program, as in the board frame. */
 enum { FIRMWARE_MAJOR = 1, FIRMWARE_MINOR = 0, FIRMWARE_PATCH = 0 };
 
 #endif

@@ -9,7 +9,7 @@ enum {
     FRAME_INFO = 0x02,       /* u16 sequence, u16 gyro_fs_dps, u16 accel_fs_g, f32 odr_hz, u32 serial */
     FRAME_CALIBRATED = 0x03, /* u16 sequence, u32 t_us, f32 wx wy wz in rad/s: the answer to a sample, with its sequence and t_us */
     FRAME_SELF_TEST = 0x04,  /* u16 sequence, u16 failed (0: passed), f32 worst in rad/s, u32 model id: the answer to a hello */
-    FRAME_BOARD = 0x05,      /* what status.c says of the board and its sensor */
+    FRAME_BOARD = 0x05,      /* status of the board and its sensor (status.c) */
     FRAME_FAULTS = 0x06,     /* u16 sequence, u32 counts */
     FRAME_DONE = 0x07,       /* u16 sequence, u8 command, u8 result: the answer to a command, with its sequence */
     FRAME_TESTED = 0x08,     /* u16 sequence, u16 failed, f32 gyroscope x y z in dps, f32 accelerometer x y z in mg: of a sensor's self-test */

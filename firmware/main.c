@@ -1,7 +1,7 @@
 /* A sensor's registers in, the project's frames out.
  *
- * The host's port carries samples, and once a second what the board says of itself: a tinygc-frame/1 stream, ready to be recorded.  The
- * samples are those of the sensor.  Without one a stand-in streams at the model's data rate, and the board frame says so: there is
+ * The host's port carries samples, and once a second the status of the board: a tinygc-frame/1 stream, ready to be recorded.  The
+ * samples are those of the sensor.  Without one a stand-in streams at the model's data rate, and the board frame states it: there is
  * something to try the host with.  Whoever sends a sample frame, on either port, gets the calibrated rate back on that port, so that it can
  * pace itself by the answers; without a sensor the stand-in then falls silent, and what was sent is streamed. */
 #include "answers.h"
@@ -35,7 +35,7 @@ static void play_standin(void)
     }
 }
 
-/* Whether a byte has come in; fed: somebody has spoken to the model. */
+/* Whether a byte has come in; fed: the model has received input. */
 static int listen(enum port port, int *fed)
 {
     static struct decoder decoders[PORTS];

@@ -59,7 +59,7 @@ def newlib() -> bool:
 
 
 def build(target: str, model: Path, folder: Path, optimise: str = "-O2", **variables: str) -> Path:
-    """The ELF file ``target`` (tinygc.elf or measure.elf) of the model in a folder.  Raises RuntimeError with what make said."""
+    """The ELF file ``target`` (tinygc.elf or measure.elf) of the model in a folder.  Raises RuntimeError with the output of make."""
     settings = {"MODEL": model.resolve(), "BUILD": folder.resolve(), "OPTIMISE": optimise, **variables}
     command = ["make", "-s", "-C", HERE, target, *(f"{name}={value}" for name, value in settings.items())]
     made = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -96,10 +96,10 @@ def run(elf: Path, inputs: np.ndarray, folder: Path) -> Measured:
     command = ["qemu-system-arm", *MACHINE, "-serial", "none", "-icount", "shift=0", *semihosting, "-kernel", elf.resolve()]
     # Semihosting prints to standard error.
     ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=RUN_S, check=False)
-    said = ran.stderr.split()
-    if ran.returncode or len(said) != 5 or int(said[0]) != len(inputs):
-        raise RuntimeError(f"the board said {ran.stderr.strip()[-300:]!r}; expected {len(inputs)} samples and four numbers")
-    samples, ticks, nops, failed, inexact = map(int, said)
+    output = ran.stderr.split()
+    if ran.returncode or len(output) != 5 or int(output[0]) != len(inputs):
+        raise RuntimeError(f"the board printed {ran.stderr.strip()[-300:]!r}; expected {len(inputs)} samples and four numbers")
+    samples, ticks, nops, failed, inexact = map(int, output)
     rates = np.fromfile(folder / "outputs.bin", "<f4").reshape(-1, 3)
     return Measured(rates, ticks / samples, nops / 1000, failed, not inexact)
 
@@ -113,11 +113,11 @@ class Emulator:
     def __init__(self, elf: Path, start: Callable[..., subprocess.Popen] = subprocess.Popen):
         command = ["qemu-system-arm", *MACHINE, "-serial", "pty", "-serial", "pty", "-kernel", str(elf)]
         self._process = start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        said = [self._process.stdout.readline() for _ in range(2)]
-        ports = [re.search(r"/dev/\S+", line) for line in said]
+        output = [self._process.stdout.readline() for _ in range(2)]
+        ports = [re.search(r"/dev/\S+", line) for line in output]
         if not all(ports):
             self.__exit__()
-            raise RuntimeError(f"QEMU said {''.join(said)!r}; expected the names of two pseudo-terminals")
+            raise RuntimeError(f"QEMU printed {''.join(output)!r}; expected the names of two pseudo-terminals")
         self.ports = tuple(port[0] for port in ports)
 
     def __enter__(self) -> Emulator:

@@ -1,4 +1,4 @@
-/* The recorder has no model: nobody is answered. */
+/* The recorder has no model, and sends no answers. */
 #include "answers.h"
 
 void answers_start(void)

@@ -45,7 +45,7 @@ class SelfTest:
 
 
 class Board:
-    """One of the board's ports.  Raises DeviceError when it cannot be opened, or says nothing for SILENCE_S."""
+    """One of the board's ports.  Raises DeviceError when it cannot be opened, or sends nothing for SILENCE_S."""
 
     def __init__(self, name: str):
         self._name, self._buffer, self._bodies = name, b"", deque()
@@ -60,7 +60,7 @@ class Board:
     def hello(self) -> SelfTest:
         """Run the board's self-test, and make it forget the samples so far.
 
-        Asked again while nobody answers: what is sent to a pseudo-terminal before the emulator has seen it open is lost.
+        Repeated until there is an answer: what is sent to a pseudo-terminal before the emulator has seen it open is lost.
         """
         until = time.monotonic() + SILENCE_S
         while time.monotonic() < until:

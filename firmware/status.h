@@ -1,4 +1,4 @@
-/* What the board says of itself, once a second and when it is asked: info, board and faults frames. */
+/* Status of the board, once a second and on request: info, board and faults frames. */
 #ifndef STATUS_H
 #define STATUS_H
 

@@ -1,6 +1,6 @@
 #include "stream.h"
 
-/* A byte is ten bits on the wire; a sample is 25 bytes, and 200 a second are said besides. */
+/* A byte is ten bits on the wire; a sample is 25 bytes, and status frames take 200 a second. */
 enum { SAMPLE_BITS = 250, OTHER_BITS = 2000 };
 
 static uint16_t sequence;

@@ -23,7 +23,7 @@ uint32_t stream_crowded_out(void);
 /* End a frame and send it; 0 where there is no room. */
 int stream_frame(enum port port, struct frame *frame);
 
-/* Whether samples at this rate, and what is said besides, get through. */
+/* Whether samples at this rate, and the status frames, fit the port. */
 int stream_carries(float odr_hz, uint32_t baud);
 
 #endif

@@ -18,7 +18,7 @@ from session.bench.page.state import PageView
 from session.bench.screen import PlainLines, view
 from session.io.samples import Samples
 
-THINKS = "one moment: the coach looks at the last turn"
+THINKS = "one moment: the coach evaluates the last turn"
 TABLE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(90, (0, 1, 0), 3).rest(5).turn(90, (0, 0, 1), 3).rest(5)
 HZ = 208
 
@@ -69,7 +69,7 @@ def followed(samples, answers_at_s, portion=20):
 
 
 def wait_for(thread):
-    thread._asked.result(timeout=PATIENCE_S)
+    thread._pending.result(timeout=PATIENCE_S)
 
 
 def judged_s(seen, stills):

@@ -103,7 +103,7 @@ def test_a_mark_that_was_none_is_given_up():
     guide, changes, decided = led(run(table).rest(4).samples())
     assert guide.stage is Stage.DONE
     assert [word for word, _ in decided] == ["begin unclosed", "begin unclosed", "keep closure"]
-    assert "it stays there: that is the mark now, and the run begins anew" in said(changes, Kind.WARNING)
+    assert "it stays there: that is the mark now, and the run restarts" in said(changes, Kind.WARNING)
 
 
 def test_a_run_that_is_too_short_goes_on_and_rests_on_the_way_do_no_harm():
@@ -132,7 +132,7 @@ def test_a_run_that_cannot_be_integrated_begins_again(fault):
         samples.gyro[(samples.t_s > 30.0) & (samples.t_s < 30.1), 0] = 573 * DEG
     guide, changes, decided = led(samples)
     (rejected,) = said(changes, Kind.REJECTED)
-    assert rejected.startswith("this closure run is not whole: ")
+    assert rejected.startswith("this closure run is not complete: ")
     assert [word for word, _ in decided] == ["begin unclosed", "begin unclosed", "keep closure"]
     assert guide.stage is Stage.DONE
 

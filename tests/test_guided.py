@@ -126,13 +126,13 @@ def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
     guide, said = led(Port([INFO, pulled, plugged, silent, wrong_baud, right_again, *chunks(SESSION)]))
     why = [now.why for now in said.instructions]
     assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
-    assert any("nothing comes: is the board sending?" in words for words in why)
+    assert any("no bytes arrive: is the board sending?" in words for words in why)
     assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
     assert guide.accepted == 3
 
 
 def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
-    with pytest.raises(CalibrationError, match="10 s of samples without a word of their ranges: give --gyro-fs"):
+    with pytest.raises(CalibrationError, match="10 s of samples whose ranges are not known: give --gyro-fs"):
         led(Port(chunks(Table().rest(12))))
     late = [*chunks(SESSION)[:4], INFO, *chunks(SESSION)[4:]]
     assert led(Port(late))[0].accepted == 3

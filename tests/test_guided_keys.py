@@ -110,7 +110,7 @@ def test_a_turn_in_progress_is_dropped_when_it_ends():
     assert (guide.accepted, guide.dropped) == (3, 1)
     ((_, at_s),) = notes.rows
     assert MOVING[1][0] < at_s < MOVING[1][1]
-    assert "turn 2 dropped, as you said" in said.texts(Kind.STAGE)
+    assert "turn 2 dropped, as requested" in said.texts(Kind.STAGE)
     assert "turn 3 accepted" in " ".join(said.texts(Kind.ACCEPTED))
 
 
@@ -125,7 +125,7 @@ def test_where_there_is_nothing_to_drop_it_says_so(at_s, says):
 def test_pressed_twice_it_does_not_drop_the_turn_before():
     guide, said, notes = led(Wire(chunks(session()), keys=[(13.9, "dd")]))
     assert (guide.accepted, len(notes.rows)) == (3, 1)
-    assert "the last turn does not count anyhow" in said.texts(Kind.WARNING)
+    assert "the last turn does not count" in said.texts(Kind.WARNING)
 
 
 def test_paused_nothing_is_judged(monkeypatch):
@@ -138,7 +138,7 @@ def test_paused_nothing_is_judged(monkeypatch):
     assert guide.log == 1
     shown = [now for now in said.instructions if now.stage is Stage.PAUSED]
     assert len(shown) > 5
-    assert {now.do for now in shown} == {"paused: nothing is judged"}
+    assert {now.do for now in shown} == {"paused: nothing is examined"}
 
 
 def test_a_note_has_its_text_and_says_that_it_is_kept():

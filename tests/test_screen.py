@@ -99,7 +99,7 @@ def test_without_a_terminal_there_are_lines_and_no_control_signs():
     assert "\x1b" not in text
     assert "\a" not in text
     said = [line.strip() for line in text.splitlines()]
-    assert said[0].startswith("wait: the stream is being looked at (0.1 of 1.0 s of samples seen")
+    assert said[0].startswith("wait: the stream is being checked (0.1 of 1.0 s of samples seen")
     assert any("the stream is good: 208.0 Hz" in line for line in said)
     assert said.count("hold still: hands off the table") == 2
     assert any("turn 1 accepted: 120°" in line for line in said)

@@ -61,7 +61,7 @@ class ClosureGuide:
     def interrupted(self) -> None:
         """A new log, a pause, or the operator ends the run before it is complete."""
         if self.step in (Step.STAY, Step.RUN):
-            self.says.append((Kind.WARNING, "this closure run is not whole, and begins again"))
+            self.says.append((Kind.WARNING, "this closure run is not complete, and restarts"))
         self._to_the_mark()
 
     def on_the_mark(self) -> None:
@@ -139,7 +139,7 @@ class ClosureGuide:
             self._examined = True
             self._examine()
         if self._missing and turn.still_s >= AGAIN_S:
-            self.says.append((Kind.WARNING, "it stays there: that is the mark now, and the run begins anew"))
+            self.says.append((Kind.WARNING, "it stays there: that is the mark now, and the run restarts"))
             self._to_the_mark()
             self._here_s = WAIT_S
 
@@ -148,7 +148,7 @@ class ClosureGuide:
         samples = joined(self._parts)
         ends = run_ends(samples, find_stills(samples, self._protocol.still_s)[0], self._sensor)
         if ends is not None and ends.broken:
-            self.says.append((Kind.REJECTED, f"this closure run is not whole: {ends.broken}; it begins again from here"))
+            self.says.append((Kind.REJECTED, f"this closure run is not complete: {ends.broken}; it restarts from here"))
             self._to_the_mark()
             self._here_s = WAIT_S
         elif ends is None or not self._enough:

@@ -30,7 +30,7 @@ def cannot_be_told(crc_errors: int) -> str:
     """How many damaged frames may have passed the check, in words; crc_errors: the number of those that failed it."""
     by_chance = crc_errors / 2**16
     many = f"about {by_chance:.0f}" if by_chance >= 1 else "fewer than one"
-    return f"{many} may pass the check by chance: most stand out and are left out, but one that differs in low bits alone cannot be told"
+    return f"{many} may pass the check by chance: most stand out and are left out, but one that differs in low bits alone is not detected"
 
 
 def encode_samples(sequence: np.ndarray, t_us: np.ndarray, registers: np.ndarray) -> np.ndarray:

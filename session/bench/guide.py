@@ -134,7 +134,7 @@ class Guide:
         self._messages = []
         if decision.word == "pause":
             self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, "paused: what comes is kept, and not judged")
+            self._say(Kind.STAGE, "paused: samples are stored, not examined")
         elif self.stage is Stage.PAUSED and decision.word == "begin":
             self.stage = Stage.CHECK_STREAM
             self.new_log()
@@ -166,7 +166,7 @@ class Guide:
         if self.closure is not None or self.stage is not Stage.TURN:
             return None, "there is no turn to drop now"
         if self.here.refused:
-            return None, "the last turn does not count anyhow"
+            return None, "the last turn does not count"
         last = self.taken.last_of(self.log)
         return (None, "this log holds no accepted turn yet") if last is None else (fastest_ns(last) // 1000, "")
 
@@ -205,9 +205,9 @@ class Guide:
             return Instruction(stage, "connect the board", self.waits_for or "no port is open yet", good=False)
         if stage is Stage.CHECK_STREAM:
             waits = self.waits_for or f"{min(self.here.unchecked_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
-            return Instruction(stage, "wait: the stream is being looked at", waits, good=False)
+            return Instruction(stage, "wait: the stream is being checked", waits, good=False)
         if stage is Stage.PAUSED:
-            return Instruction(stage, "paused: nothing is judged", "p goes on", good=False)
+            return Instruction(stage, "paused: nothing is examined", "p goes on", good=False)
         if stage is Stage.DONE:
             return Instruction(stage, "done: the table may be left", f"{self.accepted} segments accepted")
         if stage is Stage.CLOSURE and self.closure is not None:
@@ -227,7 +227,7 @@ class Guide:
     def _turn_instruction(self) -> Instruction:
         turn, advice = self.turn, self.asked_for.advice
         if self.taken.turns and self.asked_for.awaited(self.here.now_s) and not turn.moving:
-            return Instruction(self.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")
+            return Instruction(self.stage, "one moment: the coach evaluates the last turn", "for some 2 s at most")
         do = advice.words if advice else ANY_TURN
         if not turn.moving:
             waits = f"waiting for the turn; segment {self.accepted + 1} of {self.segments}"
@@ -322,7 +322,7 @@ class Guide:
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1
-            self._say(Kind.STAGE, f"turn {number} dropped, as you said")
+            self._say(Kind.STAGE, f"turn {number} dropped, as requested")
         elif problem:
             self.rejected += 1
             self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")

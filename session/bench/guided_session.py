@@ -129,7 +129,7 @@ class BoardReporter:
         do = "; ".join(dict.fromkeys(FAULT_SAYS[name][1] for name in kinds))
         lines = [f"{'before this recording: ' if before is None else ''}{what}: {how_many}; {do}"]
         if self._reports == MOST_SAID:
-            lines.append(f"this was the {MOST_SAID}th fault, and they are said no more; the logs' comments have all")
+            lines.append(f"this was the {MOST_SAID}th fault, later ones are not shown; the logs' comments hold all")
         return lines
 
 
@@ -155,11 +155,11 @@ class SensorIdentity:
         """OtherSensor where the info is of another sensor.  Within a connection a board may correct its rate."""
         named = info.serial not in NO_SERIAL
         if named and self._serial not in (None, info.serial):
-            raise OtherSensor(f"the board says serial={info.serial}, this recording is of {self._serial}; {ANOTHER}")
+            raise OtherSensor(f"the board sends serial={info.serial}, this recording is of {self._serial}; {ANOTHER}")
         changed = self._odr_hz is not None and abs(info.odr_hz / self._odr_hz - 1) > RATE_WITHIN
         if changed and self._connection != self._of:
             who = "this is another board, or it was set otherwise" if named else "this is another board (it has no serial number)"
-            raise OtherSensor(f"the board says odr_hz={info.odr_hz:g}, this recording's {self._odr_hz:g}: {who}; {ANOTHER}")
+            raise OtherSensor(f"the board sends odr_hz={info.odr_hz:g}, this recording's {self._odr_hz:g}: {who}; {ANOTHER}")
         self._serial = info.serial if named else self._serial
         self._odr_hz, self._of = info.odr_hz, self._connection
 
@@ -173,32 +173,32 @@ class CoachThread:
     def __init__(self, coach: Coach | None) -> None:
         self._coach = coach
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
-        self._asked: Future[Advice] | None = None
-        self._asked_at = 0  # number of stills
+        self._pending: Future[Advice] | None = None
+        self._pending_stills = 0  # number of stills
         self._about: tuple[int, ...] = ()  # the state that was passed to it last
 
     def hear(self, guide: Guide) -> list[GuideMessage]:
         """Pass its finished advice to the guide, and the present state to it; returns the messages that this causes."""
         changes: list[GuideMessage] = []
-        if self._asked is not None and self._asked.done():
-            asked, self._asked = self._asked, None
-            if (error := asked.exception()) is not None:  # no failure of the coach may end a recording
+        if self._pending is not None and self._pending.done():
+            done, self._pending = self._pending, None
+            if (error := done.exception()) is not None:  # no failure of the coach may end a recording
                 self._coach, guide.coached = None, False
                 failed = f"the coach has failed ({type(error).__name__}: {error}); any turn will do"
                 changes = [GuideMessage(Kind.WARNING, failed, guide.now_s)]
             else:
-                changes = guide.advise(asked.result(), self._asked_at)
-        if self._asked is None and self._behind(guide):
-            self._about, self._asked_at = _about(guide), len(guide.taken.stills)
+                changes = guide.advise(done.result(), self._pending_stills)
+        if self._pending is None and self._behind(guide):
+            self._about, self._pending_stills = _about(guide), len(guide.taken.stills)
             if guide.taken.turns and self._coach is not None:
-                self._asked = self._thread.submit(self._coach, guide.taken.progress)
+                self._pending = self._thread.submit(self._coach, guide.taken.progress)
             else:
                 guide.advise(None)
         return changes
 
     def busy(self, guide: Guide) -> bool:
         """Whether advice on the present state is still to come."""
-        return self._asked is not None or self._behind(guide)
+        return self._pending is not None or self._behind(guide)
 
     def close(self) -> None:
         """Stop the thread."""
@@ -360,7 +360,7 @@ class GuidedRecording:
         if self._new_logs <= SHORT_STARTS:
             self._say(Kind.WARNING, f"{NEW_LOG_SAYS[kind]}: a new log begins")
         if self._new_logs == SHORT_STARTS:  # a board that resets again and again would fill the screen
-            again = f"this was the {SHORT_STARTS}th time, and it is said no more"
+            again = f"this was the {SHORT_STARTS}th time, later ones are not shown"
             self._say(Kind.WARNING, f"{again}; a start that lasts less than {SHORT_US / 1e6:g} s gets no log")
 
     def _samples(self, chunk: SampleChunk) -> None:
@@ -371,9 +371,9 @@ class GuidedRecording:
                 return
             if waited_s > UNKNOWN_S:
                 raise CalibrationError(
-                    f"{UNKNOWN_S:g} s of samples without a word of their ranges: give --gyro-fs, --accel-fs, --odr, or a session.toml"
+                    f"{UNKNOWN_S:g} s of samples whose ranges are not known: give --gyro-fs, --accel-fs, --odr, or a session.toml"
                 )
-            self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
+            self.guide.waits(Stage.CHECK_STREAM, "the board has not yet sent its ranges (an info frame, or a # line)")
             return
         samples = samples_of(chunk, self.config)
         self._tell(self.guide.feed(samples))
@@ -431,7 +431,7 @@ class GuidedRecording:
             self.guide.waits(Stage.FIND_PORT, f"{self.recorder.port.name}: {self.recorder.why or 'opening'}; it is tried again and again")
         elif silent_s > SILENT_S:
             counts = self.recorder.decoder
-            what = "nothing comes: is the board sending?"
+            what = "no bytes arrive: is the board sending?"
             if counts.garbage or counts.crc_errors:
                 what = (
                     f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? ({KEEPS_BAUD}; --header)"
@@ -447,7 +447,7 @@ class GuidedRecording:
         if CLOCK_RATIO < abs(ratio - 1) < CLOCK_RATIO_MOST:
             self._clock_reported = True
             wrong = f"the board's clock runs {100 * abs(ratio - 1):.2f} % {'fast' if ratio > 1 else 'slow'} by this computer's"
-            self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be off by as much")
+            self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be wrong by as much")
 
     def _say(self, kind: Kind, text: str) -> None:
         self._view.change(GuideMessage(kind, text, self.guide.now_s))

@@ -26,7 +26,7 @@ MOST = 1024  #: stretches; beyond them they become twice as long, so that a day 
 
 
 class ClockComparison:
-    """``add`` arrivals, ``restart`` where device time begins anew."""
+    """``add`` arrivals, ``restart`` where device time restarts."""
 
     def __init__(self) -> None:
         self.restart()

@@ -392,25 +392,25 @@ class BoardSetup:
             needed = frames.least_baud(wanted.odr_hz * (1 + FINE_STEP * board.freq_fine))
             if board.baud < needed:
                 self._raise_baud(talk, next((baud for baud in FASTER if baud >= needed), FASTER[-1]))
-            talk.ask(frames.DATA_RATE, f"--odr {wanted.odr_hz:g}", wanted.odr_hz, hint=f"the data rates are {RATES}")
+            talk.command(frames.DATA_RATE, f"--odr {wanted.odr_hz:g}", wanted.odr_hz, hint=f"the data rates are {RATES}")
             self.said.append(f"data rate {wanted.odr_hz:g} Hz")
         talk.listen(lambda: talk.info is not None, ANSWER_S)
         if (info := talk.info) is None:
-            raise DeviceError("the board does not say its ranges; switch it off and on")
+            raise DeviceError("the board does not send its ranges; switch it off and on")
         gyro_fs, accel_fs = wanted.gyro_fs_dps or info.gyro_fs_dps, wanted.accel_fs_g or info.accel_fs_g
         if board.source == STANDIN or (gyro_fs, accel_fs) != (info.gyro_fs_dps, info.accel_fs_g):
             what = f"--gyro-fs {gyro_fs:g} --accel-fs {accel_fs:g}"
             hint = "the ranges are 125, 250, 500, 1000, 2000, 4000 dps and 2, 4, 8, 16 g"
             if gyro_fs % 1 or accel_fs % 1 or max(gyro_fs, accel_fs) > 0xFFFF:
                 raise CalibrationError(f"{what}: {frames.REFUSALS[frames.IMPOSSIBLE]}; {hint}")
-            talk.ask(frames.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
+            talk.command(frames.RANGES, what, int(gyro_fs), int(accel_fs), hint=hint)
             self.said.append(f"ranges {gyro_fs:g} dps, {accel_fs:g} g")
 
     def _raise_baud(self, talk: _Dialogue, baud: int) -> None:
-        talk.ask(frames.BAUD, f"{baud} baud", baud)
+        talk.command(frames.BAUD, f"{baud} baud", baud)
         talk.port.baudrate = baud
         try:
-            talk.ask(frames.IDENTIFY, f"{baud} baud")
+            talk.command(frames.IDENTIFY, f"{baud} baud")
         except DeviceError:
             raise DeviceError(
                 f"nothing is heard at the {baud} baud that this data rate needs: the port or its adapter does not do them; a lower --odr"
@@ -426,7 +426,7 @@ class _Dialogue:
         self.board: BoardStatus | None = None
         self.info: Info | None = None
         self._infos = self._sequence = 0
-        self._asked: tuple[int, int] | None = None  # sequence and command
+        self._sent: tuple[int, int] | None = None  # sequence and command
         self._answer: int | None = None  # to it
 
     @property
@@ -444,16 +444,16 @@ class _Dialogue:
                     self.board = event
                 elif isinstance(event, Info):
                     self.info, self._infos = event, self._infos + 1
-                elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._asked:
+                elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._sent:
                     self._answer = event.result
         return enough()
 
-    def ask(self, command: int, what: str, *values: float, hint: str = "") -> None:
+    def command(self, kind: int, what: str, *values: float, hint: str = "") -> None:
         """Send a command and wait for its answer."""
         for _ in range(TRIES):
             self._sequence += 1
-            self._answer, self._asked = None, (self._sequence, command)
-            self.port.write(frames.encode_command(command, self._sequence, *values))
+            self._answer, self._sent = None, (self._sequence, kind)
+            self.port.write(frames.encode_command(kind, self._sequence, *values))
             self.listen(lambda: self._answer is not None, ANSWER_S)
             if self._answer == frames.DONE:
                 return

@@ -95,7 +95,7 @@ def is_gone(file: int, path: Path) -> bool:
 
 
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Make folders for rescued files: beside the lost one, in the working directory, in the temporary folder, where possible."""
+    """Make folders for rescued files: next to the lost one, in the working directory, in the temporary folder, where possible."""
     temporary = Path(tempfile.gettempdir())
     try:
         here = Path.cwd()

@@ -168,8 +168,8 @@ def _stream(health: StreamHealth) -> Text:
     if health.odr_hz is None:
         return Text(f"– Hz; {health.samples} samples")
     others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
-    said = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
-    return Text(f"{health.odr_hz:.2f} Hz; {f'{said}; ' if said else ''}{health.samples} samples")
+    stated = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
+    return Text(f"{health.odr_hz:.2f} Hz; {f'{stated}; ' if stated else ''}{health.samples} samples")
 
 
 def _faults(health: StreamHealth) -> Text:

@@ -260,7 +260,7 @@ class SessionFile:
         except OSError as error:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
         except FormatError as error:
-            right = "where the board says it wrong, say it right: --odr, --gyro-fs, --accel-fs, --sensor"
+            right = "if the board sends a wrong value, give the right one: --odr, --gyro-fs, --accel-fs, --sensor"
             raise CalibrationError(f"{self.path}: not written: {str(error).removeprefix(f'{fresh}: ')}; {right}") from None
         finally:
             with contextlib.suppress(OSError):

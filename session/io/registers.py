@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from session.io.errors import FormatError
 from session.io.sensors import invensense, others, st
 from session.io.sensors.profile import REGISTER_SPAN, Profile, Thermometer
 from session.io.units import MDPS, MG
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # Which sensor a name means, however it is written: ``mpu9250``, ``MPU-9250``, ``ST asm330lhhtr, unit 2``.
 
@@ -108,6 +110,8 @@ class RegisterUnits:
 
     def temperature_lsb(self, temp_c: np.ndarray | None, count: int) -> np.ndarray:
         """Temperatures (N,) degC as registers (N,), not rounded; of what has none, ``count`` zeros."""
+        import numpy as np
+
         thermometer = self.thermometer
         return np.zeros(count) if temp_c is None or thermometer is None else (temp_c - thermometer.at_zero_c) * thermometer.lsb_per_c
 

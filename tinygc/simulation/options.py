@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from session.io.errors import CalibrationError
 from session.io.registers import DEFAULT
 from session.io.units import DEG, MG
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from session.io.registers import RegisterUnits
 
 
@@ -201,15 +201,21 @@ class SimulatedUnit:
 
     def measured_rate(self, rate: np.ndarray) -> np.ndarray:
         """What the gyro makes of a true rate (N, 3) rad/s, before noise and low-pass: ``E^-1 (omega - B)``."""
+        import numpy as np
+
         return (rate - self.B) @ np.linalg.inv(self.E).T
 
     def measured_force(self, force: np.ndarray) -> np.ndarray:
         """What the accelerometer makes of a true specific force (N, 3) m/s^2, before noise and low-pass."""
+        import numpy as np
+
         return force @ np.linalg.inv(self.accel_matrix).T + self.accel_bias + self.accel_shift
 
 
 def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> SimulatedUnit:
     """Draw a unit.  Everything is drawn whatever the options say, so that one option does not change the others' draws."""
+    import numpy as np
+
     bias_dps = np.clip(options.gyro_bias_dps * rng.standard_normal(3), -LARGEST_BIAS_DPS, LARGEST_BIAS_DPS)
     E = _near_identity(options.gyro_scale_error, options.gyro_misalignment, rng)
     accel_matrix = _near_identity(options.accel_scale_error, options.accel_misalignment, rng)
@@ -231,4 +237,6 @@ def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> Simulated
 
 def _near_identity(scale: float, cross: float, rng: np.random.Generator) -> np.ndarray:
     """(3, 3): 1 + N(0, scale) on the diagonal, N(0, cross) beside it."""
+    import numpy as np
+
     return np.eye(3) + rng.standard_normal((3, 3)) * np.where(np.eye(3, dtype=bool), scale, cross)

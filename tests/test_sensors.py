@@ -209,7 +209,7 @@ def test_a_session_that_names_no_sensor_is_an_asm330lhh_s_and_says_so(tmp_path):
     (folder / "session.toml").write_text((folder / "session.toml").read_text().replace('model = "ASM330LHH"\n', ""))
     unnamed = read_session(folder)
     np.testing.assert_array_equal(unnamed.logs[0].samples.gyro, named.logs[0].samples.gyro)
-    assert "taken for an ASM330LHH's" in of(check_keys(unnamed.config), "sensor").says
+    assert "taken to be those of an ASM330LHH" in of(check_keys(unnamed.config), "sensor").says
     assert check_keys(named.config) == []
 
 

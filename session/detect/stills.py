@@ -226,7 +226,9 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
         return [], None
     noise = _noise(runs, blocks)
     stills = [_settled(samples, run, blocks.size, noise, round(shortest)) for run in runs]
-    return _without_steady_turns(stills), noise
+    # A turn at constant rate is quiet as well; its rate separates it from the stills.
+    usual = usual_rate(*(np.array([getattr(still, name) for still in stills]) for name in ("gyro_mean", "duration_s")))
+    return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS], noise
 
 
 def quiet_runs(blocks: Blocks) -> tuple[list[tuple[int, int]], np.ndarray]:
@@ -404,12 +406,6 @@ def _without_end(run: list[tuple[int, int]], cut: int, at_start: bool) -> list[t
     blocks = np.concatenate([np.arange(start, stop) for start, stop in run])
     first, last = (blocks[cut], blocks[-1] + 1) if at_start else (blocks[0], blocks[-cut - 1] + 1)
     return [(max(a, first), min(b, last)) for a, b in run if max(a, first) < min(b, last)]
-
-
-def _without_steady_turns(stills: list[Still]) -> list[Still]:
-    """A turn at constant rate is quiet as well; its rate tells it from the stills."""
-    usual = usual_rate(*(np.array([getattr(still, name) for still in stills]) for name in ("gyro_mean", "duration_s")))
-    return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS]
 
 
 def usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:

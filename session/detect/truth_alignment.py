@@ -215,7 +215,8 @@ def best_way(found: list[Way]) -> Way:
     if least.cost > MUCH_LESS * own.cost:
         return own
     good = [way for way in found if way.cost < least.cost + SAME]
-    return min(good, key=lambda way: (round(way.mounted, 1), -_upright(way)))
+    # A defined world has up along its z axis.
+    return min(good, key=lambda way: (round(way.mounted, 1), 0.0 if way.up is None else -abs(way.up[2])))
 
 
 def frame_of(way: Way) -> str | None:
@@ -225,11 +226,6 @@ def frame_of(way: Way) -> str | None:
     up = way.up / np.linalg.norm(way.up)
     name = min(FRAMES, key=lambda name: up @ down_of(name))
     return name if -(up @ down_of(name)) > UPRIGHT else None
-
-
-def _upright(way: Way) -> float:
-    """Cosine of up from the world's z axis: whoever takes the trouble to define a world has it there."""
-    return 0.0 if way.up is None else float(abs(way.up[2]))
 
 
 def _turns(one: AlignedLog, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -139,14 +139,17 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")
 
-    for path in (*paths, *closures, *_beside(folder, config, paths)):
+    truths = list(map(truth_path, paths)) if config.protocol.reference == "truth" else []
+    tables = [path for path in (folder / ATTITUDES, folder / KNOWN_TURNS) if path.exists()]
+    for path in (*paths, *closures, *tables, *truths):
         require_file(path)
+    reading = TruthReading.of(config.truth)
     session = read_logs(folder, config, paths, closures, rests, progress)
     attitudes = folder / ATTITUDES
     return replace(
         session,
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
-        truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
+        truths=tuple(read_truth(path, reading) for path in truths) if config.protocol.reference == "truth" else None,
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
     )
 
@@ -170,12 +173,6 @@ def read_logs(
     return Session(folder, config, logs, runs, rests=tuple(rests))
 
 
-def _beside(folder: Path, config: Config, paths: list[Path]) -> list[Path]:
-    """What is read after the logs, where it is there."""
-    truths = list(map(truth_path, paths)) if config.protocol.reference == "truth" else []
-    return [path for path in (folder / ATTITUDES, folder / KNOWN_TURNS, *truths) if path.exists()]
-
-
 def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn, ...]:
     if not path.exists():
         return ()
@@ -185,11 +182,6 @@ def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn,
             'remove the file, or use reference = "gravity"'
         )
     return read_known_turns(path, logs)
-
-
-def _read_truths(config: Config, paths: list[Path]) -> tuple[Truth, ...]:
-    reading = TruthReading.of(config.truth)
-    return tuple(read_truth(truth_path(path), reading) for path in paths)
 
 
 def _calibrated_once(config: Config, logs: tuple[Log, ...], closures: tuple[Log, ...]) -> tuple[Config, tuple[Log, ...], tuple[Log, ...]]:

@@ -271,10 +271,10 @@ def _layout(
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
             raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
-    elif _is_clock(time_column, delimiter, lines[first:]):
-        unit = Unit(1, "clock")
     else:
-        unit = _unit("time", time_unit, "--time-unit", name, dialect)
+        row = next((line for line in lines[first:] if line.strip()), "").split(delimiter)
+        is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
+        unit = Unit(1, "clock") if is_clock else _unit("time", time_unit, "--time-unit", name, dialect)
     triads = {
         letter: _triad(columns, letter, kind, option, unit, axes, name, dialect)
         for letter, kind, option, unit, axes in (
@@ -298,12 +298,6 @@ def _layout(
         frame=frame,
         header_line=lines[first - 1].strip() if first else "",
     )
-
-
-def _is_clock(column: int, delimiter: str | None, rows: list[str]) -> bool:
-    """Whether the stamps are a time of day."""
-    row = next((row for row in rows if row.strip()), "").split(delimiter)
-    return column < len(row) and ":" in row[column]
 
 
 def _triad(

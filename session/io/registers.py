@@ -41,13 +41,12 @@ def profile_of(model: str) -> Profile | None:
         return next(profile for profile in PROFILES if profile.name == GENERIC)
     found = [(match.span(), profile) for pattern, profile in _PATTERNS for match in pattern.finditer(model)]
     # LSM6DS3TR-C begins like LSM6DS3TR: the longer name counts.
-    longest = [(span, profile) for span, profile in found if not any(_within(span, other) for other, _ in found)]
-    named = {profile.name: profile for _, profile in longest}
+    named = {
+        profile.name: profile
+        for span, profile in found
+        if not any(span != other and other[0] <= span[0] and span[1] <= other[1] for other, _ in found)
+    }
     return next(iter(named.values())) if len(named) == 1 else None
-
-
-def _within(span: tuple[int, int], other: tuple[int, int]) -> bool:
-    return span != other and other[0] <= span[0] and span[1] <= other[1]
 
 
 def nearest_name(model: str) -> str | None:

@@ -43,19 +43,17 @@ def with_sensor(readers: list[Reader], answers: Answers) -> tuple[Answers, list[
     if answers.sensor:
         if registers:
             require_profile(answers.sensor)
-        return answers, [] if profile_of(answers.sensor) is not None else [_not_known(answers.sensor)]
+        if profile_of(answers.sensor) is not None:
+            return answers, []
+        near = nearest_name(answers.sensor)
+        note = f"{answers.sensor} is no sensor that is known{f' (is {near} meant?)' if near else ''}"
+        return answers, [f"{note}: it has no yardstick (`calibrate.py sensors` lists those that have one)"]
     if not registers:
         return answers, []
     if any(reader.layout.dialect != OWN for reader in readers):
         named = " and ".join(reader.path.name for reader in readers)
         raise FormatError(f"{named} holds registers and does not name the sensor; give --sensor NAME (`calibrate.py sensors` lists them)")
     return replace(answers, sensor=DEFAULT), [ASSUMED]
-
-
-def _not_known(name: str) -> str:
-    near = nearest_name(name)
-    meant = f" (is {near} meant?)" if near else ""
-    return f"{name} is no sensor that is known{meant}: it has no yardstick (`calibrate.py sensors` lists those that have one)"
 
 
 # One log from one file, or from one for the gyroscope and one for the accelerometer, joined on time.
@@ -337,14 +335,8 @@ def _calibrated(readers: list[Reader]) -> str:
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:
-    as_it_is = (answers.gyro_axes, answers.accel_axes, answers.time_unit, answers.gyro_unit, answers.accel_unit) == (
-        AXES,
-        AXES,
-        None,
-        None,
-        None,
-    )
-    return reader.layout.dialect == OWN and as_it_is
+    units = (answers.time_unit, answers.gyro_unit, answers.accel_unit)
+    return reader.layout.dialect == OWN and answers.gyro_axes == answers.accel_axes == AXES and units == (None, None, None)
 
 
 def _sensor(answers: Answers) -> Sensor:

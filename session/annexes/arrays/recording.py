@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
@@ -77,15 +77,12 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
     read = _by_folders if FOLDERS in section else _by_names
     units = dict(sorted(read(folder, path, table, section, progress).items()))
     if len(units) < LEAST_UNITS:
-        raise FormatError(f"{folder}: an array of one unit ({_named(units)}); expected two or more, or a session folder without [array]")
+        only = _listed(list(units))
+        raise FormatError(f"{folder}: an array of one unit (unit {only}); expected two or more, or a session folder without [array]")
     _same_logs(folder, units)
     _same_time(folder, units)
     _not_twice(folder, units)
     return ArraySession(folder, tuple(units), tuple(units.values()))
-
-
-def _named(units: Mapping[int, Session]) -> str:
-    return "unit " + ", ".join(map(str, units))
 
 
 def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Callable[[str], None]) -> dict[int, Session]:
@@ -282,31 +279,34 @@ def _same_logs(folder: Path, units: Mapping[int, Session]) -> None:
                 raise FormatError(f"{folder}: unit {first} has {count} {word}, unit {number} has {other}; expected the same of every unit")
 
 
-def _same_time(folder: Path, units: Mapping[int, Session]) -> None:
-    """DataError where two units' stamps of one log have no moment in common."""
+def _pairs_of_logs(units: Mapping[int, Session]) -> Iterator[tuple[tuple[int, Log], tuple[int, Log]]]:
+    """Number and log of every two units, for each log and closure run."""
     for what in ("logs", "closures"):
         for logs in zip(*(getattr(unit, what) for unit in units.values()), strict=True):
-            for (one, first), (other, second) in combinations(zip(units, logs, strict=True), 2):
-                (begin, end), (since, until) = _span(first), _span(second)
-                if max(begin, since) >= min(end, until):
-                    raise DataError(
-                        f"{folder}: units {one} and {other} have no time in common: {first.path.name} is {begin:.3f} to {end:.3f} s, "
-                        f"{second.path.name} {since:.3f} to {until:.3f} s; expected one recording, on clocks that agree to some seconds"
-                    )
+            yield from combinations(zip(units, logs, strict=True), 2)
+
+
+def _same_time(folder: Path, units: Mapping[int, Session]) -> None:
+    """DataError where two units' stamps of one log have no moment in common."""
+    for (one, first), (other, second) in _pairs_of_logs(units):
+        (begin, end), (since, until) = _span(first), _span(second)
+        if max(begin, since) >= min(end, until):
+            raise DataError(
+                f"{folder}: units {one} and {other} have no time in common: {first.path.name} is {begin:.3f} to {end:.3f} s, "
+                f"{second.path.name} {since:.3f} to {until:.3f} s; expected one recording, on clocks that agree to some seconds"
+            )
 
 
 def _not_twice(folder: Path, units: Mapping[int, Session]) -> None:
     """DataError where two units have the very same readings, whose noise would count as two sensors'."""
-    for what in ("logs", "closures"):
-        for logs in zip(*(getattr(unit, what) for unit in units.values()), strict=True):
-            for (one, first), (other, second) in combinations(zip(units, logs, strict=True), 2):
-                ours, theirs = np.asarray(first.samples.gyro), np.asarray(second.samples.gyro)
-                begin = ours[:BEGINS]
-                if np.ptp(begin, axis=0).any() and np.array_equal(begin, theirs[:BEGINS]) and np.array_equal(ours, theirs):
-                    raise DataError(
-                        f"{folder}: units {one} and {other} have the very same rates ({first.path.name}, {second.path.name}): one sensor "
-                        "twice; take one of them out"
-                    )
+    for (one, first), (other, second) in _pairs_of_logs(units):
+        ours, theirs = np.asarray(first.samples.gyro), np.asarray(second.samples.gyro)
+        begin = ours[:BEGINS]
+        if np.ptp(begin, axis=0).any() and np.array_equal(begin, theirs[:BEGINS]) and np.array_equal(ours, theirs):
+            raise DataError(
+                f"{folder}: units {one} and {other} have the very same rates ({first.path.name}, {second.path.name}): one sensor twice; "
+                "take one of them out"
+            )
 
 
 def _span(log: Log) -> tuple[float, float]:

@@ -35,7 +35,7 @@ from tinygc.planning.coach import Coach
 from tinygc.planning.proposals import TARGETS
 from tinygc.planning.turns import Turn, TurnPart
 from tinygc.simulation import movement as motion
-from tinygc.simulation.movement import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
+from tinygc.simulation.movement import PEAK_RPS, TURN_SPREAD, MovementPlan, not_faster, rest_s, stroke
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions, draw_unit
 from tinygc.simulation.simulator import _streams, plan_of, simulate_session
 
@@ -61,11 +61,11 @@ class CoachedHand:
         first = [s for s in random.strokes if s.start_s < random.turns[0][1]]  # nobody has advice for the first turn
         self._do(first, random.turns[0][1] - random.turns[0][0])
 
-    def plan(self, segments: int) -> Plan:
+    def plan(self, segments: int) -> MovementPlan:
         """A session of so many turns."""
         while len(self._turns) < segments:
             self._do(*self._obeyed(self.coach.best_turn(self._force(self._angles))))
-        return Plan(self._start, tuple(self._strokes), tuple(self._turns), self._clock_s, None, self._clock_s)
+        return MovementPlan(self._start, tuple(self._strokes), tuple(self._turns), self._clock_s, None, self._clock_s)
 
     def _obeyed(self, turn: Turn) -> tuple[list, float]:
         """The strokes of the gimbals that come nearest to the turn, and how long they take."""
@@ -131,7 +131,7 @@ class CoachedHand:
     def _taken(self, strokes, before, begin_s: float, seconds: float) -> AcceptedTurn:
         """What the guide would hand over, but for noise and the sensor's errors."""
         t_s = np.arange(begin_s - 1.0, begin_s + seconds + 1.0, 1 / 50)
-        moved = motion.move(Plan(before, tuple(strokes), (), 0.0, None, 0.0), t_s)
+        moved = motion.move(MovementPlan(before, tuple(strokes), (), 0.0, None, 0.0), t_s)
         ends = [
             Still(0, 1, 0.0, 2.0, np.zeros(3), np.zeros(3), np.zeros(3), self._force(a), np.zeros(3), np.zeros(3), 25.0)
             for a in (before, self._angles)
@@ -152,7 +152,7 @@ class CoachedHand:
         return (force if self.own is None else self._unit.measured_force(force))[0]
 
 
-def worst_sigmas(options: SimulationOptions, plan: Plan | None) -> list[float]:
+def worst_sigmas(options: SimulationOptions, plan: MovementPlan | None) -> list[float]:
     """The worst sigma beside its target after each of COUNTS segments of a recorded session."""
     simulation = simulate_session(options, plan=plan)
     log, unit = simulation.log, simulation.unit
@@ -180,7 +180,7 @@ def worst_sigmas(options: SimulationOptions, plan: Plan | None) -> list[float]:
     return found
 
 
-def one_axis(options: SimulationOptions) -> Plan:
+def one_axis(options: SimulationOptions) -> MovementPlan:
     """The random plan with only the first gimbal of each turn, the one that spans it."""
     plan = plan_of(options)
     return replace(plan, strokes=tuple(one for one in plan.strokes if (one.start_s, one.stop_s) in {(a, b) for a, b in plan.turns}))

@@ -23,9 +23,9 @@ from common import markdown, progress
 from session.io.numeric import decimal_rows
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.simulation import simulator
-from tinygc.simulation.movement import Plan, Stroke
+from tinygc.simulation.movement import MovementPlan, Stroke
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, draw_unit
-from tinygc.simulation.simulator import Recording, Simulation, bias_instability, plan_of, true_signals
+from tinygc.simulation.simulator import RegisterLog, Simulation, bias_instability, plan_of, true_signals
 from tinygc.simulation.write import HEADER, config_text
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -107,12 +107,12 @@ def write_long_session(options: SimulationOptions, folder: Path, lasts_s: float 
         file.write(f"# gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g} odr_hz={unit.odr_hz:.4f}\n{HEADER}\n".encode())
         for part in _pieces(options, unit, plan):
             file.write(decimal_rows([part.t_us, *part.gyro.T, *part.accel.T, part.temp], [0] * 8))
-    empty = Recording(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    empty = RegisterLog(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     (folder / "session.toml").write_text(config_text(Simulation(options, plan, unit, empty, None), concealed=False), encoding="utf-8")
     return folder
 
 
-def spread(plan: Plan, lasts_s: float) -> Plan:
+def spread(plan: MovementPlan, lasts_s: float) -> MovementPlan:
     """The same turns with longer rests, a log of lasts_s s."""
     more_s = max(lasts_s - plan.log_s, 0.0) / (len(plan.turns) + 1)
     late_s = np.arange(1, len(plan.turns) + 1) * more_s
@@ -126,7 +126,7 @@ def spread(plan: Plan, lasts_s: float) -> Plan:
     return replace(plan, strokes=tuple(map(later, plan.strokes)), turns=turns, log_s=log_s, duration_s=log_s)
 
 
-def _pieces(options: SimulationOptions, unit, plan: Plan) -> Iterator[Recording]:
+def _pieces(options: SimulationOptions, unit, plan: MovementPlan) -> Iterator[RegisterLog]:
     """What ``simulate_session`` gives at once, ``PIECE_S`` at a time: each with a run-up of its own for the filters."""
     odr_hz = unit.odr_hz
     count, size = int(np.ceil(plan.log_s * odr_hz)), round(PIECE_S * odr_hz)
@@ -142,7 +142,7 @@ def _pieces(options: SimulationOptions, unit, plan: Plan) -> Iterator[Recording]
         rate, force, temp_c = true_signals(options, unit, _near(plan, t_fine[0], t_fine[-1]), t_fine)
         gyro = simulator.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, rng)[run_up:] + flicker[start:stop]
         accel = simulator.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, rng)[run_up:]
-        yield Recording(
+        yield RegisterLog(
             t_us=np.rint(np.arange(start, stop) / odr_hz * 1e6).astype(np.int64),
             gyro=simulator.registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
             accel=simulator.registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
@@ -150,7 +150,7 @@ def _pieces(options: SimulationOptions, unit, plan: Plan) -> Iterator[Recording]
         )
 
 
-def _near(plan: Plan, begin_s: float, end_s: float) -> Plan:
+def _near(plan: MovementPlan, begin_s: float, end_s: float) -> MovementPlan:
     """The strokes of a moment, those before it already made: a day of them need not be walked through for each piece."""
     start = np.array(plan.start_rad, dtype=float)
     for stroke in plan.strokes:

@@ -29,14 +29,14 @@ from common import markdown, progress
 
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import Board, simulated
+from tinygc.simulation.virtual_board import VirtualBoard, simulated
 
 ROOT = Path(__file__).resolve().parent.parent
 SETTLED_S = 6.0  #: behind the first sample: modules are loaded by then
 CASES = {"no page": None, "0 browsers": (0, 0), "1": (1, 0), "12": (12, 0), "12, and 1 that hangs": (12, 1)}
 
 
-class MarkedBoard(Board):
+class MarkedBoard(VirtualBoard):
     """Remembers when which sample went into the port: device time, and the clock of all processes here."""
 
     def _samples(self, stop: int) -> None:

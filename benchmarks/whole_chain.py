@@ -27,7 +27,7 @@ from emulated_driver import built
 
 from tinygc.annexes.emulated.board import with_its_own_rate
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import Recording, Simulation, simulate_session, unit_of
+from tinygc.simulation.simulator import RegisterLog, Simulation, simulate_session, unit_of
 from tinygc.simulation.virtual_board import STILL_S
 from tinygc.simulation.write import write_simulation
 
@@ -104,7 +104,7 @@ def laid_beside(simulation: Simulation, recorded: Path, file: Path) -> dict[str,
     felt = rows[np.where(index < 0, index % still, np.where(index < len(rows), index, behind))]
     t_us = np.rint(1e6 * np.arange(len(got)) / odr_hz).astype(np.int64)
     columns = felt.astype(np.int16)
-    whole = Recording(t_us, columns[:, :3], columns[:, 3:6], columns[:, 6])
+    whole = RegisterLog(t_us, columns[:, :3], columns[:, 3:6], columns[:, 6])
     write_simulation(replace(simulation, log=whole), file)
     wrong = (got[:, 1:7] != felt[:, :6]).any(axis=1)
     off_us = got[:, 0] - got[begin, 0] - (t_us - t_us[begin])

@@ -16,7 +16,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.logwriter import LogWriter
 from session.bench.recorder import Recorder, stream
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import Clock
+from tinygc.simulation.virtual_board import HostClock
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time
@@ -76,7 +76,7 @@ class CountedTerminal(Terminal):
         return bool(self._waiting)
 
 
-class PatientClock(Clock):
+class PatientClock(HostClock):
     """Simulated time for a board: it passes when its reader has read all, or has noticed that the cable is out."""
 
     def __init__(self, terminal: CountedTerminal, recorder: Recorder):

@@ -21,9 +21,9 @@ from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
 from tinygc import CalibrationError
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import Board, Faults, Source, flipped, recorded, spoil
+from tinygc.simulation.virtual_board import BoardSource, LineFaults, VirtualBoard, flipped, recorded, spoil
 
-SOURCE = Source(smooth_registers(2000), INFO)
+SOURCE = BoardSource(smooth_registers(2000), INFO)
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
 
 
@@ -31,7 +31,7 @@ def recorded_from(tmp_path, source=SOURCE, **settings):
     """Run a board and a recorder, in simulated time, until the board is done: the board, the recorder (closed), the events."""
     with CountedTerminal(tmp_path / "port") as terminal:
         recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
-        board = Board(source, terminal, **{**RUNS, **settings}, clock=(clock := PatientClock(terminal, recorder)))
+        board = VirtualBoard(source, terminal, **{**RUNS, **settings}, clock=(clock := PatientClock(terminal, recorder)))
         thread = threading.Thread(target=lambda: (board.run(), clock.sleep(0.0)), daemon=True)
         thread.start()
         while thread.is_alive():
@@ -74,7 +74,11 @@ def test_a_board_in_physical_units_is_recorded_as_well(tmp_path):
 @pytest.mark.slow
 def test_resets_and_a_pulled_cable_begin_new_logs(tmp_path):
     board, recorder, events = recorded_from(
-        tmp_path, Source(smooth_registers(60_000), INFO), speed=10.0, frames=True, faults=Faults(reset=5.0, unplug=14.0, garbage=100)
+        tmp_path,
+        BoardSource(smooth_registers(60_000), INFO),
+        speed=10.0,
+        frames=True,
+        faults=LineFaults(reset=5.0, unplug=14.0, garbage=100),
     )
     kinds = [event.kind for event in events if not isinstance(event, SampleChunk | Info) and event.kind in ("reset", "reconnect")]
     assert kinds.count("reconnect") == 1
@@ -125,7 +129,7 @@ def test_a_recorded_session_streams_as_its_registers(simulated):
 
 def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
     messages = [bytes([k % 256]) * 25 for k in range(20_000)]
-    run = lambda **faults: spoil(messages, Faults(**faults), np.random.default_rng(1))  # noqa: E731
+    run = lambda **faults: spoil(messages, LineFaults(**faults), np.random.default_rng(1))  # noqa: E731
     assert len(run(lost=0.05)) == pytest.approx(0.95 * 500_000, rel=0.005)
     assert len(run(torn=0.1)) == pytest.approx(500_000 * (0.9 + 0.1 * 0.48), rel=0.01)
     data = np.frombuffer(b"".join(messages), np.uint8)

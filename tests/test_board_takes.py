@@ -14,7 +14,7 @@ from session.io.logfile import Log
 from session.io.samples import Samples
 from tinygc import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
-from tinygc.simulation.virtual_board import Board, next_take, remember, simulated, taken
+from tinygc.simulation.virtual_board import VirtualBoard, next_take, remember, simulated, taken
 
 OPTIONS = SimulationOptions(segments=2, closure_s=0.0, odr_hz=104.0, seed=7)
 
@@ -56,7 +56,7 @@ def test_a_link_remembers_the_takes_of_each_seed(tmp_path):
 
 
 def test_the_command_goes_on_with_the_next_take_and_says_so(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(Board, "run", lambda self: None)
+    monkeypatch.setattr(VirtualBoard, "run", lambda self: None)
     words = ["board", "--segments", "1", "--rate", "104", "--link", str(tmp_path / "port"), "--config", str(tmp_path / "bench.toml")]
 
     def said(*more):

@@ -10,7 +10,7 @@ from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info
 from session.bench.text_stream import parse_comment, parse_info
-from tinygc.simulation.virtual_board import Faults, spoil
+from tinygc.simulation.virtual_board import LineFaults, spoil
 
 
 @BOTH
@@ -26,7 +26,7 @@ def test_everything_arrives(encode):
 @BOTH
 def test_it_does_not_matter_how_the_bytes_are_cut(encode):
     t_us, registers = sent(400)
-    data = spoil(encode(t_us, registers), Faults(lost=0.05, torn=0.03, flip=0.0005), rng(2))
+    data = spoil(encode(t_us, registers), LineFaults(lost=0.05, torn=0.03, flip=0.0005), rng(2))
     data = rng(3).bytes(90) + data + b"\n# board starts\n" + b"".join(encode(*sent(50, 0)))
     whole, events = decode(data)
     for size in (1, 7, 64):

@@ -18,7 +18,7 @@ from session.io.config import read_config
 from tinygc import SimulationOptions, read_session
 from tinygc.deploy.exports import FORMATS
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import Board, Clock, recorded, simulated
+from tinygc.simulation.virtual_board import HostClock, VirtualBoard, recorded, simulated
 
 pytestmark = pytest.mark.slow
 SIMULATE = ("--segments", 16, "--closure", 20, "--odr-hz", 62.5, "--seed", 5)
@@ -30,7 +30,7 @@ def done(*words, codes=(0,)) -> None:
     assert calibrate.main([*map(str, words), "--quiet"]) in codes
 
 
-class Hurry(Clock):
+class Hurry(HostClock):
     """Simulated time, for a wire that nobody reads meanwhile."""
 
     seconds = 0.0
@@ -60,7 +60,7 @@ def raw_bytes(folder: Path, **form) -> Path:
     folder.mkdir()
     file = File(folder / "raw.bin")
     source = simulated(SimulationOptions(segments=16, closure_s=0.0, odr_hz=62.5, seed=5), calibrated=False)
-    Board(source, file, speed=50.0, lead_s=2.0, tail_s=1.0, clock=Hurry(), **form).run()
+    VirtualBoard(source, file, speed=50.0, lead_s=2.0, tail_s=1.0, clock=Hurry(), **form).run()
     file._file.close()
     return folder / "raw.bin"
 
@@ -70,7 +70,7 @@ def record(folder: Path) -> Path:
     source = simulated(SimulationOptions(segments=14, closure_s=24.0, odr_hz=104, seed=6))
     (folder.parent / "like.toml").write_text(source.config, encoding="utf-8")
     with Terminal(folder.parent / "port", MEMORY) as terminal:
-        board = Board(source, terminal, frames=True, speed=40.0, lead_s=3.0)
+        board = VirtualBoard(source, terminal, frames=True, speed=40.0, lead_s=3.0)
         threading.Thread(target=board.run, daemon=True).start()
         words = ("--segments", 14, "--closure", 15, "--no-coach", "--note", "operator=Mara", "--json", folder.parent / "record.json")
         done("record", "--port", terminal.name, "--out", folder, "--like", folder.parent / "like.toml", *words)

@@ -24,7 +24,7 @@ from tinygc.annexes.emulated.sensor import Asm330lhh
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
 from tinygc.simulation.terminal import Terminal
-from tinygc.simulation.virtual_board import Source
+from tinygc.simulation.virtual_board import BoardSource
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -72,8 +72,8 @@ int main(void)
 )
 
 
-def source(rows: np.ndarray, odr_hz: float) -> Source:
-    return Source(rows, Info(500.0, 4.0, odr_hz, "1", "ASM330LHH"))
+def source(rows: np.ndarray, odr_hz: float) -> BoardSource:
+    return BoardSource(rows, Info(500.0, 4.0, odr_hz, "1", "ASM330LHH"))
 
 
 @pytest.mark.parametrize("odr_hz", [104.0, 416.7, 1667.0, 1702.3, 6400.0])

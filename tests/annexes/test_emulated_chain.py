@@ -14,7 +14,7 @@ from tinygc import SimulationOptions
 from tinygc.annexes.emulated.board import Replayed, oscillator_of, with_its_own_rate
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 from tinygc.simulation.simulator import simulate_session, unit_of
-from tinygc.simulation.virtual_board import Source
+from tinygc.simulation.virtual_board import BoardSource
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -85,7 +85,7 @@ def test_what_is_streamed_is_the_session(tmp_path):
     unit = with_its_own_rate(unit_of(options), options.odr_hz)
     log = simulate_session(options, unit=unit).log
     rows = np.column_stack([log.gyro, log.accel, log.temp])
-    motion = Replayed(Source(rows, Info(500.0, 4.0, unit.odr_hz, "1", "ASM330LHH")))
+    motion = Replayed(BoardSource(rows, Info(500.0, 4.0, unit.odr_hz, "1", "ASM330LHH")))
     sensor = Asm330lhh(motion, oscillator_of(unit.odr_hz))
     machine = Machine(compiled(STREAMING, tmp_path), Port(sensor))
     decoder, chunks = StreamDecoder(), []

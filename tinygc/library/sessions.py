@@ -38,7 +38,7 @@ from tinygc.estimation.results import FitResult, model_tables, save_models, to_j
 from tinygc.models.linear import NAMES
 from tinygc.reporting.fit_text import fit_report
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
-from tinygc.simulation.simulator import Distort, Recording, Simulation, plan_of, simulate_session
+from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session
 from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
 
 if TYPE_CHECKING:
@@ -477,7 +477,7 @@ def _session(simulation: Simulation) -> Session:
     """As a reader of its files would have it."""
     options, unit = simulation.options, simulation.unit
 
-    def arrays(recording: Recording) -> tuple[np.ndarray, ...]:
+    def arrays(recording: RegisterLog) -> tuple[np.ndarray, ...]:
         units = options.register_units
         temp_c = units.temperature_c(recording.temp)
         arrays = (recording.t_us * 1e-6, recording.gyro * units.gyro_rps, recording.accel * units.accel_mps2)

@@ -129,7 +129,7 @@ CHECK_S = 5e-3  #: grid on which a movement's peak rate is looked for; short bes
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MovementPlan:
     """Rests and turns of one session, in s since the log's first sample.
 
     start_rad (3,) the gimbals' first angles, outer middle inner; turns (start, stop) of each movement in the log; log_s the log's
@@ -144,7 +144,7 @@ class Plan:
     duration_s: float
 
 
-def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> Plan:
+def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> MovementPlan:
     """Draw a plan: random targets that cover the attitudes, turns in both senses about one, two or three gimbals at once."""
     log_rng, closure_rng = rng.spawn(2)  # the closure run does not change with the number of segments
     limit_rps = min(PEAK_RPS * options.vigour, PEAK_FULL_SCALE * options.gyro_fs_dps * DEG)
@@ -167,7 +167,7 @@ def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> Plan:
         before_s, after_s = options.still_s * closure_rng.uniform(*CLOSURE_STILL, 2)
         closure = (log_s + before_s, log_s + options.closure_s - after_s)
         strokes += not_faster(_closure_run(*closure, options.vigour, closure_rng), limit_rps)
-    return Plan(start_rad, tuple(strokes), tuple(turns), log_s, closure, log_s + options.closure_s)
+    return MovementPlan(start_rad, tuple(strokes), tuple(turns), log_s, closure, log_s + options.closure_s)
 
 
 def rest_s(options: SimulationOptions, rng: np.random.Generator) -> float:
@@ -243,7 +243,7 @@ class Motion:
     acceleration: np.ndarray
 
 
-def move(plan: Plan, t_s: np.ndarray) -> Motion:
+def move(plan: MovementPlan, t_s: np.ndarray) -> Motion:
     """The plan's motion at times t_s (N,) s, increasing."""
     angles, rates, accelerations = gimbal_angles(plan.start_rad, plan.strokes, t_s)
     _, sin_theta, sin_phi = np.sin(angles)

@@ -11,7 +11,7 @@ from session.io.registers import RegisterUnits
 from session.io.sensors.profile import REGISTER_MAX
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc.simulation import movement
-from tinygc.simulation.movement import Plan, hand_plan
+from tinygc.simulation.movement import MovementPlan, hand_plan
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulatedUnit, SimulationOptions, draw_unit
 
 # Sensor noise: white, and the flicker that a datasheet calls bias instability.  Terms and Allan floor: IEEE 952, annex C.
@@ -112,7 +112,7 @@ Disturb = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class RegisterLog:
     """One log as the chip gives it.
 
     t_us (N,) int64 since the session's first sample; gyro, accel (N, 3) and temp (N,) int16 registers.
@@ -123,9 +123,9 @@ class Recording:
     accel: np.ndarray
     temp: np.ndarray
 
-    def part(self, start: int, stop: int) -> Recording:
+    def part(self, start: int, stop: int) -> RegisterLog:
         """Samples start <= i < stop."""
-        return Recording(self.t_us[start:stop], self.gyro[start:stop], self.accel[start:stop], self.temp[start:stop])
+        return RegisterLog(self.t_us[start:stop], self.gyro[start:stop], self.accel[start:stop], self.temp[start:stop])
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,17 +133,17 @@ class Simulation:
     """A simulated session and its truth.  closure is None where no closure run was asked for."""
 
     options: SimulationOptions
-    plan: Plan
+    plan: MovementPlan
     unit: SimulatedUnit
-    log: Recording
-    closure: Recording | None
+    log: RegisterLog
+    closure: RegisterLog | None
 
 
 def simulate_session(
     options: SimulationOptions,
     distort: Distort | None = None,
     *,
-    plan: Plan | None = None,
+    plan: MovementPlan | None = None,
     disturb: Disturb | None = None,
     unit: SimulatedUnit | None = None,
 ) -> Simulation:
@@ -162,7 +162,7 @@ def unit_of(options: SimulationOptions) -> SimulatedUnit:
     return draw_unit(options, _streams(options)[0])
 
 
-def plan_of(options: SimulationOptions) -> Plan:
+def plan_of(options: SimulationOptions) -> MovementPlan:
     """What the hand does in the session of these options."""
     return hand_plan(options, _streams(options)[1])
 
@@ -176,12 +176,12 @@ def _streams(options: SimulationOptions) -> list[np.random.Generator]:
 def _record(
     options: SimulationOptions,
     unit: SimulatedUnit,
-    plan: Plan,
+    plan: MovementPlan,
     count: int,
     distort: Distort | None,
     disturb: Disturb | None,
     rngs: list[np.random.Generator],
-) -> Recording:
+) -> RegisterLog:
     """The first ``count`` samples of the chip, log and closure run without a break."""
     gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
     odr_hz = unit.odr_hz
@@ -198,7 +198,7 @@ def _record(
     accel = low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
     gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)
     units = options.register_units
-    return Recording(
+    return RegisterLog(
         t_us=np.rint(np.arange(count) / odr_hz * 1e6).astype(np.int64),
         gyro=registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
         accel=registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
@@ -213,7 +213,9 @@ def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
     return np.arange(-run_up * factor, count * factor) / (factor * odr_hz), factor, run_up
 
 
-def true_signals(options: SimulationOptions, unit: SimulatedUnit, plan: Plan, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def true_signals(
+    options: SimulationOptions, unit: SimulatedUnit, plan: MovementPlan, t_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the elements feel at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both
     in b, and temperature (N,) degC."""
     motion = movement.move(plan, t_s)

@@ -22,9 +22,9 @@ from session.io.samples import Samples
 from session.io.sensors.profile import REGISTER_MAX
 from session.io.texts import comment
 from session.io.units import DEG, G
-from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, Plan, Stroke, not_faster, stroke
+from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
-from tinygc.simulation.simulator import Recording, plan_of, simulate_session
+from tinygc.simulation.simulator import RegisterLog, plan_of, simulate_session
 
 if TYPE_CHECKING:
     from tinygc.simulation.terminal import Terminal
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # What a board is paced by.
 
 
-class Clock:
+class HostClock:
     """The host's."""
 
     def now_s(self) -> float:
@@ -48,7 +48,7 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Faults:
+class LineFaults:
     """lost, torn: probability that a message is left out, or cut off somewhere; flip: that a bit is flipped; garbage: random bytes
     whenever the board starts; reset, unplug: s of device time from one to the next, 0 never."""
 
@@ -60,7 +60,7 @@ class Faults:
     unplug: float = 0.0
 
     @classmethod
-    def parse(cls, text: str) -> Faults:
+    def parse(cls, text: str) -> LineFaults:
         """``lost=0.05,flip=0.01``; CalibrationError says which word is wrong."""
         known = [field.name for field in fields(cls)]
         chosen = {}
@@ -76,7 +76,7 @@ class Faults:
         return cls(**chosen)
 
 
-def spoil(messages: list[bytes], faults: Faults, rng: np.random.Generator) -> bytes:
+def spoil(messages: list[bytes], faults: LineFaults, rng: np.random.Generator) -> bytes:
     """What arrives of these messages."""
     if faults.lost:
         messages = [message for message, luck in zip(messages, rng.random(len(messages)), strict=True) if luck >= faults.lost]
@@ -99,7 +99,7 @@ def flipped(data: bytes, probability: float, rng: np.random.Generator) -> bytes:
 REST_PART, REST_STILLS, REST_MORE_S = 0.11, 4.0, 1.5
 
 
-def onto_the_mark(options: SimulationOptions, plan: Plan) -> Plan:
+def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPlan:
     """A plan with a closure run, before which all gimbals are turned to their zeros, and rest."""
     if plan.closure is None:
         return plan
@@ -118,7 +118,7 @@ def onto_the_mark(options: SimulationOptions, plan: Plan) -> Plan:
     run = [_later(each, later_s) for each in plan.strokes if each.start_s >= plan.log_s]
     log_s, closure = plan.log_s + later_s, (plan.closure[0] + later_s, plan.closure[1] + later_s)
     turns = (*plan.turns, (begin_s, begin_s + later_s - rest_s))
-    return Plan(plan.start_rad, (*before, *way, *run), turns, log_s, closure, plan.duration_s + later_s)
+    return MovementPlan(plan.start_rad, (*before, *way, *run), turns, log_s, closure, plan.duration_s + later_s)
 
 
 def _later(each: GimbalTurn, seconds: float) -> Stroke:
@@ -133,7 +133,7 @@ STILL_S = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class BoardSource:
     """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
     the model and the full scales of ``info`` do not say it; number: which of a simulated sensor's movements (``takes``)."""
 
@@ -159,7 +159,7 @@ class Source:
         return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
 
 
-def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> Source:
+def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> BoardSource:
     """A simulated session; before its closure run, if any, the table is set onto its index mark, and all follows without a break.
 
     calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: another sensor than the one that is drawn.
@@ -169,10 +169,12 @@ def simulated(options: SimulationOptions, calibrated: bool = True, unit: Simulat
     simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)), unit=unit)
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
     info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
-    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))
+    return BoardSource(
+        np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated)
+    )
 
 
-def recorded(folder: Path) -> Source:
+def recorded(folder: Path) -> BoardSource:
     """The logs of a session folder, one after the other, then its closure runs, as registers at the rate that their stamps show."""
     session = read_session(folder)
     logs = [log.samples for log in (*session.logs, *session.closures)]
@@ -180,7 +182,7 @@ def recorded(folder: Path) -> Source:
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
     info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
     rows = np.concatenate([_registers(samples, session) for samples in logs])
-    return Source(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
+    return BoardSource(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
 
 
 def _word(sensor: Sensor) -> str:
@@ -188,7 +190,7 @@ def _word(sensor: Sensor) -> str:
     return "" if sensor.profile is None else sensor.profile.name
 
 
-def _rows(recording: Recording) -> np.ndarray:
+def _rows(recording: RegisterLog) -> np.ndarray:
     return np.column_stack([recording.gyro, recording.accel, recording.temp])
 
 
@@ -260,7 +262,7 @@ UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
 
 
 @dataclass
-class Board:
+class VirtualBoard:
     """frames: instead of text lines; physical: the lines are in dps, g and degC.
 
     lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
@@ -269,7 +271,7 @@ class Board:
     Counts: sent (samples that were put on the wire, or spoilt by the faults), starts (of the device).
     """
 
-    source: Source
+    source: BoardSource
     terminal: Terminal
     frames: bool = False
     physical: bool = False
@@ -277,10 +279,10 @@ class Board:
     lead_s: float = 10.0
     tail_s: float | None = None
     uptime_s: float = 0.0
-    faults: Faults = field(default_factory=Faults)
+    faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
     say: Callable[[str], None] = lambda what: None
-    clock: Clock = field(default_factory=Clock)
+    clock: HostClock = field(default_factory=HostClock)
     sent: int = 0
     starts: int = 0
 
@@ -342,11 +344,11 @@ class Board:
         if self.frames:
             table = frames.encode_samples(self._sequence + np.arange(len(rows)), t_us, rows)
             self._sequence += len(rows)
-            messages = [table.tobytes()] if self.faults == Faults() else [row.tobytes() for row in table]
+            messages = [table.tobytes()] if self.faults == LineFaults() else [row.tobytes() for row in table]
         else:
             table = np.column_stack([t_us % 2**32, self.source.in_units(rows) if self.physical else rows])
             text = (PHYSICAL_ROW if self.physical else ROW) * len(table) % tuple(table.ravel().tolist())
-            messages = [text.encode()] if self.faults == Faults() else [line.encode() for line in text.splitlines(keepends=True)]
+            messages = [text.encode()] if self.faults == LineFaults() else [line.encode() for line in text.splitlines(keepends=True)]
         if self._position >= self._silent_until and self.terminal.write(spoil(messages, self.faults, self._rng)):
             self.sent += len(rows)
         self._position = stop

@@ -19,9 +19,9 @@ from session.io.names import has_recorded_name
 from session.io.texts import comment
 from session.io.toml import line
 from session.io.units import DEG, MG
-from tinygc.simulation.movement import Plan, gimbal_angles, table_to_body
+from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
-from tinygc.simulation.simulator import Distort, Recording, Simulation, simulate_session
+from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simulate_session
 
 # ``turns.csv`` of a simulated session: turns about one gimbal, as a stop of a given repeatability would have them.
 
@@ -33,7 +33,7 @@ AXIS_DIGITS = 4
 LEAST_RAD = 10 * DEG
 
 
-def stopped_turns(plan: Plan, options: SimulationOptions) -> tuple[KnownTurn, ...]:
+def stopped_turns(plan: MovementPlan, options: SimulationOptions) -> tuple[KnownTurn, ...]:
     """The turns of a plan about one gimbal alone; each stated angle errs by the stop's repeatability, drawn from the seed."""
     if options.stop_sigma_deg == 0:
         return ()
@@ -152,7 +152,7 @@ def _is_a_simulations(path: Path) -> bool:
     return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
 
 
-def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None:
+def _write_log(path: Path, simulation: Simulation, recording: RegisterLog) -> None:
     options, odr_hz = simulation.options, simulation.unit.odr_hz
     ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
     said = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"

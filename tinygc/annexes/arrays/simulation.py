@@ -18,9 +18,9 @@ from session.io.toml import line
 from session.io.units import DEG, MG
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.simulation import movement
-from tinygc.simulation.movement import Plan
+from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
-from tinygc.simulation.simulator import Distort, Recording, Simulation, plan_of, simulate_session, unit_of
+from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session, unit_of
 from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
 
 # Rotation of the body beside the table's: short jerks that come back, about one axis each, exact in rate, attitude and acceleration.
@@ -72,7 +72,7 @@ class Jerks:
         return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
 
 
-def jerks_in_turns(plan: Plan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
     """Drawn anew for each turn."""
     turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
     at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
@@ -80,7 +80,7 @@ def jerks_in_turns(plan: Plan, size_rad: float, odr_hz: float, rng: np.random.Ge
     return Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
 
 
-def knock_in(plan: Plan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
     """One knock in one turn."""
     start, stop = plan.turns[turn]
     axis = rng.normal(size=3)
@@ -110,7 +110,7 @@ class SimulatedArray:
 
     options: SimulationOptions
     array: ArrayOptions
-    plan: Plan
+    plan: MovementPlan
     units: tuple[Simulation, ...]
     truths: tuple[UnitTruth, ...]
     jerks: tuple[Jerks, ...]
@@ -160,7 +160,7 @@ def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitT
 
 
 def _unit(
-    options: SimulationOptions, plan: Plan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
+    options: SimulationOptions, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
 ) -> Simulation:
     lever = np.array(options.lever_m)
     ends = np.array([(start + stop) / 2 for start, stop in plan.turns])
@@ -182,19 +182,19 @@ def _unit(
     return simulate_session(options, turned, plan=plan, disturb=felt)
 
 
-def _in_body(plan: Plan, t_s: np.ndarray, vectors_t: np.ndarray) -> np.ndarray:
+def _in_body(plan: MovementPlan, t_s: np.ndarray, vectors_t: np.ndarray) -> np.ndarray:
     angles = movement.move(plan, t_s).angles
     basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
     return np.asarray(sum(part[:, None] * axis for part, axis in zip(vectors_t.T, basis, strict=True)))
 
 
-def _by_clock(recording: Recording, truth: UnitTruth) -> Recording:
+def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
     """Stamps as the unit's own clock gives them, whole microseconds."""
     t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
     return replace(recording, t_us=np.rint(t_us).astype(np.int64))
 
 
-def _falsified(simulation: Simulation, dps: float) -> Recording:
+def _falsified(simulation: Simulation, dps: float) -> RegisterLog:
     """With readings that no body has made, about x."""
     start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
     row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
@@ -239,7 +239,7 @@ def check_array_folder(folder: Path, force: bool) -> None:
         raise FormatError(f"{folder}: holds {what} beside or instead of a simulated array and is not replaced; give a new folder")
 
 
-def _write_log(path: Path, number: int, unit: Simulation, recording: Recording) -> None:
+def _write_log(path: Path, number: int, unit: Simulation, recording: RegisterLog) -> None:
     ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
     said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
     path.write_bytes(packed_log(said, np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])))

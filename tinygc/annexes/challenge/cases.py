@@ -11,7 +11,7 @@ import numpy as np
 from session.io.units import MDPS, MG
 from tinygc.annexes.challenge.other_effects import OTHER_EFFECTS, OUTSIDERS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS, Concealment, Maker, Scene
-from tinygc.simulation.movement import Plan
+from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Distort, Disturb, Simulation, plan_of, simulate_session
 from tinygc.simulation.write import config_text
@@ -172,7 +172,7 @@ MAKERS: dict[str, Maker] = {**RATE_EFFECTS, **OTHER_EFFECTS, **OUTSIDERS}
 MODEL_LINE = 'model = "ASM330LHH"'
 
 
-def drawn(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[list[Concealment], Plan]:
+def drawn(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[list[Concealment], MovementPlan]:
     """What a case hides, in the order in which it bends the rate, and the movement that it was drawn for."""
     rng, plan = np.random.default_rng(case.seed), plan_of(case.options)
     hidden = [makers[name](Scene(rng, strength, case.options, plan)) for name, strength in zip(case.ids, case.strengths, strict=True)]

@@ -10,8 +10,8 @@ from session.io.registers import gyro_rps_per_lsb
 from session.io.sensors.profile import REGISTER_MAX
 from session.io.units import DEG, MG, G
 from tinygc.annexes.challenge.rate_effects import Concealment, Maker, Scene
-from tinygc.simulation.movement import Plan
-from tinygc.simulation.simulator import Recording
+from tinygc.simulation.movement import MovementPlan
+from tinygc.simulation.simulator import RegisterLog
 
 # Effects of the catalogue that are in the registers, the reference or the site, concealed after or around the simulation.
 
@@ -27,7 +27,7 @@ def saturation(scene: Scene) -> Concealment:
     """Registers stop at a level below the session's peak rate, as if the full scale were smaller."""
     per_lsb = gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
-    def spoil(log: Recording) -> tuple[Recording, dict]:
+    def spoil(log: RegisterLog) -> tuple[RegisterLog, dict]:
         level = round((1 - CLIPPED * scene.strength) * np.abs(log.gyro.astype(int)).max())
         return replace(log, gyro=np.clip(log.gyro, -level, level)), {"dps": level * per_lsb / DEG}
 
@@ -40,10 +40,10 @@ def dropped_samples(scene: Scene) -> Concealment:
     hit = scene.rng.choice(len(scene.plan.turns), min(BURSTS, len(scene.plan.turns)), replace=False)
     at_s = sorted(float(np.interp(scene.rng.uniform(0.3, 0.7), (0, 1), scene.plan.turns[turn])) for turn in hit)
 
-    def spoil(log: Recording) -> tuple[Recording, dict]:
+    def spoil(log: RegisterLog) -> tuple[RegisterLog, dict]:
         lost = np.searchsorted(log.t_us, np.multiply(at_s, 1e6))[:, None] + np.arange(length)
         kept = np.delete(np.arange(len(log.t_us)), lost.ravel())
-        closed_up = Recording(log.t_us[: len(kept)], log.gyro[kept], log.accel[kept], log.temp[kept])
+        closed_up = RegisterLog(log.t_us[: len(kept)], log.gyro[kept], log.accel[kept], log.temp[kept])
         return closed_up, {"at_s": at_s, "length": length}
 
     return Concealment("timing.dropped_samples", spoil=spoil)
@@ -53,7 +53,7 @@ def glitches(scene: Scene) -> Concealment:
     """A few samples at a time jump by the same step in every axis' own sense."""
     rng, counts = scene.rng, scene.strength * GLITCH_RPS / gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
-    def spoil(log: Recording) -> tuple[Recording, dict]:
+    def spoil(log: RegisterLog) -> tuple[RegisterLog, dict]:
         gap = len(log.gyro) // (GLITCHES + 1)
         rows = gap * np.arange(1, GLITCHES + 1) + rng.integers(-gap // 3, gap // 3, GLITCHES)
         gyro = log.gyro.astype(int)
@@ -104,7 +104,7 @@ def not_still(scene: Scene) -> Concealment:
         for i in stills
     ]
 
-    def movement(plan: Plan) -> Plan:
+    def movement(plan: MovementPlan) -> MovementPlan:
         return replace(plan, strokes=(*plan.strokes, *creeps))
 
     return Concealment("reference.not_still", {"stills": stills.tolist()}, movement=movement)

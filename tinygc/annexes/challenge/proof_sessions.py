@@ -33,7 +33,7 @@ from tinygc.noise.refit import Refit, Replay, refit
 from tinygc.noise.session_noise import first_noise, known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import PRECALIBRATION_MPS2, Whitener
-from tinygc.simulation.movement import Plan, earth_rate_table
+from tinygc.simulation.movement import MovementPlan, earth_rate_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Disturb, plan_of, simulate_session
 from tinygc.simulation.write import config_text, write_files
@@ -264,7 +264,7 @@ def _setting(effect: Effect) -> dict[str, Any]:
 @dataclass(frozen=True, eq=False)
 class _Scene:
     effect: Effect
-    plan: Plan
+    plan: MovementPlan
     options: SimulationOptions
 
     def distorted(self, t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray, theta: np.ndarray) -> np.ndarray:

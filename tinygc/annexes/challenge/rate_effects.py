@@ -10,8 +10,8 @@ import numpy as np
 from scipy.signal import bilinear, butter, lfilter, sosfiltfilt, sosfreqz
 
 from session.io.units import DEG, G
-from tinygc.simulation.movement import Plan
-from tinygc.simulation.simulator import ACCEL_BANDWIDTH_ODR, Distort, Disturb, Recording, oversampling
+from tinygc.simulation.movement import MovementPlan
+from tinygc.simulation.simulator import ACCEL_BANDWIDTH_ODR, Distort, Disturb, RegisterLog, oversampling
 
 # One thing that is hidden in a simulated session, by what it does to it.
 
@@ -28,8 +28,8 @@ class Concealment:
     truth: dict = field(default_factory=dict)
     distort: Distort | None = None
     disturb: Disturb | None = None
-    movement: Callable[[Plan], Plan] | None = None
-    spoil: Callable[[Recording], tuple[Recording, dict]] | None = None
+    movement: Callable[[MovementPlan], MovementPlan] | None = None
+    spoil: Callable[[RegisterLog], tuple[RegisterLog, dict]] | None = None
     without_latitude: bool = False
 
 

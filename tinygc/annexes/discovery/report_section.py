@@ -14,11 +14,11 @@ from tinygc.annexes.discovery.result import (
     runner_up_words,
     same_words,
 )
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None where nothing was searched."""
     found = evidence.searched
     if found is None:
@@ -49,7 +49,7 @@ def section(evidence: Evidence) -> Section | None:
     return Section("discovery", "Beyond the catalogue", html)
 
 
-def _effects(evidence: Evidence) -> str:
+def _effects(evidence: ReportData) -> str:
     assert evidence.searched is not None
     return shell_word(evidence.searched.folder / "effects")
 

@@ -14,7 +14,7 @@ from tinygc.annexes.emulated.machine import UID, Machine
 from tinygc.annexes.emulated.readings import CLOCK_HZ, FINE_STEP, TEMPERATURE_ZERO_C, Oscillator
 from tinygc.annexes.emulated.sensor import Asm330lhh, Port
 from tinygc.simulation.options import SimulatedUnit
-from tinygc.simulation.virtual_board import STILL_S, Clock, Source
+from tinygc.simulation.virtual_board import STILL_S, BoardSource, HostClock
 
 # A session, simulated or recorded, as what the register model feels: its registers, back in physical units.
 
@@ -44,7 +44,7 @@ class Replayed:
     one of another rate what lies between them, linearly.
     """
 
-    def __init__(self, source: Source):
+    def __init__(self, source: BoardSource):
         info = source.info
         units = source.units or RegisterUnits(info.sensor or DEFAULT, info.gyro_fs_dps, info.accel_fs_g)
         rows = source.rows.astype(float)
@@ -134,13 +134,13 @@ class EmulatedBoard:
         speed: float | None = 1.0,
         lead_s: float = 10.0,
         tail_s: float | None = None,
-        clock: Clock | None = None,
+        clock: HostClock | None = None,
         uid: bytes = UID,
         say: Callable[[str], None] = lambda what: None,
     ):
         self.machine = Machine(elf, Port(sensor), uid)
         self.sensor, self._cable, self._motion, self._speed = sensor, cable, motion, speed
-        self._lead_s, self._tail_s, self._clock, self._say = lead_s, tail_s, clock or Clock(), say
+        self._lead_s, self._tail_s, self._clock, self._say = lead_s, tail_s, clock or HostClock(), say
         self.late_s = 0.0
 
     def run(self) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tinygc.annexes.emulated.readings import Fault
     from tinygc.simulation.options import SimulatedUnit, SimulationOptions
     from tinygc.simulation.terminal import Terminal
-    from tinygc.simulation.virtual_board import Source
+    from tinygc.simulation.virtual_board import BoardSource
 
 #: options of the virtual board that the program decides itself
 DECIDED_BY_PROGRAM = ("frames", "physical", "uptime")
@@ -60,7 +60,7 @@ def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
     return with_its_own_rate(unit_of(options), options.odr_hz)
 
 
-def run(args: argparse.Namespace, source: Source, terminal: Terminal, say: Callable[[str], None]) -> int:
+def run(args: argparse.Namespace, source: BoardSource, terminal: Terminal, say: Callable[[str], None]) -> int:
     """Stream until Ctrl-C or the end of ``--tail``.  CalibrationError where the program is none, or faults."""
     from tinygc.annexes.emulated.board import EmulatedBoard, Replayed, oscillator_of
     from tinygc.annexes.emulated.cpu import ProgramError

@@ -27,7 +27,7 @@ from tinygc.cli.arguments import (
 from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:
-    from tinygc.simulation.virtual_board import Source
+    from tinygc.simulation.virtual_board import BoardSource
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
@@ -99,7 +99,7 @@ def _board(args: argparse.Namespace) -> int:
             "everything else runs here, record with a real port too"
         ) from None
     from session.io.results import write_text_whole
-    from tinygc.simulation.virtual_board import Board, Faults
+    from tinygc.simulation.virtual_board import LineFaults, VirtualBoard
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -113,7 +113,7 @@ def _board(args: argparse.Namespace) -> int:
         need("the emulated board").check_options(args)
     elif args.speed == math.inf:
         raise CalibrationError("board: --speed max: only with --firmware, whose time is its own")
-    faults = Faults() if args.firmware else Faults.parse(args.faults)
+    faults = LineFaults() if args.firmware else LineFaults.parse(args.faults)
     # A faster board must hold back more, for a host that is as fast as ever.
     hurry = max(1.0, args.speed) if args.speed < math.inf else 1.0
     terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * hurry))
@@ -127,7 +127,7 @@ def _board(args: argparse.Namespace) -> int:
     with terminal:
         if args.firmware:
             return need("the emulated board").run(args, source, terminal, say)
-        board = Board(
+        board = VirtualBoard(
             source=source,
             terminal=terminal,
             frames=args.frames,
@@ -152,7 +152,7 @@ def _board(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> Source:
+def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> BoardSource:
     """What the sensor reads: the folder's session, or a simulated one that no board at this link has streamed."""
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken

@@ -311,7 +311,7 @@ NEAR_FLOOR = 2.0
 
 
 @dataclass(frozen=True)
-class Decision:
+class Acceptance:
     """passed; rule, one sentence; reasons, a sentence for each figure that it rests on (true where it is met); doubts, a sentence for
     each reason why what is met tells little; by_limit: whether a limit was given."""
 
@@ -340,7 +340,7 @@ def decide(
     limit_deg: float | None,
     raw: AgainstRaw | None = None,
     accelerometer: AccelerometerFit | None = None,
-) -> Decision:
+) -> Acceptance:
     """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured; accelerometer that the
     references rest on."""
     if limit_deg is not None:
@@ -361,7 +361,7 @@ def decide(
         reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
         rule += " Worse than the raw rates is a fail in any case."
     doubts = _doubts(adopted) + _accelerometer_doubts(accelerometer)
-    return Decision(all(met for met, _ in reasons), rule, reasons, doubts, limit_deg is not None)
+    return Acceptance(all(met for met, _ in reasons), rule, reasons, doubts, limit_deg is not None)
 
 
 def _doubts(adopted: Adopted) -> list[str]:
@@ -410,7 +410,7 @@ SHORTEST_PIECE = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ReportData:
     """fit; explanation, or against_truth where the reference is a truth file, or neither;
     adopted: the calibration that is reported; decision; quantities: every number of the parameter
     tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
@@ -421,7 +421,7 @@ class Evidence:
     explanation: Explanation | None
     against_truth: TruthExplanation | None
     adopted: Adopted
-    decision: Decision
+    decision: Acceptance
     quantities: list[Quantity]
     allan: AllanCurve | None
     hashes: dict[str, str]
@@ -451,7 +451,7 @@ def gather(
     limit_deg: float | None = None,
     fit_folder: Path | None = None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
-) -> Evidence:
+) -> ReportData:
     """Run fit, and explain; fit_folder: where ``fit`` may have saved the same already (the session's ``fit``).
 
     The session is read, checked and made a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
@@ -480,7 +480,7 @@ def gather(
     # The twin rests on stills, which a session with a truth file need not have.
     beyond = [] if truth else _beyond(fit, explanation, adopted)
     quantities = [*adopted.quantities, *beyond, *_noise(allan)]
-    return Evidence(
+    return ReportData(
         fit=fit,
         explanation=explanation,
         against_truth=against_truth,

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import welch
 
 from session.io.units import MG
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import significant
 
 # How far gravity's length spreads over the stills, before and after: a card of the answer, and what the accelerometer's section charts.
@@ -17,7 +17,7 @@ def spread_text(misses: np.ndarray) -> str:
     return f"{significant(float(np.std(misses)) / MG, 2)} mg"
 
 
-def misses_of(evidence: Evidence) -> tuple[np.ndarray | None, np.ndarray]:
+def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
     """m/s^2 before, None where there is no other, and after, of the stills that are references."""
     found = evidence.fit.accelerometer
     if found.misses_mps2 is not None:

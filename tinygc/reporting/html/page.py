@@ -10,7 +10,7 @@ from session.io.files import result_folder
 from session.io.results import write_text_whole
 from session.io.units import DEG
 from tinygc.estimation.choice import run_figures
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render, tilt_rms
 from tinygc.reporting.html.sections import modules
 
@@ -19,7 +19,7 @@ from tinygc.reporting.html.sections import modules
 SCHEMA = "tinygc-report/1"
 
 
-def summary(evidence: Evidence) -> dict:
+def summary(evidence: ReportData) -> dict:
     """JSON-ready: decision, closure, every number of the parameter tables with its expanded uncertainty (k = 2), hashes, versions."""
     adopted, decision = evidence.adopted, evidence.decision
     return {
@@ -65,7 +65,7 @@ def summary(evidence: Evidence) -> dict:
 # The whole page: head, list of contents, sections.
 
 
-def page(evidence: Evidence) -> str:
+def page(evidence: ReportData) -> str:
     """The report as one HTML document."""
     sections = [made for part in modules() if (made := part.section(evidence)) is not None]
     title = f"Calibration report: {evidence.fit.session.name}"
@@ -77,7 +77,7 @@ def document(title: str, head: str, sections: Sequence[Section], foot: str) -> s
     return render("page.html", title=title, head=head, sections=sections, foot=foot) + "\n"
 
 
-def save(evidence: Evidence, path: Path) -> Path:
+def save(evidence: ReportData, path: Path) -> Path:
     """Write the page, whole or not at all; returns its path."""
     text = page(evidence)
     with result_folder(path.parent):

@@ -12,7 +12,7 @@ from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
 from tinygc.models.linear import COVERAGE_FACTOR, Quantity
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, decimals_for, render
 from tinygc.reporting.html.measures import misses_of, spread_text
 
@@ -26,7 +26,7 @@ MEANINGS = {
 LEAST_MG = 1e-3
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None beside a truth file: nothing rests on it there."""
     if evidence.problem.session.truths is not None:
         return None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from session.io.units import DEG
 from tinygc.reporting.html.chart import drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, Evidence, agrees, rmse
+from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees, rmse
 from tinygc.reporting.html.markup import Section, degrees, render, tilt_rms
 from tinygc.reporting.html.measures import misses_of, spread_text
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """The box at the top."""
     from tinygc.closure.residual import closure_angles
     from tinygc.models.linear import bias_only

@@ -10,14 +10,14 @@ from session.io.results import json_text
 from session.io.units import DEG
 from tinygc.deploy.calibration import Calibration
 from tinygc.models.physics import PhysicsModel
-from tinygc.reporting.html.evidence import Evidence, model_table
+from tinygc.reporting.html.evidence import ReportData, model_table
 from tinygc.reporting.html.markup import Section, fixed, render
 
 #: measured rates to try an implementation with, dps
 TRY_DPS = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0], [12.5, -250.0, 87.25]])
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """All that a colleague needs who has nothing but this page."""
     adopted, session = evidence.adopted, evidence.fit.session
     model, accelerometer = adopted.in_use, adopted.accelerometer

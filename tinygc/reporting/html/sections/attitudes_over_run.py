@@ -11,13 +11,13 @@ from tinygc.closure.runs import ClosureRun
 from tinygc.models.linear import bias_only
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import Evidence, rmse
+from tinygc.reporting.html.evidence import ReportData, rmse
 from tinygc.reporting.html.markup import Section, aligned_decimals, fixed, render, small
 
 DENOISED = "tinygc_denoised"
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None without a closure run."""
     if not evidence.fit.runs:
         return None
@@ -25,7 +25,7 @@ def section(evidence: Evidence) -> Section | None:
     return Section("runs", "Closure runs", render("runs.html", runs=runs))
 
 
-def _run(evidence: Evidence, number: int, run: ClosureRun) -> dict:
+def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     adopted = evidence.adopted
     rates = _rates(evidence, run)
     tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
@@ -52,7 +52,7 @@ def _run(evidence: Evidence, number: int, run: ClosureRun) -> dict:
     }
 
 
-def _rates(evidence: Evidence, run: ClosureRun) -> dict[str, np.ndarray]:
+def _rates(evidence: ReportData, run: ClosureRun) -> dict[str, np.ndarray]:
     """Calibrated rates (N, 3) of the run by each method; the adopted one is among them."""
     adopted, measured = evidence.adopted, run.batch.rate[0]
     rates = {"raw": bias_only()(measured)}
@@ -66,7 +66,7 @@ def _rates(evidence: Evidence, run: ClosureRun) -> dict[str, np.ndarray]:
     return rates
 
 
-def _error(evidence: Evidence, run: ClosureRun, name: str, number: int) -> np.ndarray:
+def _error(evidence: ReportData, run: ClosureRun, name: str, number: int) -> np.ndarray:
     """Roll, pitch, yaw error (3,) rad."""
     if name == evidence.adopted.name:
         return evidence.adopted.run_errors[number]

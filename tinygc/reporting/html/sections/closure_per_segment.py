@@ -8,14 +8,14 @@ from session.io.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.models.linear import bias_only
 from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, Evidence, agrees
+from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees
 from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
 
 #: of a direction's two errors, the share within one, two, three sigmas
 RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """Two pictures."""
     adopted, problem = evidence.adopted, evidence.problem
     raw = closure_angles(problem.batch, bias_only())
@@ -47,7 +47,7 @@ def section(evidence: Evidence) -> Section:
     return Section("closure", "Closure per segment", html)
 
 
-def _by_segment(evidence: Evidence, raw: np.ndarray, numbers: list[int], width: int) -> str:
+def _by_segment(evidence: ReportData, raw: np.ndarray, numbers: list[int], width: int) -> str:
     adopted, floor = evidence.adopted, evidence.adopted.floor_rms / DEG
     before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (raw, adopted.angles))
     y = log_axis(
@@ -72,7 +72,7 @@ def _by_segment(evidence: Evidence, raw: np.ndarray, numbers: list[int], width: 
     return chart.dots(adopted.numbers, after, "after", words, radius=radius).svg()
 
 
-def _target(evidence: Evidence, sigma: np.ndarray, width: int) -> str:
+def _target(evidence: ReportData, sigma: np.ndarray, width: int) -> str:
     adopted = evidence.adopted
     side = min(width, 340)
     one = float(np.sqrt(np.mean(sigma**2)))

@@ -6,7 +6,7 @@ import numpy as np
 
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, fixed, render
 
 #: of the field's 18 quantities those that are independent: scale factors, misalignments, biases
@@ -15,7 +15,7 @@ NAMES = ("scale x", "scale y", "scale z", "x to y", "x to z", "y to x", "y to z"
 STRONG = 0.5
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """Matrix and words."""
     adopted = evidence.adopted
     slope = field_jacobian(adopted.vector[:PARAMETERS])[list(INDEPENDENT)]

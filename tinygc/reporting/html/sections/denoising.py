@@ -8,7 +8,7 @@ from session.io.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
 from tinygc.reporting.html.measures import density
 from tinygc.reporting.html.sections.noise import still_pieces
@@ -18,7 +18,7 @@ NAME = "tinygc_denoised"
 AROUND_S = 0.6
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None where the fit has no denoiser."""
     fit = evidence.fit.methods.get(NAME)
     if fit is None:

@@ -24,7 +24,7 @@ from tinygc.explanation.result import (
 )
 from tinygc.reporting.explanation_text import parameter_lines, seconds_words, variable_words
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import (
     Section,
     fixed,
@@ -50,7 +50,7 @@ OF_TURNS = (TURNS, SCALE_LAW, LAG_LAW, ENERGY_LAW)
 WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parameter_lines, rival_words)}
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None where explain was not asked."""
     from tinygc.explanation.evidence import candidates
 

@@ -7,12 +7,12 @@ import numpy as np
 from session.io.units import DEG
 from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.reporting.html.chart import Chart, log_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.truth_text import CANNOT, evidence_rows, refusals, values_of
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None without a truth file, or where explain was not asked."""
     e = evidence.against_truth
     if e is None:

@@ -6,7 +6,7 @@ from session.io.units import DEG
 from tinygc.estimation.choice import closure_figures
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import Evidence, rmse
+from tinygc.reporting.html.evidence import ReportData, rmse
 from tinygc.reporting.html.markup import (
     NONE,
     Section,
@@ -19,7 +19,7 @@ from tinygc.reporting.html.markup import (
 )
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """Table and picture."""
     rows, adopted = _rows(evidence), evidence.adopted
     floor, runs = evidence.problem.floor.tilt_rms, bool(evidence.fit.runs)
@@ -52,7 +52,7 @@ def section(evidence: Evidence) -> Section:
     return Section("methods", "Methods side by side", html)
 
 
-def _rows(evidence: Evidence) -> list[tuple]:
+def _rows(evidence: ReportData) -> list[tuple]:
     """name, parameters, fitted angles or None, held-out angles, run errors, seconds or None."""
     fit = evidence.fit
     rows: list[tuple] = [
@@ -85,7 +85,7 @@ def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
     return [*cells, NONE if seconds is None else f"{seconds:.2f}"]
 
 
-def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
+def _picture(evidence: ReportData, rows: list[tuple], width: int) -> str:
     floor = evidence.problem.floor.tilt_rms / DEG
     values = [floor]
     for _, _, fitted, held_out, errors, _ in rows:

@@ -9,12 +9,12 @@ from tinygc.closure.allan import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render, significant
 from tinygc.reporting.html.measures import density
 
 
-def section(evidence: Evidence) -> Section | None:
+def section(evidence: ReportData) -> Section | None:
     """None where the stills are too short for either."""
     curve, problem = evidence.allan, evidence.problem
     if curve is None:

@@ -7,7 +7,7 @@ import numpy as np
 from session.io.units import DEG_PER_HOUR
 from tinygc.models.linear import Quantity
 from tinygc.reporting.html.chart import enlargement, triad
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, decimals_for, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
@@ -25,7 +25,7 @@ MEANINGS = {
 }
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """Picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
     by_word: dict[str, list[Quantity]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from session.io.config import BoardGiven
 from session.io.texts import STANDIN_NAME
 from tinygc.reporting.fit_text import TITLES
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
@@ -18,7 +18,7 @@ SOURCES = {
 }
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """Everything that would be needed to make the same report again."""
     session, options, accelerometer = evidence.fit.session, evidence.fit.options, evidence.adopted.accelerometer
     sensor, site = session.config.sensor, session.config.site

@@ -10,7 +10,7 @@ from session.io.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
-from tinygc.reporting.html.evidence import Evidence
+from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, fixed, render, significant
 
 #: columns of the picture over time, two to a pixel of the wide one
@@ -20,7 +20,7 @@ REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file
 AXES_PER_TURN = 25
 
 
-def section(evidence: Evidence) -> Section:
+def section(evidence: ReportData) -> Section:
     """What was recorded."""
     problem = evidence.problem
     segments = [(s.number, f"{s.start_s:.0f} s", s.problem) for s in problem.segments if s.problem]

@@ -18,10 +18,9 @@ from tinygc import CalibrationError, closure, explain
 from tinygc.annexes.discovery import engine, law_fits
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import best_trial, pairs_of
-from tinygc.annexes.discovery.law_words import terms_of
 from tinygc.annexes.discovery.report import DiscoveryReport
 from tinygc.annexes.discovery.result import discovery_page
-from tinygc.annexes.discovery.words import in_words
+from tinygc.annexes.discovery.words import in_words, terms_of
 from tinygc.closure.residual import Batch
 from tinygc.explanation.engine import explain_session
 from tinygc.library import explanations

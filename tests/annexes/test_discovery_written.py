@@ -12,7 +12,7 @@ from tinygc.annexes.discovery.effect_file import Where, written
 from tinygc.annexes.discovery.equivalence import as_effect
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_code import device_code
-from tinygc.annexes.discovery.law_words import constants_of
+from tinygc.annexes.discovery.words import constants_of
 from tinygc.effects import FoundAt, StageC, load_folder, using
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check

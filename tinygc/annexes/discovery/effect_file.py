@@ -12,13 +12,25 @@ import numpy as np
 
 from session.io.texts import printable
 from session.io.units import DEG
-from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.equivalence import FULL_SCALE, columns_of, some_movement
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not
-from tinygc.annexes.discovery.law_words import Constant, constants_of, rounded
 from tinygc.annexes.discovery.search_state import HeldOut, Law, RunnerUp
-from tinygc.annexes.discovery.words import equation, in_words, regime, splits, what
+from tinygc.annexes.discovery.words import (
+    Constant,
+    coefficient_unit,
+    constants_of,
+    equation,
+    follows,
+    in_words,
+    jumps,
+    known_to,
+    regime,
+    rounded,
+    seen_in,
+    splits,
+    what,
+)
 from tinygc.effects import NEIGHBOURS, Movement, Reach, signals
 from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES, substituted, undone_with_jumps
@@ -211,7 +223,7 @@ class _File:
         self.at = at_of(where)
         self.fixed = tuple(constant for of_session, constant in SESSIONS_OWN.items() if of_session in used and constant in self.at)
         self.code = law_code(form, self.scanned, self.fixed)
-        self.jumps, full_scale = law_words.jumps(form), self.at.get("FULL_SCALE_RPS", (FULL_SCALE, ""))[0]
+        self.jumps, full_scale = jumps(form), self.at.get("FULL_SCALE_RPS", (FULL_SCALE, ""))[0]
         counted = self.jumps or bool(reaches_of(form)) or any(factor.lag_s is not None for factor in form.factors)
         #: that all rows take alike; None: not so many undo it
         self.passes = passes_of(form, law.theta, self.jumps, full_scale) if counted else PASSES
@@ -234,7 +246,7 @@ class _File:
             "from session.io.units import DEG",
             *_from("tinygc.effects", ["Effect", "Movement", *names]),
         ]
-        lines += ["from tinygc.effects.inversion import JUMPS_REACH, undone_with_jumps"] if law_words.jumps(self.form) else []
+        lines += ["from tinygc.effects.inversion import JUMPS_REACH, undone_with_jumps"] if jumps(self.form) else []
         lines += ["from tinygc.effects.effect import SCALE_LAW"] if _is_scale_law(self.form) else []
         return "\n".join(lines)
 
@@ -258,7 +270,7 @@ class _File:
         return "\n".join(head) + "\n" + indent("\n".join(self.code.lines), "    ")
 
     def _correct(self) -> str:
-        if not law_words.jumps(self.form):
+        if not jumps(self.form):
             return ""
         own = "" if self.scanned is None else f", {self.scanned.word}"
         more = f", {self.passes}" if (self.passes or PASSES) != PASSES else ""
@@ -273,7 +285,7 @@ class _File:
         word = self.scanned.word
         given = [f"columns=lambda m: _columns(m, {word})"]
         given += [f"reach={self._reach(word)}"] if self.scanned.lag else []
-        given += [f"exact_correct=lambda measured, m, theta: _correct(measured, m, theta, {word})"] if law_words.jumps(self.form) else []
+        given += [f"exact_correct=lambda measured, m, theta: _correct(measured, m, theta, {word})"] if jumps(self.form) else []
         if self.device.functions:
             given += [f"device=replace(EFFECT.device, constants=lambda theta, known: _constants(theta, known, {word}))"]
         made = f"replace(EFFECT, {', '.join(given)})"
@@ -289,23 +301,23 @@ class _File:
         form, shape = self.form, self.code.shape
         size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         plausible = PLAUSIBLE * float(np.sqrt(np.mean(self.law.theta**2))) / DEG
-        (unit, parameter), reach, own = law_words.unit_of(form), self._reach(None), "" if self.scanned is None else "lambda m: "
+        (unit, parameter), reach, own = coefficient_unit(form), self._reach(None), "" if self.scanned is None else "lambda m: "
         lines = [
             f'id="discovered.{self.name}",',
             *_text("equation=", self._anywhere(equation(form)), ","),
             f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
-            f"seen_in={_tuple(law_words.seen_in(form))},",
+            f"seen_in={_tuple(seen_in(form))},",
             f"columns={own}_columns(m)," if own else "columns=_columns,",
             "says=lambda theta: (",
             f'    f"{{abs(largest(theta)) / DEG:.3g}} {unit} on {{axis_of(theta)}}: "',
-            *(f"    {line}" for line in _pieces(self._anywhere(law_words.follows(form)))),
+            *(f"    {line}" for line in _pieces(self._anywhere(follows(form)))),
             "),",
             *_text("splits=", splits(form), ","),
         ]
         lines += [f"inputs={_tuple(inputs)},"] if (inputs := form.inputs) else []
         lines += [f"reach={reach},"] if reach else []
         lines += [f"passes={self.passes},"] if not self.jumps and (self.passes or PASSES) != PASSES else []
-        if law_words.jumps(form):
+        if jumps(form):
             correct = "_correct" if self.scanned is None else "lambda measured, m, theta: _correct(measured, m, theta)"
             lines += [f"exact_correct={correct},"]
         lines += [f"regime={_tuple(regime(form))},"]
@@ -315,7 +327,7 @@ class _File:
         if self.fixed:
             given = {"FULL_SCALE_RPS": "fs_rps", "FIRST_TEMP_C": "first_temp_c"}
             lines += [f"found_at=FoundAt({', '.join(f'{given[name]}={name}' for name in self.fixed)}),"]
-        lines += [f"known_to={known_to},"] if (known_to := law_words.known_to(form)) else []
+        lines += [f"known_to={share},"] if (share := known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += f"device={self.device.source},".split("\n")
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
@@ -335,7 +347,7 @@ class _File:
         parts = [f"signals.lag_reach({lag or constant.python})" for constant in self.constants if constant.lag]
         parts += [_source(reach) for reach in reaches_of(self.form)]
         parts = list(dict.fromkeys(parts))
-        if not law_words.jumps(self.form):
+        if not jumps(self.form):
             return " + ".join(parts)
         # What is gone through again and again looks back each time; to the log's beginning it does at once.
         parts = ["signals.WHOLE"] if "signals.WHOLE" in parts else [f"{part}.times({(self.passes or PASSES) + 2})" for part in parts]

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import indent
 
-from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.form import Factor, LawForm
-from tinygc.annexes.discovery.law_words import Constant, constants_of
+from tinygc.annexes.discovery.words import Constant, constants_of, jumps
 from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES
 
@@ -193,7 +192,7 @@ def why_not(form: LawForm) -> str:
         return "it remembers by a lag, and C is not told the data rate"
     if any(factor.through.memory for factor in form.factors):
         return "it follows its session from the beginning"
-    if law_words.jumps(form):
+    if jumps(form):
         return "where it jumps a reading may belong to two rates, which takes the samples before to tell"
     if any(factor.function not in FUNCTIONS for factor in form.factors):
         return "it asks for a root, an exponential or a sine, whose last bits differ from one processor to another"

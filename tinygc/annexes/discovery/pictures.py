@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.io.units import DEG
-from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.form import Factor
 from tinygc.annexes.discovery.law_fits import (
     Fitted,
@@ -28,7 +27,7 @@ from tinygc.annexes.discovery.law_fits import (
 )
 from tinygc.annexes.discovery.result import briefly, headline, other_equation
 from tinygc.annexes.discovery.search_state import Discovery, Law
-from tinygc.annexes.discovery.words import equation
+from tinygc.annexes.discovery.words import coefficient_unit, equation
 from tinygc.effects import Movement
 from tinygc.explanation.engine import Explanation
 from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, legend, plain
@@ -251,7 +250,7 @@ def _number(law: Law, series: LawSeries) -> str:
     """The coefficient with its sigma, as the page says it, where the series has one."""
     if len(series.entries) != 1:
         return ""
-    entry, (unit, _) = series.entries[0], law_words.unit_of(law.form)
+    entry, (unit, _) = series.entries[0], coefficient_unit(law.form)
     sigma = np.sqrt(law.covariance[entry, entry])
     return f": {plain(law.theta[entry] / DEG, sigma / DEG)} {unit}"
 

@@ -12,12 +12,22 @@ from rich.text import Text
 
 from session.bench.console import one_line
 from session.io.units import DEG
-from tinygc.annexes.discovery import law_words
 from tinygc.annexes.discovery.law_code import law_code
-from tinygc.annexes.discovery.law_words import ARROW, PEOPLES, constants_of, terms_of
 from tinygc.annexes.discovery.quantities import QUANTITIES
 from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, HeldOut, Law, RunnerUp
-from tinygc.annexes.discovery.words import ABBREVIATIONS, NEIGHBOURS, SYMBOLS, abbreviations, equation, in_words
+from tinygc.annexes.discovery.words import (
+    ABBREVIATIONS,
+    ARROW,
+    BENCH_UNITS,
+    NEIGHBOURS,
+    SYMBOLS,
+    abbreviations,
+    coefficient_unit,
+    constants_of,
+    equation,
+    in_words,
+    terms_of,
+)
 from tinygc.explanation.claims import measured, p_entry, p_words
 
 # A discovery as ``tinygc-explain/1`` has it, key ``discovery`` (docs/formats.md); the page and the report are made of the same table.
@@ -39,7 +49,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 
 
 def _law(law: Law, file: str | None) -> dict:
-    unit, name = law_words.unit_of(law.form)
+    unit, name = coefficient_unit(law.form)
     parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
     return {
         "id": law.effect.id if file is None else id_of(file),
@@ -199,7 +209,7 @@ def number_lines(law: dict) -> list[str]:
 
 def _without_unit(name: str) -> str:
     """``width`` of ``width_share``."""
-    ending = next((f"_{unit}" for *_, unit in PEOPLES.values() if name.endswith(f"_{unit}")), "")
+    ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
     return name.removesuffix(ending).replace("_", " ")
 
 

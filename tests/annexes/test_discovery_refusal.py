@@ -57,7 +57,7 @@ def in_its_place(monkeypatch):
         ({"without": STAND_IN - 0.1}, "the rest explains"),
         ({"shapes": -STAND_IN - 0.1}, "a shape without a law does better: unknown.smooth"),
         ({"tests": (DECIDED, held_out(removed=0.0))}, "close worse"),
-        ({"tests": (DECIDED, held_out(p_value=1.01 * HELD_OUT_P))}, "chance improves what the search never saw"),
+        ({"tests": (DECIDED, held_out(p_value=1.01 * HELD_OUT_P))}, "chance improves the held-out segments"),
     ],
 )
 def test_one_reason_is_enough(in_its_place, changed, said):

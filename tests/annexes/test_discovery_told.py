@@ -84,10 +84,10 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     assert "discovered.dead_zone_rate  ω_i += c_i dz(u_i, 0.1)" in text
     assert "0.900 ± 0.018   -0.700 ± 0.014   0.500 ± 0.010" in text
     assert "width: 0.1000 ± 0.0030 of full scale" in text
-    assert "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess is gone" in text
+    assert "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess removed" in text
     assert "log0002.csv, left out whole (12 segments)" in text
-    assert "the same in this recording: ω_i += c_i √|u_i|" in text
-    assert "could else be: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)" in text
+    assert "equivalent in this recording: ω_i += c_i √|u_i|" in text
+    assert "alternative: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)" in text
     assert "beside it: gyro.bias_drift  dps_over_log: 1.20 ± 0.10   0.40 ± 0.10   0.00 ± 0.10" in text
     assert "from 0.21 of its size on" in text
     assert "a search finds as much with p = 0.0005" in text
@@ -100,7 +100,7 @@ def test_the_page_of_nothing_says_how_much_that_is_worth(e):
     text = " ".join(lines)
     assert "promises 812 in −2 log evidence" in text
     assert "chance does in 34 % of such searches" in text
-    assert "the specific force from 0.0042, the rate from 0.011; not at all here: the vibration's energy" in text
+    assert "the specific force from 0.0042, the rate from 0.011; not detectable here: the vibration's energy" in text
 
 
 def test_there_is_one_next_step_and_the_search_says_it(e):

@@ -64,7 +64,7 @@ def test_a_board_that_is_none_of_the_lots_is_said_and_the_lot_is_not_reckoned_wi
     advice = coach(Progress(tuple(foreign[:3])))
     without(Progress(tuple(foreign[:3])))
     assert advice.says.startswith("this board seems not to be of the lot (probability that it is: ")
-    assert "the lot is not reckoned with" in advice.says
+    assert "the lot is not used" in advice.says
     np.testing.assert_array_equal(coach.sigma, without.sigma)
 
 

@@ -134,7 +134,7 @@ def test_what_cannot_be_told_is_not_zero():
     alone = gauge(np.repeat(rng.normal(size=20), 2) + 0.1 * rng.normal(size=40), np.repeat(np.arange(20), 2), None)
     assert np.isnan(alone.av)
     assert alone.ev == pytest.approx(0.1, rel=0.5)
-    assert "reproducibility is not told" in alone.why
+    assert "reproducibility is unknown" in alone.why
 
 
 def test_units_and_order_do_not_matter():

@@ -122,7 +122,7 @@ def test_a_lot_of_two_units_says_what_it_cannot():
     report = lot_of(simulated_lot(2, 0, without_accelerometer=1.0))
     assert not report.charts
     text = printed(report)
-    assert "repeatability is not told" in text
+    assert "repeatability is unknown" in text
     assert "two units have no drift" in text
     assert "accel" not in text
     assert "nan" not in text

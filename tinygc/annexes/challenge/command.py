@@ -21,13 +21,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     kind = command.add_mutually_exclusive_group()
     kind.add_argument(
-        "--on", type=path_read, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
+        "--on", type=path_read, metavar="DIR", help="inject effects into this recording, and find from what size on each is detected"
     )
-    kind.add_argument(
-        "--discover", action="store_true", help="examine the search for laws that stand in no catalogue, which the sessions hide"
-    )
+    kind.add_argument("--discover", action="store_true", help="examine the search for laws outside the catalogue, which the sessions hide")
     command.add_argument("--cases", type=count(1), metavar="N", help=f"sessions ({CASES}; with --on as many as it takes)")
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="new folder for the truth and the answers (a temporary one)")
     command.add_argument("--keep", action="store_true", help="keep the sessions, too")
 
 

@@ -59,7 +59,7 @@ def _law(law: dict) -> str:
     html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(says))}{code(law["equation"])}'
     html += code("\n".join(number_lines(law)))
     evidence = [escape(words) for words in evidence_words(law)]
-    evidence += [f"the same in this recording: {escape(same_words(law))}"] if law["same_here"] else []
-    evidence += [f"could else be: {escape(runner_up_words(each))}" for each in law["runners_up"][:MOST_RUNNERS_UP]]
+    evidence += [f"equivalent in this recording: {escape(same_words(law))}"] if law["same_here"] else []
+    evidence += [f"alternative: {escape(runner_up_words(each))}" for each in law["runners_up"][:MOST_RUNNERS_UP]]
     evidence += [f"written as <code>explain/{escape(law['file'])}</code>"] if law["file"] else []
     return html + "<ul>" + "".join(f"<li>{each}</li>" for each in evidence) + "</ul></div>"

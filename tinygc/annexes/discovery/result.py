@@ -76,7 +76,7 @@ def _law(law: Law, file: str | None) -> dict:
 
 
 def id_of(file: str) -> str:
-    """Of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
+    """Id of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
     return PurePosixPath(file).stem.replace("_", ".", 1)
 
 
@@ -104,7 +104,7 @@ def _runner_up(each: RunnerUp) -> dict:
 
 
 def other_equation(each: RunnerUp) -> str:
-    """Of a form or of a name."""
+    """Equation of a form or of a named effect."""
     return each.effect.equation if each.form is None else equation(each.form)
 
 
@@ -115,7 +115,7 @@ def briefly(text: str) -> str:
     return text
 
 
-# What the terminal says of a discovery: the equation, what bears it out, what else it could be, and how to use it.
+# A discovery in the terminal: equation, evidence, alternatives, and how to use it.
 
 HEADLINES = {
     "found": ("an equation was found", "green"),
@@ -133,14 +133,14 @@ MOST_LEARNABLE = 6
 
 
 def headline(verdict: str, has_rivals: bool) -> tuple[str, str]:
-    """What the answer comes to, and its colour."""
+    """The verdict in words, and its colour."""
     if verdict == "ambiguous" and not has_rivals:
         return "an equation stands out, and this recording cannot decide whether it is the one", "yellow"
     return HEADLINES[verdict]
 
 
 def discovery_page(explained: dict) -> Group:
-    """Of the table of ``told``."""
+    """Page of the terminal, from the table of ``DiscoveryReport``."""
     table, following = explained["discovery"], explained["next"]
     words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
     tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
@@ -171,19 +171,19 @@ def _law_lines(law: dict) -> list[Text]:
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines += [one_line(f"  {words}") for words in evidence_words(law)]
     if law["same_here"]:
-        lines.append(Text(f"  the same in this recording: {same_words(law)}", "yellow"))
-    lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
+        lines.append(Text(f"  equivalent in this recording: {same_words(law)}", "yellow"))
+    lines += [Text(f"  alternative: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
     return lines
 
 
 def evidence_words(law: dict) -> list[str]:
-    """What speaks for a law: what it takes up, what chance does, what the search never saw, and from what size on it is found."""
+    """Evidence for a law: chi-square, chance, held-out segments, and the size from which on it is found."""
     chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
     found = [
-        f"takes up {law['chi_square']:.0f} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
-        f"evidence; in noise alone a search finds as much with p {chance}",
+        f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
+        f"a search in noise alone finds as much with p {chance}",
         *(held_out_words(each) for each in law["held_out"]),
     ]
     return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])
@@ -254,11 +254,11 @@ def _by_axis(rows: list, spreads: list) -> tuple[list, list]:
 
 
 def held_out_words(each: dict) -> str:
-    """Closure before and after, of what the search never saw."""
-    of = f"{each['segments']} segments that the search never saw"
+    """Closure of held-out segments, before and after."""
+    of = f"{each['segments']} held-out segments"
     if each["recording"]:
         of = f"{each['recording']}, left out whole ({each['segments']} segments)"
-    gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess is gone"
+    gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess removed"
     closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
     left = f"; the rest is more than the sensor's own noise (p {p_words(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
     return f"{of}: {closure} (p {p_words(each['p_value'])}){left}"
@@ -295,7 +295,7 @@ def _learnable(learnable: dict) -> str:
     known.sort(key=lambda pair: pair[1])
     said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
     lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {said}"] if known else []
-    return "; ".join(lines + ([f"not at all here: {', '.join(blind)}"] if blind else []))
+    return "; ".join(lines + ([f"not detectable here: {', '.join(blind)}"] if blind else []))
 
 
 def _quantity(name: str) -> str:

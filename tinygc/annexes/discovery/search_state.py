@@ -451,9 +451,9 @@ def refused(searched: SearchState, law: Effect) -> str | None:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in searched.held_out_of(law):
         if test.removed is not None and test.removed <= 0:
-            return f"the best form makes what the search never saw close worse: {said}"
+            return f"the best form worsens the closure of the held-out segments: {said}"
         if test.p_value > HELD_OUT_P:
-            return f"chance improves what the search never saw as much as the best form does, with p = {test.p_value:.2g}: {said}"
+            return f"chance improves the held-out segments as much as the best form does, with p = {test.p_value:.2g}: {said}"
     return None
 
 

@@ -7,7 +7,7 @@ import argparse
 from tinygc.cli.arguments import file_written, path_read
 from tinygc.cli.results import output, verdict, write_json
 
-SUMMARY = "say how a lot of sensors spreads, drifts and repeats, and which units do not belong"
+SUMMARY = "statistics of a lot of sensors: spread, drift, repeatability, outliers"
 #: the table in the folder that ``fleet`` writes
 TABLE = "fleet.sqlite"
 
@@ -23,7 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """All that a lot's sessions say of it."""
+    """Print and write the statistics of a lot."""
     from tinygc.annexes.lots.capability import read_limits
     from tinygc.annexes.lots.files import save, to_json
     from tinygc.annexes.lots.fleet_summary import lot_of_table

@@ -163,7 +163,7 @@ CLOCKS = "timing.gyro_accel_offset"
 def effects_of(explanation: Explanation) -> dict[str, Weighed]:
     """Effect id -> what this session says of it, SI; NaN for numbers that it does not tell.
 
-    What is mended before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what the axes differ
+    What is repaired before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what the axes differ
     by.  An effect whose shape is searched for (the moment of a step) is taken in the middle of what is tried: where it takes up most its
     estimate would be a chosen one.  The delay between gyro and accelerometer is what is beyond the filters' own.  chi_square is that of
     all its numbers together.
@@ -255,7 +255,7 @@ def board_prior(
 def _words(lot: Lot, found: Belonging, vector: np.ndarray, covariance: np.ndarray, kept: np.ndarray) -> str:
     off = farthest(lot, vector, covariance, np.diag(kept) > 0.5)
     far = "" if off is None else f": {off[0]} is {off[1]:+.1f} of its sigmas from its mean"
-    return f"this board seems not to be of the lot (probability that it is: {found.probability:.2g}){far}; the lot is not reckoned with"
+    return f"this board seems not to be of the lot (probability that it is: {found.probability:.2g}){far}; the lot is not used"
 
 
 def _angles(turn: AcceptedTurn, model: LinearModel, ends: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from tinygc.annexes.lots.report import LotQuantity, LotReport
 # A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for what no session told.
 
 SCHEMA = "tinygc-lot/1"
-_AGAIN = "make the lot again, or mend the file"
+_AGAIN = "make the lot again, or correct the file"
 #: of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: what rounding to JSON leaves, and no more
 _ROUNDING = 1e-9
 _COUNT = Number(low=1, whole=True)
@@ -152,7 +152,7 @@ def _covariance(table: dict, key: str, where: str) -> np.ndarray:
     return matrix
 
 
-# A lot's report as JSON: the file that ``fit --lot`` reads, with all that people see of the lot beside it (docs/formats.md).
+# A lot's report as JSON: the file that ``fit --lot`` reads, with the other figures of the report (docs/formats.md).
 
 #: alarms and outliers that a file holds; how many there are stands beside them
 MOST_ALARMS, MOST_OUTLIERS = 20, 1000

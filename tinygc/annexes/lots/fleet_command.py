@@ -27,7 +27,7 @@ OFTEN_S, SELDOM_S = 0.2, 30.0
 
 
 class Meter:
-    """A context; call it with each new tally.  The folders are counted beside the work, so that the first does not wait for the last."""
+    """A context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait for the last."""
 
     def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
         self._quiet, self._folders = quiet, folders
@@ -94,7 +94,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--from", dest="listed", type=path_read, metavar="FILE", help="a list of session folders, one a line (- for standard input)"
     )
     command.add_argument(
-        "--out", type=folder_written, required=True, metavar="OUT", help="where fleet.sqlite and fleet.html go; without DIR, made anew"
+        "--out",
+        type=folder_written,
+        required=True,
+        metavar="OUT",
+        help="where fleet.sqlite and fleet.html go; without DIR, renewed",
     )
     command.add_argument("--only", type=steps, default=STEPS, metavar="check,fit,explain", help="do these steps alone")
     command.add_argument("--without", type=steps, default=(), metavar="STEPS", help="do all but these steps")

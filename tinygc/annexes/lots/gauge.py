@@ -259,11 +259,11 @@ def gauge(
     y, part = y[fine], part[fine]
     who = np.zeros(len(y), dtype=int) if appraiser is None else appraiser[fine]
     several = len(np.unique(who)) > 1
-    why = "" if several else "one operator or none is named: reproducibility is not told, and GRR is repeatability alone"
+    why = "" if several else "one operator or none is named: reproducibility is unknown, and GRR is repeatability alone"
     study = _crossed(y, part, who)
     names, of = np.unique(part, return_inverse=True)
     if len(names) < 2 or (np.bincount(of) < 2).all():
-        why = "no unit has two sessions: repeatability is not told"
+        why = "no unit has two sessions: repeatability is unknown"
         return Gauge(NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, (NAN, NAN), (NAN, NAN), "none", None, "", len(names), len(y), why)
     if study is not None and (study.shape[1] > 1 or study.shape[2] > 1):
         table = anova(study)

@@ -108,7 +108,7 @@ class UnitResult:
         return np.sqrt(np.diag(self.covariance))
 
 
-# The 21 numbers of a lot as people see them: what the sensors err by, not what undoes it.
+# The 21 numbers of a lot as sensor errors, not as the correction that removes them.
 #
 #     gyroscope      scale factor error (ppm), misalignment i to j (mrad), bias (mdps): of m = M omega + b with M = E^-1, b = -E^-1 B
 #     accelerometer  scale factor error (ppm), nonorthogonality (mrad), bias (mg): of m = M^-1 f + b
@@ -123,7 +123,7 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class SensorError:
-    """One number as people see it: sensor, word, component, unit, and that unit in SI."""
+    """One error of a sensor: sensor, word, component, unit, and that unit in SI."""
 
     sensor: str
     word: str
@@ -169,7 +169,7 @@ NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 
 
 def sensor_errors(values: np.ndarray) -> np.ndarray:
-    """(…, 21) as people see them, in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is not told.
+    """(…, 21) sensor errors in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is unknown.
 
     The others, which bend it by second order only, count as no error where they are not told.
     """

@@ -133,7 +133,7 @@ def _effects(report: LotReport) -> Section | None:
     if not report.lot.effects:
         return None
     told = [f'<div class="found">{paragraph(f"{escape(effect_words(name, found))}.")}</div>' for name, found in report.lot.effects.items()]
-    words = "Found by pooling what every session says of every effect of the catalogue. How large they are is in the lot's file."
+    words = "Found by pooling the estimates of all sessions for each effect of the catalogue. Their sizes are in the lot's file."
     return Section("lot-effects", "Effects of the lot", "".join(told) + paragraph(words, "soft"))
 
 
@@ -144,7 +144,7 @@ def _charts(report: LotReport) -> Section | None:
     shown = [key for key in ringing if _rings(report, key) > 0][:MOST_CHARTS] or ringing[:1]
     pictures = "".join(control_figure(report.charts[key], BY_KEY[key], report.sessions.serials) for key in shown)
     quiet = len(report.charts) - sum(_rings(report, key) > 0 for key in report.charts)
-    words = f"{quiet} of {len(report.charts)} charts do not ring. Each point has the limits of its own measurement noise."
+    words = f"{quiet} of {len(report.charts)} charts show no alarm. Each point has the limits of its own measurement noise."
     return Section("lot-charts", "Control charts", paragraph(words) + pictures)
 
 
@@ -178,7 +178,7 @@ def _gauges(report: LotReport) -> Section | None:
     header = ("", "EV", "AV", "GRR", "PV", "%GRR (95 %)", "% of tolerance", "ndc", "")
     words = (
         f"One sigma each; ndc = 1.41 PV / GRR. Below {ACCEPTABLE:g} % is acceptable, above {MARGINAL:g} % is not (AIAG). "
-        f"Appraisers: {escape(report.appraisers or 'none are named, so that AV is not told')}."
+        f"Appraisers: {escape(report.appraisers or 'none are named, so AV is unknown')}."
     )
     return Section("lot-gauge", "Measurement system", table(header, rows, words, marked=marked, minor=(1, 2, 3, 4)))
 

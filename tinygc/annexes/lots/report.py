@@ -191,18 +191,18 @@ def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
 def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
     told = []
     if not found.settled:
-        told.append("the lot's variances had not settled when the passes over it ended; they are those of the last pass")
+        told.append("the lot's variances had not converged when the passes over it ended; they are those of the last pass")
     if not (lot.count > 1).any():
-        told.append("no unit has two sessions: repeatability is not told, and is within the spread between units")
+        told.append("no unit has two sessions: repeatability is unknown, and is part of the spread between units")
     elif not what:
-        told.append("fewer than two operators or stations are named: reproducibility is not told")
+        told.append("fewer than two operators or stations are named: reproducibility is unknown")
     if lot.units < 3 * int(lot.known.sum()):
         told.append(
-            f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are drawn towards none, tails are not looked for"
+            f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are shrunk towards zero, tails are not estimated"
         )
     if (off := int(np.sum(found.belongs <= 0.5))) > 0:
         told.append(
-            f"{off} of {lot.units} units are likelier none of the lot than of it; its numbers and its gauge study are those of the others"
+            f"{off} of {lot.units} units probably do not belong to the lot; its numbers and its gauge study are those of the others"
         )
     if lot.units <= 2:
         told.append("two units have no drift")

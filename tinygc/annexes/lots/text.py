@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_summary import Summary
 
 
-# A lot as a person reads it in the terminal: numbers, repeatability, charts, what does not belong, capability.
+# A lot in the terminal: numbers, repeatability, charts, outliers, capability.
 
 NONE = "–"
 MOST_OUTLIERS = 10
@@ -34,7 +34,7 @@ UNIT_OF = {each.key: each for each in SENSOR_ERRORS}
 
 
 def lot_page(report: LotReport) -> Group:
-    """Headline, tables, what rings, what does not belong, what to bear in mind."""
+    """Headline, tables, control charts, outliers, notes."""
     parts: list[RenderableType] = [headline(report), _numbers(report)]
     if any(np.isfinite(each.percent_grr) for each in report.gauges.values()):
         parts.append(_gauges(report))
@@ -52,7 +52,7 @@ def effect_words(name: str, found: PooledEffect) -> str:
 
 
 def headline(report: LotReport) -> Text:
-    """How many, and whether the lot drifts or is none."""
+    """Number of units, drift, outliers."""
     lot, found = report.lot, report.hierarchy
     drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
     tails = "" if np.isinf(lot.tails) else f"; tails of {lot.tails:.3g} degrees of freedom"
@@ -68,7 +68,7 @@ def headline(report: LotReport) -> Text:
 
 
 def _numbers(report: LotReport) -> Table:
-    table = Table(title="What the sensors err by", title_justify="left", box=None, padding=(0, 1))
+    table = Table(title="Sensor errors", title_justify="left", box=None, padding=(0, 1))
     for column in ("", "mean ± sigma", "spread", "noise", "repeats within", "drift per 1000", "repeats / stated"):
         table.add_column(column, justify="right" if column else "left")
     for each in report.quantities:
@@ -178,7 +178,7 @@ def _charts(report: LotReport) -> list[Text]:
         if said:
             lines.append(one_line(f"{UNIT_OF[key].name}: {'; '.join(said)}", "yellow"))
     if report.charts and not lines:
-        lines.append(Text("Control charts: nothing rings more than chance does."))
+        lines.append(Text("Control charts: no rule is broken more often than by chance."))
     return lines
 
 

@@ -56,7 +56,7 @@ def in_its_place(monkeypatch):
         ({"catalogue": STAND_IN - 0.1}, "gyro.other is of equal worth"),
         ({"without": STAND_IN - 0.1}, "the rest explains"),
         ({"shapes": -STAND_IN - 0.1}, "a shape without a law does better: unknown.smooth"),
-        ({"tests": (DECIDED, held_out(removed=0.0))}, "close worse"),
+        ({"tests": (DECIDED, held_out(removed=0.0))}, "worsens the closure"),
         ({"tests": (DECIDED, held_out(p_value=1.01 * HELD_OUT_P))}, "chance improves the held-out segments"),
     ],
 )

@@ -183,7 +183,7 @@ def evidence_words(law: dict) -> list[str]:
     chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
     found = [
         f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
-        f"a search in noise alone finds as much with p {chance}",
+        f"in noise alone a search finds as much with p {chance}",
         *(held_out_words(each) for each in law["held_out"]),
     ]
     return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])

@@ -7,6 +7,7 @@ pdoc says, a public name without a docstring, a reference to what is not there. 
 from __future__ import annotations
 
 import functools
+import pkgutil
 import re
 import sys
 import tomllib
@@ -93,9 +94,18 @@ def is_known(every: set[str], word: str) -> bool:
         return any(ROOT.rglob(word))
     first, *_, last = parts = word.split(".")
     if first in PACKAGES and last != "toml":
-        return word in every
+        return word in every or _leads_somewhere(word)
     if first[0].isupper() or (last[:1].isupper() and not last.isupper()):
         return any(name.endswith("." + ".".join(parts)) for name in every)
+    return True
+
+
+def _leads_somewhere(word: str) -> bool:
+    """Whether a dotted name is a module, or a name that a package gives when it is asked for (``tinygc.fit``)."""
+    try:
+        pkgutil.resolve_name(word)
+    except (ImportError, AttributeError):
+        return False
     return True
 
 

@@ -167,7 +167,7 @@ def _concealed(case, folder: Path, stage: str):
     from tinygc.annexes.challenge.cases import conceal
     from tinygc.closure.build import build_problem
     from tinygc.explanation.claims import offset_claim
-    from tinygc.explanation.data_repair import mend
+    from tinygc.explanation.data_repair import repair
     from tinygc.explanation.decision import decide
     from tinygc.noise.channels import turn_gravity
     from tinygc.noise.twin import Twin
@@ -178,7 +178,7 @@ def _concealed(case, folder: Path, stage: str):
     problem = build_problem(read_session(folder))
 
     def mends() -> tuple[set[str], bool]:
-        names = set(mend(problem).found)
+        names = set(repair(problem).found)
         return names, bool(names)
 
     def naming() -> tuple[set[str], bool]:

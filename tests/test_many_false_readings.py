@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 
 from session.io.registers import gyro_rps_per_lsb
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import mend
+from tinygc.explanation.data_repair import repair
 from tinygc.noise.components import UNDERSAMPLED
 from tinygc.noise.session_noise import first_noise
 from tinygc.noise.twin import Twin
@@ -31,7 +31,7 @@ def spoilt(count: int):
 @pytest.mark.parametrize("count", [25, 40])
 def test_all_of_them_are_mended(count):
     samples, rows = spoilt(count)
-    mended = mend(build_problem(session_of(samples)))
+    mended = repair(build_problem(session_of(samples)))
     assert list(mended.found) == ["data.glitches"]
     found = set(mended.found["data.glitches"][0]["at"])
     assert found <= set(rows.tolist())

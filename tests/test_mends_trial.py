@@ -11,7 +11,7 @@ from spoilt_registers import closed_up, rows_in_turns, with_losses
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import ClosureTrial, lowest, mend
+from tinygc.explanation.data_repair import ClosureTrial, lowest, repair
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.faulty_readings import FALSE, LOST, RegisterFault, proposed
 from tinygc.noise.twin import Twin
@@ -64,7 +64,7 @@ def excursions(rows: np.ndarray, dps: float, back: bool = False, seed: int = 4) 
 
 def mended(table: Table, pushes) -> tuple[list[RegisterFault], object]:
     problem = build_problem(session_of(sensed(table, pushes)))
-    return proposed(problem.session), mend(problem)
+    return proposed(problem.session), repair(problem)
 
 
 # False readings
@@ -127,7 +127,7 @@ def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(tria
     silent = resting(trial)
     assert trial.segment_of(silent) is None
     decided = [RegisterFault(FALSE, 0, int(row), SAMPLES) for row in rows]
-    verdict = trial.judge(FALSE, [*decided, silent], [])
+    verdict = trial.test(FALSE, [*decided, silent], [])
     assert verdict.accepted == decided[:true] + [silent] * believed
     share = (verdict.chance.sum() + 0.5) / (len(decided) + 2)
     assert verdict.chance[-1] == pytest.approx(share, abs=0.1)
@@ -137,8 +137,8 @@ def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(tria
 def test_a_row_that_no_sensor_gives_needs_no_closure(trial_of, rows):
     trial = trial_of(rows)
     event = replace(resting(trial), accel=True)
-    assert trial.judge(FALSE, [event], []).accepted == [event]
-    assert trial.judge(FALSE, [replace(event, accel=False)], []).accepted == []
+    assert trial.test(FALSE, [event], []).accepted == [event]
+    assert trial.test(FALSE, [replace(event, accel=False)], []).accepted == []
 
 
 # Losses
@@ -157,7 +157,7 @@ def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
     problem = build_problem(session_of(replace(samples, accel=accel)))
     losses = [e for e in proposed(problem.session) if e.id == LOST]
     assert len(losses) >= len(rows) - 1  # they look like losses
-    found = mend(problem)
+    found = repair(problem)
     assert LOST in {verdict.id for verdict in found.verdicts}
     assert found.found == {}
 
@@ -165,7 +165,7 @@ def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
 @pytest.mark.parametrize("count", [4, pytest.param(9, marks=pytest.mark.slow)])
 def test_the_same_turns_with_samples_lost_are_mended(table, rows, count):
     lost = with_losses(sensed(table, {}), rows, count)
-    found = mend(build_problem(session_of(lost)))
+    found = repair(build_problem(session_of(lost)))
     assert list(found.found) == [LOST]
     assert found.found[LOST][0]["length"] == count
     (verdict,) = (v for v in found.verdicts if v.id == LOST)

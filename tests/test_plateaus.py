@@ -9,7 +9,7 @@ from session.io.units import DEG
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.explanation.clipped_turns import find_plateaus
-from tinygc.explanation.data_repair import mend
+from tinygc.explanation.data_repair import repair
 from tinygc.explanation.engine import explain_session
 from tinygc.simulation.write import write_session
 
@@ -47,7 +47,7 @@ def test_a_motor_turns_at_one_rate_and_is_not_clipped():
     samples = table.samples(odr_hz=208)
     ceiling = find_plateaus(samples, FS)
     assert ceiling.level == pytest.approx(70 * DEG, rel=0.03)
-    assert "gyro.saturation" not in mend(build_problem(session_of_logs(samples))).found
+    assert "gyro.saturation" not in repair(build_problem(session_of_logs(samples))).found
 
 
 def test_a_stroke_of_two_samples_is_looked_at_like_any_other():

@@ -10,7 +10,7 @@ from spoilt_registers import closed_up, rows_in_turns, session_of_logs, with_gli
 from session.detect import bridging
 from tinygc.closure.build import build_problem
 from tinygc.explanation import faulty_readings
-from tinygc.explanation.data_repair import mend
+from tinygc.explanation.data_repair import repair
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def two():
 
 def test_a_clean_session_has_nothing_to_mend(two):
     problem = build_problem(session_of_logs(*(samples for samples, _ in two)))
-    mended = mend(problem)
+    mended = repair(problem)
     assert mended.found == {}
     assert mended.problem is problem
 
@@ -31,7 +31,7 @@ def test_false_readings_of_the_second_log_are_counted_after_the_first(two):
     (first, _), (second, table) = two
     rows = rows_in_turns(table, second, 1, 5)
     spoilt = with_glitches(second, rows, np.full(len(rows), 3), 5)
-    mended = mend(build_problem(session_of_logs(first, spoilt)))
+    mended = repair(build_problem(session_of_logs(first, spoilt)))
     assert list(mended.found) == ["data.glitches"]
     parameters, _ = mended.found["data.glitches"]
     assert parameters == {"at": (rows + len(first)).tolist(), "samples": 3}
@@ -43,7 +43,7 @@ def test_false_readings_of_the_second_log_are_counted_after_the_first(two):
 def test_losses_of_the_second_log_are_timed_after_the_first(two):
     (first, _), (second, table) = two
     rows = rows_in_turns(table, second, 1, 6)[::2]  # twelve turns without a loss: enough for a linear model of their own
-    mended = mend(build_problem(session_of_logs(first, with_losses(second, rows, 9))))
+    mended = repair(build_problem(session_of_logs(first, with_losses(second, rows, 9))))
     assert list(mended.found) == ["timing.dropped_samples"]
     parameters, _ = mended.found["timing.dropped_samples"]
     assert parameters["length"] == 9
@@ -55,7 +55,7 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
     (first, _), (second, _) = two
     clipped = replace(second, gyro=np.clip(second.gyro, -70 * DEG, 70 * DEG))
     problem = build_problem(session_of_logs(first, clipped))
-    mended = mend(problem)
+    mended = repair(problem)
     assert list(mended.found) == ["gyro.saturation"]
     assert mended.found["gyro.saturation"][0]["dps"] == pytest.approx(70, rel=2e-3)
     assert [s.number for s in mended.problem.used if s.log == 0] == [s.number for s in problem.used if s.log == 0]
@@ -70,7 +70,7 @@ def test_losses_in_every_turn_are_counted_without_a_whole_segment(two):
     """No segment is left from which to learn a linear model: each count is judged with its own."""
     (first, table), _ = two
     rows = rows_in_turns(table, first, 1, 6)
-    mended = mend(build_problem(session_of_logs(with_losses(first, rows, 9))))
+    mended = repair(build_problem(session_of_logs(with_losses(first, rows, 9))))
     assert mended.found["timing.dropped_samples"][0]["length"] == 9
 
 

@@ -10,14 +10,14 @@ from scipy.special import stdtr
 
 from session.io.units import DEG
 from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
-from tinygc.explanation.data_repair import FROM_THE_BAR, Mended
+from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
 from tinygc.explanation.search import NamedEffect
 from tinygc.noise.channels import TurnGravity
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import State
 
-# A measured number for a person: two digits of its standard deviation, and the value to the same digit; and a p-value that underflows.
+# A measured number in print: two digits of its standard deviation, the value to the same digit; and a p-value that underflows.
 
 MOST_DECIMALS = 12
 #: a double holds no p-value much below this; what is smaller is written as this, and said to be a bound
@@ -75,7 +75,7 @@ def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
 # What a verdict and a channel are called.
 
 VERDICTS = {
-    "no_mismatch": ("nothing is missing: noise explains all that differs", "green"),
+    "no_mismatch": ("no mismatch: noise explains the residuals", "green"),
     "explained": ("explained", "green"),
     "ambiguous": ("explained, but this recording cannot decide between lookalikes", "yellow"),
     "partly_explained": ("partly explained: something is left that has no name here", "yellow"),
@@ -131,7 +131,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Considered:
-    """What was weighed and is not borne out: id, its probability; moments that a detector proposed and closure did not bear out, or 0, with
+    """A rejected candidate: id, its probability; the number of moments that a detector proposed and closure rejected, or 0, with
     the rms tilt (rad) of their segments as they are and with these moments mended."""
 
     id: str
@@ -145,8 +145,8 @@ class Considered:
         return {"id": self.id, "probability": self.probability, "moments": self.moments, "closure_rms_deg": closure}
 
 
-def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
-    """The names, and the moments, that were not borne out; likeliest first."""
+def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Considered]:
+    """The effects and the moments that were rejected; the most probable first."""
     found = [Considered(name, p) for name, p in chance.items()]
     for verdict in mended.verdicts:
         left = len(verdict.events) - len(verdict.accepted)
@@ -158,7 +158,7 @@ def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
     return sorted(found, key=lambda each: -each.probability)
 
 
-def mended_claims(mended: Mended) -> list[Claim]:
+def repair_claims(mended: RepairedProblem) -> list[Claim]:
     """What was found in the registers and stills."""
     claims = []
     for name, (parameters, std) in mended.found.items():

@@ -33,12 +33,12 @@ from tinygc.noise.session_noise import first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
-# Events of one turn are judged together: of two that both are false, neither closes the turn alone.
+# Events of one turn are tested jointly: of two that both are false, neither closes the turn alone.
 
 #: events in one turn of which every choice is tried, sixty-four in all; of more, those are tried that a search goes through
 EVERY_CHOICE = 6
 
-#: which of a turn's events are mended
+#: which of a turn's events are repaired
 Choice = frozenset[int]
 
 
@@ -83,10 +83,10 @@ def chance_of_each(count: int, likelihood: dict[Choice, float], share: float) ->
     return weight @ held / weight.sum()
 
 
-# Every proposed event on trial: is it borne out by the closure of the very segment in which it lives?
+# Each proposed event is tested by the closure of the segment in which it lies.
 #
 # A false reading was not turned, a real knock was; a loss hides a turn, a jerk does not.  The gravity at a segment's end says which, by the
-# physics that the segments without any event ask for, with the noise as it is.  Where many events of one kind are borne out, one that
+# physics that the segments without any event ask for, with the noise as it is.  Where many events of one kind are accepted, one that
 # closure cannot decide is likelier to be one of them: the share of true events is estimated with them (a mixture's EM).
 
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
@@ -222,7 +222,7 @@ class ClosureTrial:
         squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
-    def judge(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
+    def test(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
         """Events of one id, with ``others``, of another id, mended already."""
         length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
@@ -299,7 +299,7 @@ def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
     return lowest(cost, round(LONGEST_LOSS_S / period_s)) if any(steps) else 0
 
 
-# Turns with an event that do not close as most others do: the physics by which events are judged is not taken from them.
+# Turns with an event that do not close as most others do: the physics that events are tested with is not taken from them.
 #
 # Least trimmed squares (Rousseeuw 1984): the fit of those segments that close best, found by concentration (Rousseeuw and Van Driessen
 # 1999): fit, keep those that close best by this fit, and so on.
@@ -343,14 +343,14 @@ def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
     return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
 
 
-# What the registers and the stills themselves tell, proposed by detectors and decided by the closure of the segments concerned.
+# Detectors propose repairs of registers and stills; the closure of the segments concerned decides.
 
 #: found by a detector, which gives the chance of its bar and no smaller one
 FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
+class RepairedProblem:
     """What was repaired.
 
     problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
@@ -375,8 +375,8 @@ class Gap:
     missed_rad: float
 
 
-def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> Mended:
-    """Clipping, then false readings and losses, then creeping stills: each is proposed, tried, and mended where it is borne out."""
+def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> RepairedProblem:
+    """Clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired where closure accepts it."""
     found: dict[str, tuple[dict, dict]] = {}
     chances: dict[str, float] = {}
     progress("registers")
@@ -390,12 +390,12 @@ def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) 
     problem, gaps = _with_accepted(problem, verdicts, found, chances)
     progress("stills")
     problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
-    return Mended(problem, found, chances, reference, verdicts, clipping)
+    return RepairedProblem(problem, found, chances, reference, verdicts, clipping)
 
 
 def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
     """Verdicts on false readings and losses, in this order; of events in turns that are clipped nothing can be said; and
-    the effects of the physics that judged them."""
+    the effects of the physics that they were tested with."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]
     if not events:
@@ -405,14 +405,14 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
     quiet = _again(problem, bridged(problem.session, false)) if false else problem
     reference = _reference(problem, quiet, false, lost)
     trial = ClosureTrial(problem, reference, quiet)
-    verdicts = [trial.judge(FALSE, false, [])] if false else []
+    verdicts = [trial.test(FALSE, false, [])] if false else []
     if lost:
-        verdicts.append(trial.judge(LOST, lost, [e for v in verdicts for e in v.accepted]))
+        verdicts.append(trial.test(LOST, lost, [e for v in verdicts for e in v.accepted]))
     return verdicts, reference.effects
 
 
 def _reference(problem: Problem, quiet: Problem, false: list[RegisterFault], lost: list[RegisterFault]) -> Hypothesis:
-    """The physics by which events are judged: of the segments that close, with or without any.  Where those are few, or do not close as a
+    """The physics that events are tested with: of the segments that close, with or without any.  Where those are few, or do not close as a
     sensor's do, also of all, as they are and with everything mended; whichever has the greater evidence for each of its values."""
     inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
     touched = {number for numbers in inside.values() for number in numbers}
@@ -437,7 +437,7 @@ def _searched(problem: Problem) -> Hypothesis:
 
 
 def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
-    """The problem with what was borne out mended, and where samples were put back."""
+    """The problem with what was accepted repaired, and where samples were put back."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
         return problem, []

@@ -168,10 +168,10 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     return rows
 
 
-# A name beside a curve without one, over the same variable: is it more than a further term of that curve?
+# An effect and an unnamed curve over the same variable: is the effect more than a further term of that curve?
 #
 # Where the scale bends with the rate as nothing in the catalogue does, any power of the rate makes the fit better, a named one as well as
-# another.  Such a name says that there is more of the curve, not that its own law is there.
+# another.  Such an effect shows that the curve has more terms, not that the effect's own law holds.
 
 #: share of what a name does beside all else that further terms of the curve do as well, from which on it is one of them
 SAME = 0.9
@@ -197,7 +197,7 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
 
 # ``motion.undersampled``: a claim about the turns' own noise, weighed against the same noise without that cause.
 
-#: of the floor's rms, below which it is told among the noise and is no claim: it adds a tenth to the closure
+#: share of the floor's rms below which it is reported as noise and not claimed: it adds a tenth to the closure
 WORTH_SAYING = 0.5
 
 
@@ -238,10 +238,10 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
 # A claim stays only if what the fit never saw improves with it by more than chance, paired by segments.
 #
 # Each segment is left out together with the stills at its ends; all its rows are predicted with the claim and without it, everything else
-# fitted anew both times.  A scanned shape (the moment of a step, the frequency of a line) is searched for anew, too: one that was found
+# refitted both times.  A scanned shape (the moment of a step, the frequency of a line) is searched for again, too: one that was found
 # with the left-out rows improves them by chance.
 
-#: a claim whose improvement chance makes in one recording of twenty is not borne out
+#: significance level of the held-out improvement
 BORNE_OUT_P = 0.05
 
 
@@ -333,9 +333,9 @@ def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
     return total + still.reshape(-1, 3).sum(axis=1)[twin.first] + length[twin.first]
 
 
-# Detect, name, refuse: what a recording shows, in the one way in which `explain` says it and `fit --physics auto` takes it over.
+# Detect, select, reject: `explain` reports the result, and `fit --physics auto` fits it.
 
-#: a name is said if it, with what could stand in for it, is more probable than not
+#: an effect is reported if its probability, together with its equivalents, exceeds one half
 SAID = 0.5
 #: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
 INSTEAD = 60.0
@@ -412,7 +412,7 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
 
 
 def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> Naming:
-    """What of the best hypothesis is said."""
+    """What of the best hypothesis is reported."""
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
@@ -427,11 +427,11 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
     if before is not None:
         kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
-    if not kept:  # all is judged against the noise that there is without any of them
+    if not kept:  # the noise is then that of no effect at all
         best, fit, before = evidence.nothing, evidence.nothing.fit, None
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
-    # What is vetoed may fit the segments that were seen: it is no more probable than not.
+    # A rejected effect may fit the segments that the fit saw; its probability is reported as one half at most.
     considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
@@ -451,7 +451,7 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
 def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
     """What closes the segments that the fit never saw no worse than the linear model does, ``before`` rad; what takes up
     least goes first."""
-    # What lives in the stills alone is judged there.
+    # An effect of the stills alone is tested there.
     while turning := [n for n in kept if "turn" in n.effect.seen_in]:
         if tilt_rms(held_out(twin, best.whiten, fit)) <= before:
             break

@@ -13,8 +13,8 @@ from session.io.folder import Session
 from session.io.units import DEG
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
-from tinygc.explanation.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
-from tinygc.explanation.data_repair import Mended, mend
+from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
+from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import seen_from
@@ -62,7 +62,7 @@ class Explanation:
 
     session: Session
     problem: Problem
-    mended: Mended
+    mended: RepairedProblem
     twin: Twin
     naming: Naming
     gravity: TurnGravity
@@ -116,7 +116,7 @@ def explain_session(
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
-    mended = mend(problem, lambda what: progress(what, 2, 6))
+    mended = repair(problem, lambda what: progress(what, 2, 6))
     twin, naming, proof = _decided(problem, mended, seed, progress, known)
     # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
     in_turns = mended.found.keys() - {"reference.not_still"}
@@ -126,7 +126,7 @@ def explain_session(
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
-    before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
+    before_the_fit = repair_claims(mended) + offset_claim(gravity, named)
     beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
     claimed = before_the_fit + named + naming.undersampled
     p_value = min([naming.p_value, *(claim.p_value for claim in before_the_fit)])
@@ -144,7 +144,7 @@ def explain_session(
 
 
 def _decided(
-    problem: Problem, mended: Mended, seed: int, progress: Callable[[str, int, int], None], known: KnownEffects | None
+    problem: Problem, mended: RepairedProblem, seed: int, progress: Callable[[str, int, int], None], known: KnownEffects | None
 ) -> tuple[Twin, Naming, Proof]:
     """What is left to explain after the mends, what is named in it, and the proof of both."""
     progress("digital twin", 3, 6)

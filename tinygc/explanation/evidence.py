@@ -158,7 +158,7 @@ def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) 
     return u[:, s > unseen]
 
 
-# What can be tried on a recording, and where a scanned shape stands best.
+# The candidates of a recording, and the best value of a scanned shape.
 
 #: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square
 #: (benchmarks/explain_speed.py)
@@ -227,7 +227,7 @@ def _spacing(values: np.ndarray, at: float) -> float:
     return min(reach, 0.9 * abs(at)) if at else reach
 
 
-# An effect's own estimate beside what is fitted: linear, without selection.
+# The linear estimate of one effect in addition to what is fitted, without selection.
 
 #: of an effect's plausible size: the sigma of the prior that only keeps what no channel sees finite.  At ten it pulls a number that is
 #: known to a tenth of the plausible by one in ten thousand
@@ -367,7 +367,7 @@ class Evidence:
         return found
 
     def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
-        """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated anew."""
+        """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated again."""
         effects = tuple(e for e in have.effects if e is not without) + ((add,) if add is not None else ())
         key = _key(effects)
         if key in self._known:

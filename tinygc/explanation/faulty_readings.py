@@ -17,7 +17,7 @@ from session.io.numeric import runs_of, sigma_of
 from session.io.samples import Samples, replaced
 from session.io.units import NS_PER_S
 
-# A long log in parts: what looks at a few tenths of a second around each reading need not have a day of them in memory.
+# A long log is read in parts: a detector that needs a few tenths of a second around each reading need not hold a day in memory.
 
 #: rows from which on a log is parted, more than an hour at 208 Hz; of a part; and on either side that go with it: many times what any
 #: detector looks at around a reading
@@ -332,7 +332,7 @@ def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
     return samples
 
 
-# What the registers propose: moments at which readings may be false, or samples missing.  Each is a claim that closure decides.
+# Proposed faults: times at which readings may be false, or samples missing.  Closure decides each.
 
 FALSE, LOST = "data.glitches", "timing.dropped_samples"
 

@@ -16,7 +16,7 @@ from tinygc.effects import AppliedEffect, Effect, catalogue
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
-from tinygc.explanation.data_repair import mend
+from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import FOLD_STEPS, decide, fold_rows, folds_of
 from tinygc.explanation.evidence import Evidence, candidates
 from tinygc.explanation.truth_engine import without_wrong_moments
@@ -82,7 +82,7 @@ def fit_physics(
     """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
     if problem.session.truths is not None:
         return fit_beside_truth(problem, ids, seed, progress)
-    mended = mend(problem, progress)
+    mended = repair(problem, progress)
     twin = Twin(mended.problem)
     refused = False
     if ids is None:

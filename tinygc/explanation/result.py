@@ -24,7 +24,7 @@ from tinygc.explanation.unknown import lines_end_hz
 from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
 
-# When it happened: the moments of what was found in the registers and in the stills, in seconds of the session.
+# The times of what was found in the registers and in the stills, in seconds of the session.
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,13 +234,10 @@ def residual_table(e: Explanation) -> list[ChannelRms]:
     rows = []
     for name, (before, after) in channel_rms(e).items():
         rows.append(ChannelRms(CHANNELS[name], values_of(e, name), before, after if is_refitted(e) else None))
-    assert e.within is not None  # an explanation that is told is whole
+    assert e.within is not None  # an explanation that is reported is complete
     for name in ("slope", "scatter"):
         rows.append(ChannelRms(f"{name} of the rate within each still", e.within.slope.size, e.within.rms(name), None))
     return rows
-
-
-# The movement or condition that would tell what a recording cannot.
 
 
 def what_next(e: Explanation) -> str | None:
@@ -261,7 +258,7 @@ def what_next(e: Explanation) -> str | None:
     return None
 
 
-# What else was weighed, in words that terminal and report share: names and moments that are not borne out, rivals, and the noise.
+# Rejected candidates, rivals and the noise, in words that terminal and report share.
 
 MOST_SAID = 6  #: of each list, on a page; the JSON has all
 #: a name that is less probable is not worth a line
@@ -324,7 +321,7 @@ def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: f
 
 def to_json(e: Explanation) -> dict:
     """The whole result, JSON-ready."""
-    assert e.within is not None  # an explanation that is told is whole
+    assert e.within is not None  # an explanation that is reported is complete
     return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
         "considered": [each.to_json() for each in e.considered],

@@ -16,8 +16,8 @@ from tinygc.noise.whitening import TOGETHER, Whitener
 
 # The search for the hypothesis with the most evidence: forward, with elimination and exchange after every step, and a beam.
 #
-# Linear columns say what is worth weighing (``selection.py``), under the noise as it was known beforehand and as the present hypothesis
-# has estimated it: what a component has swallowed shows under the former, what is faint under the latter.  Weighing is exact.
+# Candidates are ranked by a linear approximation, under the noise as it was known beforehand and as the present hypothesis has estimated
+# it: what a noise component has absorbed shows under the former, a weak effect under the latter.  The best are refitted exactly.
 
 MOST_EFFECTS = 5  #: one more than `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
 #: candidates that are weighed in each round, of either ranking
@@ -183,7 +183,7 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     return list(_most_promising(evidence, (whiten, fit, replay), rest, promise, least, MOST_LOOKALIKES, {}).values())
 
 
-# From what size on each effect would have been seen in this recording: what a `no_mismatch` is worth, and what it cannot know.
+# Detection limits: from what size on each effect would have been found in this recording.
 
 
 def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
@@ -208,15 +208,15 @@ def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
 
 
 def in_words(sizes: dict[str, float]) -> list[str]:
-    """Two lines at most: from what size on each would have shown, and what could not."""
+    """Two lines at most: the detection limit of each effect, and the effects that this recording cannot show."""
     known = catalogue()
     shown = ", ".join(f"{name} {size:.2g} {known[name].parameter.unit}" for name, size in sizes.items() if np.isfinite(size))
     blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
-    lines = [f"would have been named from: {shown}"] if shown else []
+    lines = [f"detection limits: {shown}"] if shown else []
     return lines + ([f"not observable in this recording: {blind}"] if blind else [])
 
 
-# What is named in a recording, with the probability of each name and of its rivals.
+# The probability of each effect and of its rivals.
 
 #: -2 log evidence by which a stand-in may be worse and still be said: beyond it evidence is "very strong" (Kass & Raftery 1995)
 STAND_IN = 10.0

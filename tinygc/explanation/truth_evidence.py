@@ -1,4 +1,4 @@
-"""Beside a truth file: how the closure grows, how neighbours agree, and the explanation that holds the claims."""
+"""Evidence of a session with a truth file: growth of the closure, correlation of neighbours; and the record of its explanation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tinygc.noise.session_noise import SessionNoise
 
 # Evidence of a truth file: how the closure grows, how neighbours go together, the accelerometer, the rests.
 
-#: lengths at which the closure's growth is looked at, s
+#: segment lengths of the closure's growth, s
 LENGTHS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 #: of the specific force, over which a vehicle's own acceleration averages out: what stays below 0.5 m/s has a mean of 5 mg at most
 FORCE_WINDOW_S = 20.0

@@ -1,4 +1,4 @@
-"""Beside a truth file: what can be wrong with it, its twin, and which effects are named."""
+"""Sessions with a truth file: what can be wrong with it, its twin, and the selection of effects."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tinygc.noise.refit import Refit, refit
 from tinygc.noise.twin import Channels, State, Twin
 from tinygc.noise.whitening import Whitener
 
-# What can be wrong with a truth file; beside the catalogue, which is of sensors on a table.
+# Errors of a truth file, in addition to the catalogue, which is of sensors on a table.
 
 
 def _nothing(movement: Movement) -> np.ndarray:
@@ -189,7 +189,7 @@ class TruthTwin(Twin):
         return Channels(columns[..., None], np.zeros((0, 3, 1)), np.zeros((0, 1)))
 
 
-# What is named beside a truth file: the catalogue's rate effects, the truth's clock and a wandering bias, weighed as for any recording.
+# Candidates: the catalogue's rate effects, the truth's clock and a wandering bias, weighed as for any recording.
 
 WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by the evidence
 

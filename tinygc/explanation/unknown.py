@@ -1,7 +1,7 @@
-"""Beyond the catalogue: what is left is looked at without prejudice.
+"""Beyond the catalogue: shapes without a physical cause.
 
 Each finding is a family of columns like an effect's, but with a shape and no physics: a line in time, a direction fixed in the world, a
-smooth curve over attitude, time, temperature or rate, two axes that move together.  It says where the misfit lives, never why.
+smooth curve over attitude, time, temperature or rate, two axes that move together.  It shows where the misfit lies, never why.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from tinygc.planning import turns as accel
 from tinygc.planning.proposals import TARGETS, parameter_words
 from tinygc.planning.turns import EIGHTHS, QUARTERS, OwnAccelerometer, Turn, as_known, columns, ends, length_information, turns_from
 
-UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
+UNKNOWN = 10.0  #: times its target: while a parameter is so uncertain, the coach is D-optimal (the determinant of the covariance)
 UNSEEN = 100.0
 #: rad/s, the bias instability that a session is planned with, whatever the sensor: no recording is there yet to take it from, and it
 #: enters no uncertainty that is reported
@@ -91,7 +91,7 @@ class Coach:
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
 
     def _says(self, measured: np.ndarray) -> str:
-        """Of a board of a lot: how many turns are enough, as it is now; or that it is none of the lot's."""
+        """For a board with a prior: how many turns are enough, or why the prior does not hold."""
         if self._beforehand is None or self._board.says:
             return self._board.says
         more = self.turns_to_go(measured)
@@ -110,7 +110,7 @@ class Coach:
         return None
 
     def look(self, progress: Progress) -> None:
-        """Take in what the session has so far."""
+        """Update the columns and the prior with what the session has so far."""
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
         before, self._seen = self._seen, {}

@@ -1,4 +1,4 @@
-"""What to record next: the movement that teaches most about what is known worst."""
+"""What to record next: the movement that reduces the largest uncertainty most."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tinygc.models import linear
 from tinygc.planning import turns
 from tinygc.planning.turns import SIDES, parts_from, up_words
 
-# What the last explanation of a session asked to be recorded next.
+# The next recording that the session's last explanation requests.
 
 SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text())})
 
@@ -58,8 +58,6 @@ def _sha256(folder: Path, name: str) -> str | None:
         return None
 
 
-# What to record next: the movement that teaches most about what is known worst.
-#
 # A single turn about one body axis, from a still with some axis up, adds its own closure residual: two angles, linear in the gyroscope's 12
 # parameters through the same sensitivity as everything else, and in the accelerometer's nine through the tilt at both ends.  Its two stills
 # add the length of gravity in their attitudes.  Its worth is how much it lowers the variance of the parameter that is least certain beside

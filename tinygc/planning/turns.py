@@ -1,4 +1,4 @@
-"""Turns that an operator can be asked for, and what each would teach."""
+"""Turns that an operator can make, and the information in each."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tinygc.closure.residual import Batch
 from tinygc.effects import Movement
 from tinygc.models import linear
 
-# How a board lies that somebody has set straight: on one of its six sides, or on an edge between two of them.
+# Resting attitudes: on one of the board's six sides, or on an edge between two of them.
 #
 # A hand knows the vertical and the board's own axes where they are level or upright; it knows nothing in between.
 
@@ -49,7 +49,7 @@ def straight(up: np.ndarray) -> np.ndarray:
     return nearest_up(up, with_edges=True)
 
 
-# What a turn and the stills at its ends tell of an accelerometer that nobody has calibrated: nine numbers more, in the same linear terms.
+# The information of a turn and of its stills on an uncalibrated accelerometer: nine more parameters, in the same linear terms.
 #
 # The force is f = M (m - b), M upper triangular, in the order and by the derivatives of ``session.detect.accelerometer``.  In every still
 # its length is gravity's: one row.  Its direction is the attitude at both ends of a turn: an error of f at the start turns the attitude
@@ -108,7 +108,7 @@ def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: 
     return rows.T @ rows
 
 
-# Turns that an operator can be asked for, from an attitude, and what each would tell: its columns of the linear sensitivity.
+# The turns that an operator can make from an attitude, and their columns of the linear sensitivity.
 #
 # One movement, or two without a rest between, each about one axis that a hand knows: the board's own axis that stands upright, or one that
 # is level; by quarter turns.  The board is taken for set straight before, on the side that it lies nearest to, and it ends on a side.  So
@@ -256,7 +256,7 @@ def _turned(up: np.ndarray, axis: np.ndarray, degrees: int) -> np.ndarray:
     return straight(rotation.matrix(rotation.exp(axis * degrees * DEG)).T @ up)
 
 
-# Movements that a hand can be asked for, sample by sample, so that laws can be asked what each would make of them.
+# Candidate turns sample by sample, for the response of competing laws to each.
 #
 # A single turn from a side, as ``proposals`` and ``turns`` know it, slowly and quickly, with a still before and after it.
 

@@ -21,7 +21,7 @@ from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Convention, D
 from tinygc.effects.effect import ANYWHERE
 from tinygc.effects.movement import vibration
 from tinygc.explanation.claims import named_claims, readable
-from tinygc.explanation.data_repair import mend
+from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import Naming, prove
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import scanned, selection_of, sharpened
@@ -324,7 +324,7 @@ def explanation_of(found: FittedProof) -> Explanation:
     problem = twin.problem
     named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)]
     naming = Naming(found.first, 0.0, fit, named, whiten, first_noise(twin, whiten))
-    mended = mend(problem)
+    mended = repair(problem)
     proof = prove(problem, twin, whiten, fit)
     e = Explanation(problem.session, problem, mended, twin, naming, turn_gravity(twin, fit), proof, "explained", 0.0)
     e.claimed, e.within = named_claims(fit, naming.named, found.first.chi_square), within_stills(twin)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import session.bench.page
 from session.bench.messages import Advice, RequestedTurn, Stage
 from session.bench.page.state import _target
-from tinygc.planning.coach import PLANNED_FULL_SCALE, Coach, _movements, _vector
+from tinygc.planning.coach import PLANNED_FULL_SCALE, Coach, _vector
 from tinygc.planning.turns import EDGES, EIGHTHS, SIDES, ends, nearest_up, turns_from, up_words
 
 G = 9.80665
@@ -78,7 +78,9 @@ def ghost(advice: Advice, lies: Rotation) -> dict:
 
 
 def advice_of(turn) -> Advice:
-    return Advice(turn.words, "why", movements=_movements(turn), up=_vector(turn.up))
+    return Advice(
+        turn.words, "why", movements=tuple(RequestedTurn(_vector(part.axis), part.angle_rad) for part in turn.parts), up=_vector(turn.up)
+    )
 
 
 def test_there_are_24_ways_to_stand():

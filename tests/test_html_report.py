@@ -46,7 +46,7 @@ def test_it_has_every_part(text):
         assert f'id="{part}"' in text
     assert "Calibration report" in text
     assert "no certificate" in text
-    assert "Noise beyond white, which everything here is judged against" in text
+    assert "Estimated non-white noise of this recording" in text
     assert "noise.bias_wander" in text
     assert "not observable here" in text  # of 2 s stills no bias instability can be had
 

@@ -12,9 +12,9 @@ from tinygc.reporting.html.sections.recording import temperature_words
 #: source of the accelerometer's calibration -> in words
 SOURCES = {
     "given": "as session.toml gives it",
-    "prior": "session.toml’s, sharpened by this session’s stills and turns",
+    "prior": "session.toml’s, refined by this session’s stills and turns",
     "stills": "from this session’s own stills and turns",
-    "none": "nobody has calibrated it: as measured",
+    "none": "not calibrated: as measured",
 }
 
 
@@ -48,7 +48,7 @@ def section(evidence: ReportData) -> Section:
             ("Net’s optimizer", options.optimizer),
             ("Rates of the stills as data", "yes" if options.still_rates else "no"),
             ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
-            ("Explain", "asked" if evidence.verdict else "not asked"),
+            ("Explain", "run" if evidence.verdict else "not run"),
             *evidence.versions.items(),
             ("Made", evidence.made),
         ],

@@ -71,14 +71,13 @@ class BiasWander:
 
     def covariance(self, *more_s: np.ndarray) -> np.ndarray:
         """(N, N) (rad/s)^2 of one axis' bias at the segments' moments, and at further ones (Q,) s after them."""
-        return self._of_segments if not more_s else self._at(*more_s)
+        if not more_s:
+            return self._of_segments
+        return wander_covariance(np.concatenate([self.middle_s, *more_s]), instability_rps=self.instability_rps)
 
     @cached_property
     def _of_segments(self) -> np.ndarray:
-        return self._at()
-
-    def _at(self, *more_s: np.ndarray) -> np.ndarray:
-        return wander_covariance(np.concatenate([self.middle_s, *more_s]), instability_rps=self.instability_rps)
+        return wander_covariance(self.middle_s, instability_rps=self.instability_rps)
 
 
 def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, instability_rps: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The method ``pso``: particle swarm on the 12 linear parameters, the paper's rival.  The whole swarm is one batch."""
+"""The method ``pso``: particle swarm on the 12 linear parameters, with which the paper compares its net."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from tinygc import closure
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.held_out import FitInput, held_out
+from tinygc.estimation.held_out import FitInput, held_out, tell
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
-# Particle swarm on the 12 linear parameters: the paper's rival.  The whole swarm is one batch.
-#
 # Global-best swarm with Clerc and Kennedy's constriction (2002): v <- chi (v + c1 r1 (own best - x) + c2 r2 (swarm's best - x)).
 # ``minimise`` knows nothing of gyroscopes; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
-# swarm begins (``closure/nearby.py``), and swarms on until that is exact.  Through every sample it would cost ten times as much.
+# swarm begins (``Nearby``), and swarms on until that is exact.  Through every sample it would cost ten times as much.
 
 
 @dataclass(frozen=True)
@@ -98,8 +96,8 @@ def fit_pso(
     centre, box, rng = start, 1.0, np.random.default_rng(seed)
     for leg in range(LEGS):
         nearby = Nearby.about(centre, batch)
-        told = partial(_tell, progress, leg)
-        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=told)
+        of_all = partial(tell, progress, leg, LEGS)
+        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=of_all)
         box *= NEARER
         seen = nearby.residuals(centre.vector[None])[0]
         exact = closure.segment_residuals(batch, centre(batch.rate))
@@ -132,13 +130,6 @@ def near_best(
         return total
 
     return LinearModel.from_vector(minimise(cost, nearby.vector, box * START_BOX, rng, progress=progress))
-
-
-def _tell(progress: Callable[[int, int], None], leg: int, step: int, steps: int) -> None:
-    progress(leg * steps + step, LEGS * steps)
-
-
-# The method ``pso``: the paper's rival, a particle swarm on the 12 linear parameters (``tinygc/estimation/particle_swarm.py``).
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:

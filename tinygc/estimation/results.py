@@ -349,11 +349,11 @@ def key(options: FitOptions, hashes: dict[str, str]) -> dict:
 
 def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
     """From what a fit was made, and of each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
-    return {"schema": SAVED_SCHEMA, "key": key(options, hashes), "methods": {name: _entry(fit) for name, fit in methods.items()}}
-
-
-def _entry(fit: MethodFit) -> dict:
-    return {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
+    entries = {
+        name: {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
+        for name, fit in methods.items()
+    }
+    return {"schema": SAVED_SCHEMA, "key": key(options, hashes), "methods": entries}
 
 
 def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:

@@ -190,14 +190,11 @@ def design(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns (n, p) of all parameters, and the sensitivity they rest on: the state's own, or a near one that is known."""
     sensitivity = twin.sensitivity(state, rates) if sensitivity is None else sensitivity
-    parts = [twin.linear_columns(sensitivity), _horizontal(twin, state), twin.gravity_columns()]
+    earth = twin.earth_columns()
+    horizontal = Channels(*(part @ state.axes.T for part in (earth.closure, earth.still, earth.length)))
+    parts = [twin.linear_columns(sensitivity), horizontal, twin.gravity_columns()]
     parts += [twin.effect_columns(claim.effect, state, sensitivity, rates) for claim in state.claims]
     return whiten(np.concatenate([part.stacked() for part in parts], axis=1)), sensitivity
-
-
-def _horizontal(twin: Twin, state: State) -> Channels:
-    earth = twin.earth_columns()
-    return Channels(*(part @ state.axes.T for part in (earth.closure, earth.still, earth.length)))
 
 
 def prior_sigmas(twin: Twin, effects: list[Effect]) -> np.ndarray:

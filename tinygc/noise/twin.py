@@ -174,7 +174,9 @@ class Twin:
         batch = self.batch_at(state)
         q_pred = closure.end_attitude(batch, self.padded(rates))
         angles = closure.error_angles(closure.batch_residual(batch, q_pred))
-        return Channels(angles, self._still_means(rates) - self._earth_in_stills(state), self._lengths(state))
+        earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
+        lengths = np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
+        return Channels(angles, self._still_means(rates) - earth, lengths)
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
@@ -241,12 +243,6 @@ class Twin:
     def counts(self, log: int) -> np.ndarray | None:
         """(N,) readings that each row of a log stands for, None where that is one."""
         return None if self._thinnings is None else self._thinnings[log].counts
-
-    def _earth_in_stills(self, state: State) -> np.ndarray:
-        return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
-
-    def _lengths(self, state: State) -> np.ndarray:
-        return np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
         """(S, T, d, 3) s; every hypothesis keeps its own, so without the row that nobody looks at."""

@@ -41,7 +41,7 @@ FEWEST = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class HeldOutSplit:
     """seen: the problem that is searched; parts, recording: used segments (indices) of the whole problem that are left out, in runs and
     with one whole log, whose number is ``log``; None where there is one log."""
 
@@ -51,7 +51,7 @@ class Split:
     log: int | None
 
 
-def parted(problem: Problem, seed: int) -> Split:
+def parted(problem: Problem, seed: int) -> HeldOutSplit:
     """Of a problem's used segments; which third is left out is drawn, in runs that are counted through all logs, or, where there are so
     few that a third of runs may be too few to judge by, as one piece.  Of several recordings the smallest that is enough to judge by is
     left out whole, where the others are enough to search."""
@@ -67,7 +67,7 @@ def parted(problem: Problem, seed: int) -> Split:
         thirds = [np.isin(np.arange(len(rest)), piece) for piece in np.array_split(np.arange(len(rest)), SEEN + 1)]
     held = np.zeros(len(used), dtype=bool)
     held[rest[thirds[first]]] = True
-    return Split(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
+    return HeldOutSplit(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
 
 
 def without(problem: Problem, held: np.ndarray) -> Problem:
@@ -269,7 +269,7 @@ class SearchState:
 
     evidence: FormEvidence
     unseen: Unseen
-    split: Split
+    split: HeldOutSplit
     names: list[Effect]
     catalogue: Hypothesis
     shapes: Hypothesis

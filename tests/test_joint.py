@@ -156,7 +156,7 @@ def test_one_that_no_longer_holds_is_said_and_not_believed(session1):
     stale = with_accelerometer(session1, dataclasses.replace(wrong, matrix=shear @ wrong.matrix))
     result = fit_session(stale, LEAST_SQUARES)
     said = [w.says for w in result.warnings if w.what == "accelerometer"]
-    assert any("no longer agrees with the data" in words and "scale x by -1.7" in words and "nonorthogonality xy by -0.9" in words for words in said)
+    assert any("no longer agrees" in words and "scale x by -1.7" in words and "nonorthogonality xy by -0.9" in words for words in said)
     assert result.accelerometer.mode == "fit"
     assert tilt_rms(result.linear.held_out) / DEG < 0.0155
     kept = fit_session(stale, dataclasses.replace(LEAST_SQUARES, accelerometer="given"))

@@ -20,7 +20,7 @@ from session.io.units import DEG, G
 from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.machine import Machine
 from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 BAUD = 2_000_000
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
@@ -90,7 +90,7 @@ class Driven:
         oscillator = Oscillator(fine - 1, fine)
         self.clock_hz = oscillator.clock_hz()
         self.sensor = Watched(numbered(self.clock_hz), oscillator, faults, keep=True)
-        self.machine = Machine(elf, Port(self.sensor), stalls=stalls)
+        self.machine = Machine(elf, SensorPort(self.sensor), stalls=stalls)
         self.decoder, self.t_s, self.bytes = StreamDecoder(), 0.0, 0
         self.info: Info | None = None
         self.board: BoardStatus | None = None

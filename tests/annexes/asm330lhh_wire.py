@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 BYTE_S = 8 / 5.25e6
 READY_S = 0.02
@@ -23,7 +23,7 @@ class Wire:
     """A host that knows the protocol: reads and writes at a time that it keeps."""
 
     def __init__(self, sensor: Asm330lhh, t_s: float = READY_S):
-        self.port, self.sensor, self.t_s = Port(sensor), sensor, t_s
+        self.port, self.sensor, self.t_s = SensorPort(sensor), sensor, t_s
 
     def _exchange(self, out: bytes) -> bytes:
         self.port.select(True, self.t_s)

@@ -10,8 +10,8 @@ from processes import run
 
 from tinygc.annexes.emulated.cpu import CCM, missing
 from tinygc.annexes.emulated.machine import Machine
-from tinygc.annexes.emulated.readings import Still
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.readings import AtRest
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 HEAD = """
 #include <stdint.h>
@@ -185,7 +185,7 @@ def came_to_its_end(machine) -> bool:
 
 def ran(text: str, folder: Path, t_s: float, sensor: Asm330lhh | None = None, **how) -> Machine:
     """A program with a sensor, run up to a time: it did nothing that a board would not do."""
-    machine = Machine(compiled(text, folder), Port(sensor or Asm330lhh(Still())), **how)
+    machine = Machine(compiled(text, folder), SensorPort(sensor or Asm330lhh(AtRest())), **how)
     machine.run_until(t_s)
     assert machine.bus.objections == {}
     assert machine.bus.strangers == set()

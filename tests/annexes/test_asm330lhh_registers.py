@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from asm330lhh_wire import BYTE_S, READY_S, Wire
 
-from tinygc.annexes.emulated.readings import STANDARD_GRAVITY, Fault, Oscillator, Sampled, SelfTest, Still, to_registers
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.readings import STANDARD_GRAVITY, AtRest, Fault, Oscillator, Sampled, SelfTest, to_registers
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 
 def wire(motion=None, **how) -> Wire:
-    return Wire(Asm330lhh(motion or Still(), **how))
+    return Wire(Asm330lhh(motion or AtRest(), **how))
 
 
 def test_it_says_who_it_is():
@@ -20,19 +20,19 @@ def test_it_says_who_it_is():
 
 def test_the_sensitivities_are_the_maps():
     for fs_g, mdps in ((2, 4.375), (0, 8.75), (4, 17.5), (8, 35), (12, 70), (1, 140)):
-        link = wire(Still(rate=tuple(np.radians([100 * mdps / 1000, -200 * mdps / 1000, 0]))))
+        link = wire(AtRest(rate=tuple(np.radians([100 * mdps / 1000, -200 * mdps / 1000, 0]))))
         link.write(0x11, 5 << 4 | fs_g)
         link.wait(0.02)
         assert list(link.int16(0x22, 3)) == [100, -200, 0]
     for fs_xl, mg in ((0, 0.061), (2, 0.122), (3, 0.244), (1, 0.488)):
-        link = wire(Still(force=tuple(np.array([300, 0, -1000]) * mg / 1000 * STANDARD_GRAVITY)))
+        link = wire(AtRest(force=tuple(np.array([300, 0, -1000]) * mg / 1000 * STANDARD_GRAVITY)))
         link.write(0x10, 5 << 4 | fs_xl << 2)
         link.wait(0.02)
         assert list(link.int16(0x28, 3)) == [300, 0, -1000]
 
 
 def test_temperature_is_256_a_degree_from_25():
-    link = wire(Still(temp_c=-40.0))
+    link = wire(AtRest(temp_c=-40.0))
     link.write(0x11, 0x50)
     link.wait(0.1)
     assert link.int16(0x20)[0] == -65 * 256
@@ -47,7 +47,7 @@ def test_beyond_the_range_a_register_stays_at_its_end():
 def test_the_true_data_rate_is_the_formulas(code):
     """6667 x (1 + 0.0015 f) / coefficient: counted over many samples, by the flag of new data."""
     fine, coefficient = 35, 2 ** (10 - code)
-    sensor = Asm330lhh(Still(), Oscillator(7, fine), keep=True)
+    sensor = Asm330lhh(AtRest(), Oscillator(7, fine), keep=True)
     link = Wire(sensor)
     link.write(0x11, code << 4)
     sensor.advance(link.t_s + 300 * coefficient / 6667)
@@ -125,8 +125,8 @@ def test_boot_takes_its_time():
 
 
 def test_without_chip_select_nothing_is_heard_or_said():
-    sensor = Asm330lhh(Still())
-    port = Port(sensor)
+    sensor = Asm330lhh(AtRest())
+    port = SensorPort(sensor)
     assert port.transfer(b"\x8f\0", READY_S, BYTE_S) == b"\xff\xff"
     port.select(True, READY_S)
     assert port.transfer(b"\x8f\0", READY_S, BYTE_S)[1] == 0x6B

@@ -19,7 +19,7 @@ from processes import CALIBRATE, PIPE, calibrate, started, until
 from session.bench.events import Info
 from session.bench.recorder import Recorder
 from tinygc.annexes.emulated.board import Replayed, oscillator_of
-from tinygc.annexes.emulated.readings import CLOCK_HZ, Fault, Oscillator, Still
+from tinygc.annexes.emulated.readings import CLOCK_HZ, AtRest, Fault, Oscillator
 from tinygc.annexes.emulated.sensor import Asm330lhh
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
@@ -144,7 +144,7 @@ def test_the_firmware_is_recorded_through_a_pseudo_terminal(tmp_path):
         (tmp_path / file).write_text(text)
     elf = measure.build("tinygc.elf", tmp_path, tmp_path / "build", SERIAL="12")
     with Terminal(tmp_path / "port", 10**8) as terminal:
-        board = EmulatedBoard(elf, Asm330lhh(Still()), terminal, speed=None, lead_s=0.0, tail_s=3.0)
+        board = EmulatedBoard(elf, Asm330lhh(AtRest()), terminal, speed=None, lead_s=0.0, tail_s=3.0)
         thread = threading.Thread(target=board.run, daemon=True)
         thread.start()
         recorder = Recorder(tmp_path / "session", str(tmp_path / "port"))
@@ -175,7 +175,7 @@ def test_what_the_host_sends_arrives(tmp_path):
     text = """
     void USART1_Handler(void) { if (USART1(0) & 0x20) USART1(4) = USART1(4); }
     int main(void) { usart_on(); USART1(0x0C) |= 0x20; irq(37); for (;;) WFI(); }"""
-    board = EmulatedBoard(compiled(text, tmp_path), Asm330lhh(Still()), Cable(), speed=None, lead_s=0.0, tail_s=0.05)
+    board = EmulatedBoard(compiled(text, tmp_path), Asm330lhh(AtRest()), Cable(), speed=None, lead_s=0.0, tail_s=0.05)
     board.run()
     assert bytes(Cable.sent) == b"abc" + bytes(range(250))
 
@@ -203,7 +203,7 @@ def test_time_passes_as_the_clock_says(tmp_path):
     elf = compiled("int main(void) { return 0; }", tmp_path)
     for slow_s, late in ((0.001, False), (0.05, True)):
         host = Host(slow_s)
-        board = EmulatedBoard(elf, Asm330lhh(Still()), Cable(), lead_s=0.0, tail_s=1.0, clock=host)
+        board = EmulatedBoard(elf, Asm330lhh(AtRest()), Cable(), lead_s=0.0, tail_s=1.0, clock=host)
         board.run()
         assert (board.late_s > 0) == late
         assert (host.slept_s > 0) != late
@@ -228,7 +228,7 @@ def test_at_its_own_pace_it_waits_for_its_reader(tmp_path):
     text = """
     int main(void) { usart_on(); for (int n = 0; n < 500; n++) { while (!(USART1(0) & 0x80)) ; USART1(4) = 'a'; } for (;;) WFI(); }"""
     cable = Slow()
-    board = EmulatedBoard(compiled(text, tmp_path), Asm330lhh(Still()), cable, speed=None, lead_s=0.0, tail_s=0.02)
+    board = EmulatedBoard(compiled(text, tmp_path), Asm330lhh(AtRest()), cable, speed=None, lead_s=0.0, tail_s=0.02)
     board.run()
     assert cable.waiting == 0
     assert cable.waited > 100

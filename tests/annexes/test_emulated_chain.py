@@ -12,7 +12,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Info, SampleChunk
 from tinygc import SimulationOptions
 from tinygc.annexes.emulated.board import Replayed, oscillator_of, with_its_own_rate
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.virtual_board import BoardSource
 
@@ -87,7 +87,7 @@ def test_what_is_streamed_is_the_session(tmp_path):
     rows = np.column_stack([log.gyro, log.accel, log.temp])
     motion = Replayed(BoardSource(rows, Info(500.0, 4.0, unit.odr_hz, "1", "ASM330LHH")))
     sensor = Asm330lhh(motion, oscillator_of(unit.odr_hz))
-    machine = Machine(compiled(STREAMING, tmp_path), Port(sensor))
+    machine = Machine(compiled(STREAMING, tmp_path), SensorPort(sensor))
     decoder, chunks = StreamDecoder(), []
     motion.start(1.0)
     end_s = 1.2 + len(rows) / unit.odr_hz

@@ -7,7 +7,7 @@ import pytest
 from asm330lhh_wire import counting
 from f405_programs import BURST, SENSOR_ON, came_to_its_end, compiled, found, ran, tools_missing
 
-from tinygc.annexes.emulated.readings import Fault, Still
+from tinygc.annexes.emulated.readings import AtRest, Fault
 from tinygc.annexes.emulated.sensor import Asm330lhh
 
 if MISSING := tools_missing():
@@ -289,5 +289,5 @@ def test_a_sensor_that_resets_itself_is_seen(tmp_path):
         return 0;
     }"""
     )
-    machine = ran(text, tmp_path, 0.06, Asm330lhh(Still(), faults=[Fault("reset", 0.03)]))
+    machine = ran(text, tmp_path, 0.06, Asm330lhh(AtRest(), faults=[Fault("reset", 0.03)]))
     assert found(machine, 2) == [0x74, 0x00]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from f405_programs import came_to_its_end, compiled, found, ran, tools_missing
 
-from tinygc.annexes.emulated.readings import Still
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.readings import AtRest
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
@@ -115,7 +115,7 @@ def test_bytes_that_nobody_fetches_are_lost(tmp_path):
     ],
 )
 def test_what_a_board_would_not_do_is_objected_to(program, said, tmp_path):
-    machine = Machine(compiled(f"int main(void) {{ {program} return 0; }}", tmp_path), Port(Asm330lhh(Still())))
+    machine = Machine(compiled(f"int main(void) {{ {program} return 0; }}", tmp_path), SensorPort(Asm330lhh(AtRest())))
     machine.run_until(0.01)
     assert came_to_its_end(machine)
     (objection,) = machine.bus.objections

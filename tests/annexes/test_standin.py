@@ -18,8 +18,8 @@ from session.bench.guided_session import FOUND, NO_SENSOR, BoardReporter
 from session.bench.logwriter import LogWriter
 from session.detect.check_samples import check_standin
 from session.io.logfile import Log
-from tinygc.annexes.emulated.readings import Fault, Still
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.readings import AtRest, Fault
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 
 pytestmark = pytest.mark.emulation
 
@@ -51,7 +51,7 @@ def board(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("recorder")
     elf = measure.build("recorder.elf", folder, folder / "build", ODR_HZ="208")
-    return lambda *faults: Machine(elf, Port(Asm330lhh(Still(), faults=faults)))
+    return lambda *faults: Machine(elf, SensorPort(Asm330lhh(AtRest(), faults=faults)))
 
 
 ABSENT = Fault("hang", 0.0, 1.0)

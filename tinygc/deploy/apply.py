@@ -79,7 +79,7 @@ def apply_model(
         accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.sensor.accel_fs_g,
         sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
     )
-    source = Source(reader, answers, known)
+    source = LogSource(reader, answers, known)
     pieces, rate_hz, notes = source.pieces(), None, []
     if not answers.sensor and any(unit.si is None for _, _, unit in reader.layout.kinds):
         notes.append(ASSUMED)
@@ -139,7 +139,7 @@ class Applicable:
         return Applicable(self.t_ns[which], self.gyro[which], accel, temp)
 
 
-class Source:
+class LogSource:
     """A log's pieces in SI: stamps, measured rate, calibrated force, temperature."""
 
     def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
@@ -188,7 +188,7 @@ def _no_samples(log: Path) -> FormatError:
     return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
 
 
-def _write(out: Path, log: Path, source: Source, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
+def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
     """All rows; how many.  The file has its name only once it is whole."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")

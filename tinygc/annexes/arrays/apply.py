@@ -21,8 +21,8 @@ from tinygc.annexes.arrays.clocks import UnitClock
 from tinygc.annexes.arrays.extrinsics import ONE_READER, clocks_found
 from tinygc.annexes.arrays.fusion import Resampler
 from tinygc.annexes.arrays.model import ArrayModel, FusedUnit, load_array_model
-from tinygc.annexes.arrays.voting import Event, LiveArray
-from tinygc.deploy.apply import DECIMALS, Applicable, Source, opened
+from tinygc.annexes.arrays.voting import LiveArray, VotingEvent
+from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
 
@@ -62,7 +62,7 @@ class UnitLog:
             sensor=answers.sensor or known.model,
         )
         around = Surroundings(known, unit.accelerometer, "none" if unit.accelerometer is None else "model", "")
-        self._pieces = Source(self.reader, answers, around).pieces()
+        self._pieces = LogSource(self.reader, answers, around).pieces()
         self._resampler, self._ended = Resampler(6), False
 
     def pieces(self) -> Iterator[Applicable]:
@@ -185,7 +185,7 @@ class ArrayApplied:
     left_out: int
     at_end: int
     used: dict[int, float]
-    events: tuple[tuple[float, Event], ...]
+    events: tuple[tuple[float, VotingEvent], ...]
     clocks: str
     noise_density: np.ndarray
     force: bool
@@ -219,7 +219,7 @@ def apply_array(
     live = LiveArray(model, vote=vote)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
-    events: list[tuple[float, Event]] = []
+    events: list[tuple[float, VotingEvent]] = []
     notes += _force_notes(model, reading, force)
 
     def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:

@@ -293,7 +293,7 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
     x = np.array([rough.offset_s, rough.rate])
     solved = None
     for _ in range(ROUNDS):
-        rows = _Rows(first, unit, moving, splines, slopes, x, about_s)
+        rows = _ClockRows(first, unit, moving, splines, slopes, x, about_s)
         if not rows.enough:
             break
         try:
@@ -351,7 +351,7 @@ class _Solved:
     rms: float
 
 
-class _Rows:
+class _ClockRows:
     """The first unit's rates and their slopes where the unit's readings stand, at one clock."""
 
     def __init__(

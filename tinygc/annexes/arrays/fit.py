@@ -30,7 +30,7 @@ from tinygc import models
 from tinygc.annexes.arrays.clocks import UnitPlace, rates_of
 from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
 from tinygc.annexes.arrays.fusion import array_model_of, save_array_model
-from tinygc.annexes.arrays.joint import ArrayEvent, Joint, Split, estimate, split_of, unit_block, units_covariance
+from tinygc.annexes.arrays.joint import ArrayEvent, Joint, VarianceSplit, estimate, split_of, unit_block, units_covariance
 from tinygc.annexes.arrays.latency import SampleAges, ages_of, corrected
 from tinygc.annexes.arrays.model import ArrayModel
 from tinygc.annexes.arrays.system import MOUNTING, accelerometer_after, cross, force_problem
@@ -205,7 +205,7 @@ class ArrayFit:
     bias: str
     bias_p: float | None
     joint: Joint
-    split: Split
+    split: VarianceSplit
     prepared: tuple[ArrayUnit, ...]
     ages: tuple[SampleAges, ...] = ()
 
@@ -450,7 +450,7 @@ def _unit(unit: UnitFit, own_p: float) -> dict:
     }
 
 
-def split_to_json(split: Split) -> dict:
+def split_to_json(split: VarianceSplit) -> dict:
     """``split``: tilt, rms a turn, that all units miss by in common, and what of it goes as fast motion is predicted to."""
     return {
         "common_rms_deg": split.common / DEG,

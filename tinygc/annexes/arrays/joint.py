@@ -14,10 +14,10 @@ from session.io.units import DEG, NS
 from tinygc.annexes.arrays.system import (
     GYROSCOPE,
     PER_UNIT,
-    Layout,
+    ArrayState,
+    ParameterLayout,
     RowMap,
     Solution,
-    State,
     System,
     UnitRows,
     array_system,
@@ -61,7 +61,7 @@ class ArrayEvent:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class NoiseBlocks:
     """Rows (B, d) that stand or fall together, by whose they are; spans (B, 2) stills."""
 
     what: str
@@ -70,20 +70,20 @@ class Blocks:
     spans: np.ndarray
 
 
-def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Blocks]:
+def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[NoiseBlocks]:
     """Of every unit's turns and stills, and of what is common."""
     found = []
     for i, unit in enumerate(rows):
-        found.append(Blocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
+        found.append(NoiseBlocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
     for i, unit in enumerate(rows):
-        found.append(Blocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
+        found.append(NoiseBlocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
     q = np.arange(len(same))
-    found.append(Blocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
-    found.append(Blocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
+    found.append(NoiseBlocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
+    found.append(NoiseBlocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
     return found
 
 
-def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
+def candidates(solution: Solution, blocks: list[NoiseBlocks]) -> list[ArrayEvent]:
     """Of each block its event, with the probability, of all blocks together, that chance makes one as large.
 
     A block's part in the estimate of its own component is taken off: F of what it misses by against what the others do.
@@ -143,8 +143,8 @@ class Joint:
     """state: where it ended; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
     change is nothing; events; earths by yaw group; missed_rad (Q-1,) tilt that fast motion is predicted to make all miss."""
 
-    state: State
-    start: State
+    state: ArrayState
+    start: ArrayState
     rows: list[UnitRows]
     same: SameStills
     where: RowMap
@@ -154,9 +154,9 @@ class Joint:
     missed_rad: np.ndarray
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> ParameterLayout:
         """Of the numbers."""
-        return Layout(len(self.rows), len(self.same))
+        return ParameterLayout(len(self.rows), len(self.same))
 
     @property
     def models(self) -> tuple[LinearModel, ...]:
@@ -240,8 +240,8 @@ def estimate(
             out = out.copy()
             for event in new:
                 out[event.rows] = True
-        state = state.moved(solution.x, Layout(len(rows), len(same)))
-        if turn > 1 and not new and np.abs(solution.x[: Layout(len(rows), len(same)).attitudes.stop]).max() < SETTLED * 10:
+        state = state.moved(solution.x, ParameterLayout(len(rows), len(same)))
+        if turn > 1 and not new and np.abs(solution.x[: ParameterLayout(len(rows), len(same)).attitudes.stop]).max() < SETTLED * 10:
             break
     return Joint(state, start, rows, same, where, solution, tuple(events), earths, missed_rad)
 
@@ -346,7 +346,7 @@ class TurnSplit:
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class VarianceSplit:
     """Tilt, both angles together, rms over the turns, rad.
 
     own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, of all units together; turn (2,): of what
@@ -397,7 +397,7 @@ class Split:
         return f"{size}: the motion, the table or the reference{fast}"
 
 
-def split_of(joint: Joint) -> Split:
+def split_of(joint: Joint) -> VarianceSplit:
     """Of a joint estimate of two units or more."""
     count = len(joint.rows)
     predicted = float(np.sqrt(2 * np.mean(joint.missed_rad**2)))
@@ -405,7 +405,7 @@ def split_of(joint: Joint) -> Split:
     own = np.array([joint.component(f"turn.{i}") for i in range(count)]) * both
     turn, fast = (joint.component(f"common.{name}") for name in ("turn", "undersampled"))
     minus, of_unit = _minus_mean(joint)
-    return Split(
+    return VarianceSplit(
         own,
         _own_p(joint),
         _times(turn, both),

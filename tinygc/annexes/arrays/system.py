@@ -33,7 +33,7 @@ PER_UNIT = MOUNTING.stop
 
 
 @dataclass(frozen=True)
-class Layout:
+class ParameterLayout:
     """units N, stills Q.  Behind the units' numbers: gravity's length; of each still its attitude (3) and the level acceleration that all
     units feel (2); of each interval between two stills the tilt (2) by which all units miss alike."""
 
@@ -71,7 +71,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class ArrayState:
     """models, accelerometers (N, 9) against the ones that the forces are under, mountings (N, 3, 3) from unit to array; q_tb (Q, 4) of the
     array's body in each still; gravity_mps2.  What is random, and has no place of its own, is not in it."""
 
@@ -81,7 +81,7 @@ class State:
     q_tb: np.ndarray
     gravity_mps2: float
 
-    def moved(self, change: np.ndarray, layout: Layout) -> State:
+    def moved(self, change: np.ndarray, layout: ParameterLayout) -> ArrayState:
         """By a change (count,) of all numbers."""
         units = change[: layout.gravity].reshape(layout.units, PER_UNIT)
         turned = rotation.exp(change[layout.attitudes].reshape(-1, 3))
@@ -299,11 +299,11 @@ def row_map(rows: list[UnitRows], stills: int) -> RowMap:
 
 
 def array_system(
-    state: State, start: State, rows: list[UnitRows], same: SameStills, missed_rad: np.ndarray, gravity_sigma: float
+    state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, missed_rad: np.ndarray, gravity_sigma: float
 ) -> tuple[System, RowMap]:
     """Linearised at a state; start: the centre of what is known beforehand; missed_rad (Q-1,): the tilt that fast motion is predicted to
     make all units miss between two stills; gravity_sigma m/s^2."""
-    layout, where = Layout(len(rows), len(same)), row_map(rows, len(same))
+    layout, where = ParameterLayout(len(rows), len(same)), row_map(rows, len(same))
     count = int(where.level[-1, -1]) + 1
     design, values, base = np.zeros((count, layout.count)), np.zeros(count), np.zeros(count)
     V = np.zeros((len(where.names), count))
@@ -353,7 +353,7 @@ def array_system(
 
 
 def _priors(
-    state: State, start: State, rows: list[UnitRows], same: SameStills, layout: Layout, gravity_sigma: float
+    state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, layout: ParameterLayout, gravity_sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
     prior, pull = np.full(layout.count, 1e3), np.zeros(layout.count)
     for i, unit in enumerate(rows):
@@ -400,12 +400,12 @@ def rotation_of(matrix: np.ndarray) -> np.ndarray:
 # What each unit of an array brings to the joint estimate, and where its search begins.
 
 
-def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) -> State:
+def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) -> ArrayState:
     """Each unit's own first fit, its mounting as it is known beforehand, and the attitudes that the anchor has carried."""
     anchor = units[same.anchor]
     carried = np.array([q for log in anchor.problem.logs for q, s in zip(log.q_tb, log.stills, strict=True) if s.problem is None])
     gravity = units[0].problem.session.config.site.expected_gravity_mps2
-    return State(
+    return ArrayState(
         tuple(LinearModel.from_vector(unit.centre) for unit in rows),
         np.tile(IDENTITY, (len(units), 1)),
         np.array([unit.place.mounting for unit in units]),
@@ -500,7 +500,7 @@ def _references(problem: Problem) -> list:
     return [still for log in problem.logs for still in log.stills if still.problem is None]
 
 
-def common_earth(units: list[ArrayUnit], state: State, same: SameStills) -> dict[int, EarthRate]:
+def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) -> dict[int, EarthRate]:
     """The Earth in the frame of each yaw group: the anchor's, its heading from what all units' stills show."""
     anchor = units[same.anchor].problem
     found = dict(anchor.earths)
@@ -530,7 +530,7 @@ def common_earth(units: list[ArrayUnit], state: State, same: SameStills) -> dict
     return found
 
 
-def with_earth(rows: UnitRows, model: LinearModel, mounting: np.ndarray, state: State, group: np.ndarray, earths: dict) -> UnitRows:
+def with_earth(rows: UnitRows, model: LinearModel, mounting: np.ndarray, state: ArrayState, group: np.ndarray, earths: dict) -> UnitRows:
     """The unit's turns with the Earth's rate by the array's attitudes."""
     q_bu = rotation_of(mounting)
     batch = replace(rows.batch, start=rotation.multiply(state.q_tb[rows.first], q_bu))

@@ -101,7 +101,7 @@ class Tables:
 
 
 @dataclass(frozen=True)
-class Event:
+class VotingEvent:
     """sample (from 0) after which a unit (its number; None where two disagree and neither is known to lie) is ``out``, ``in`` again, or
     units ``disagree`` or ``agree`` again; reason; size and bar, rad/s, of what differs, NaN of others."""
 
@@ -117,7 +117,7 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class VotingState:
     """Between two samples: why (N,) each unit is out, 0 for in; disagree: two units do; missing, same, agreed (N,) samples in a row without
     a reading, with the same one, and in agreement; last (N, 3) reading; middle (3,) of the units' last rates and change2 of the one
     before it, (rad/s)^2; mean (N, 3), allowed (N,) and square (N,): of d, of its allowance, and of u."""
@@ -135,7 +135,7 @@ class State:
     square: np.ndarray
 
     @classmethod
-    def start(cls, count: int) -> State:
+    def start(cls, count: int) -> VotingState:
         """All units believed, nothing seen."""
         whole, none = np.zeros(count, dtype=int), np.zeros((count, 3))
         return cls(whole, False, whole, whole, whole, none + np.nan, np.full(3, np.nan), 0.0, none, np.zeros(count), np.zeros(count))
@@ -143,7 +143,7 @@ class State:
 
 @dataclass(frozen=True)
 class Change:
-    """Of one standing: index of the unit, None where two disagree; what, as ``Event`` has it; why."""
+    """Of one standing: index of the unit, None where two disagree; what, as ``VotingEvent`` has it; why."""
 
     unit: int | None
     what: str
@@ -192,7 +192,7 @@ class Means:
         return float(np.sqrt(self.square[row, i])) * one, float(np.sqrt(FAST)) * one
 
 
-def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
+def look(tables: Tables, state: VotingState, raw: np.ndarray, vote: bool) -> Seen:
     """Consecutive samples (T, N, 3) rad/s by the standing before them."""
     believed = state.why == IN
     calibrated = np.einsum("nij,tnj->tni", tables.matrix, raw) + tables.offset
@@ -227,7 +227,7 @@ def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
     return Seen(raw, calibrated, known, used, at_end, middle, step2, apart, allowed, u, missing, same, disagreement)
 
 
-def means(tables: Tables, state: State, seen: Seen) -> Means:
+def means(tables: Tables, state: VotingState, seen: Seen) -> Means:
     """The running means of every unit, which stand still where it gives nothing to compare."""
     shape = seen.u.shape
     mean, allowed, square = np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
@@ -245,7 +245,7 @@ def means(tables: Tables, state: State, seen: Seen) -> Means:
     return Means(mean, allowed, square, np.maximum(slow, square / FAST))
 
 
-def settle(tables: Tables, state: State, seen: Seen, means: Means) -> tuple[int, State, list[Change]]:
+def settle(tables: Tables, state: VotingState, seen: Seen, means: Means) -> tuple[int, VotingState, list[Change]]:
     """``(samples taken, state behind them, changes)``: up to and with the first sample that changes a standing."""
     believed = state.why == IN
     dead, stuck = seen.missing >= tables.dead, seen.same >= tables.stuck
@@ -273,7 +273,7 @@ def settle(tables: Tables, state: State, seen: Seen, means: Means) -> tuple[int,
         if change.unit is not None:
             why[change.unit] = change.why
             agreed_now[change.unit] = 0
-    behind = State(
+    behind = VotingState(
         why=why,
         disagree=state.disagree != bool(turned[row]),
         missing=seen.missing[row],
@@ -336,7 +336,7 @@ class Fused:
     rate: np.ndarray
     sigma: np.ndarray
     used: np.ndarray
-    events: tuple[Event, ...]
+    events: tuple[VotingEvent, ...]
 
 
 class LiveArray:
@@ -349,7 +349,7 @@ class LiveArray:
     def __init__(self, model: ArrayModel, *, vote: bool = True):
         """vote: False believes every unit that gives a finite sample."""
         self.model, self.tables, self._vote = model, Tables.of(model), vote
-        self._state = State.start(len(model))
+        self._state = VotingState.start(len(model))
         self._sample = 0
 
     @property
@@ -389,7 +389,7 @@ class LiveArray:
         """As many of the samples as pass before somebody's standing changes, that sample included."""
         seen = look(self.tables, self._state, rates, self._vote)
         count = len(rates)
-        events: list[Event] = []
+        events: list[VotingEvent] = []
         if self._vote:
             running = means(self.tables, self._state, seen)
             count, self._state, told = settle(self.tables, self._state, seen, running)
@@ -402,13 +402,13 @@ class LiveArray:
             sigma = np.sqrt(sigma**2 + seen.disagreement[:count] ** 2)
         return Fused(rate, sigma, used, tuple(events))
 
-    def _event(self, change: Change, seen: Seen, running: Means, row: int) -> Event:
+    def _event(self, change: Change, seen: Seen, running: Means, row: int) -> VotingEvent:
         number = None if change.unit is None else self.model.numbers[change.unit]
         nothing = (float("nan"), float("nan"))
         differs = change.why in (DIFFERS, STUCK) and change.what in ("out", "disagree")
         size, bar = running.size(self.tables, seen, change.unit, row) if differs else nothing
         reason = "" if change.what in ("in", "agree") else BETWEEN_TWO if change.unit is None else REASONS[change.why]
-        return Event(self._sample + row, number, change.what, reason, size, bar)
+        return VotingEvent(self._sample + row, number, change.what, reason, size, bar)
 
 
 def combine(tables: Tables, calibrated: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

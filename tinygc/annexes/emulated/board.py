@@ -12,7 +12,7 @@ import numpy as np
 from session.io.registers import DEFAULT, RegisterUnits
 from tinygc.annexes.emulated.machine import UID, Machine
 from tinygc.annexes.emulated.readings import CLOCK_HZ, FINE_STEP, TEMPERATURE_ZERO_C, Oscillator
-from tinygc.annexes.emulated.sensor import Asm330lhh, Port
+from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 from tinygc.simulation.options import SimulatedUnit
 from tinygc.simulation.virtual_board import STILL_S, BoardSource, HostClock
 
@@ -138,7 +138,7 @@ class EmulatedBoard:
         uid: bytes = UID,
         say: Callable[[str], None] = lambda what: None,
     ):
-        self.machine = Machine(elf, Port(sensor), uid)
+        self.machine = Machine(elf, SensorPort(sensor), uid)
         self.sensor, self._cable, self._motion, self._speed = sensor, cable, motion, speed
         self._lead_s, self._tail_s, self._clock, self._say = lead_s, tail_s, clock or HostClock(), say
         self.late_s = 0.0

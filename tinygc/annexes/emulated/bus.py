@@ -15,7 +15,7 @@ NEVER = math.inf
 TURN = 60  #: cycles; a loop that only waits has shorter turns, one that does something else meanwhile has longer ones
 
 
-class Event:
+class TimedCall:
     """Something that is due at a cycle; ``cancel`` it, and it is not."""
 
     __slots__ = ("cycle", "do")
@@ -28,7 +28,7 @@ class Event:
         self.do = None
 
 
-class Clock:
+class CycleClock:
     """executed: instructions that the core has run since ``base`` cycles; per_instruction: cycles of each of them.
 
     replan: told of a new or a nearer event while the core runs; skipped: cycles for which the core was spared its own waiting.
@@ -40,7 +40,7 @@ class Clock:
         self.executed: Callable[[], int] = lambda: 0
         self.replan: Callable[[], None] = lambda: None
         self.skipped = 0.0
-        self._events: list[tuple[float, int, Event]] = []
+        self._events: list[tuple[float, int, TimedCall]] = []
         self._order = itertools.count()
 
     def now(self) -> float:
@@ -51,9 +51,9 @@ class Clock:
         """Seconds since the start."""
         return self.now() / CORE_HZ
 
-    def at(self, cycle: float, do: Callable[[], None]) -> Event:
+    def at(self, cycle: float, do: Callable[[], None]) -> TimedCall:
         """Let it happen at a cycle."""
-        event = Event(cycle, do)
+        event = TimedCall(cycle, do)
         heapq.heappush(self._events, (cycle, next(self._order), event))
         if self._events[0][2] is event:
             self.replan()
@@ -90,7 +90,7 @@ class Poll:
     turns: after so many in a row it counts as a loop that only waits.
     """
 
-    def __init__(self, clock: Clock, turns: int = 1) -> None:
+    def __init__(self, clock: CycleClock, turns: int = 1) -> None:
         self._clock, self._turns = clock, turns
         self._last, self._at, self._same = -1, -NEVER, 0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tinygc.annexes.emulated.bus import NEVER, Clock, Event, Poll
+from tinygc.annexes.emulated.bus import NEVER, CycleClock, Poll, TimedCall
 
 # Exceptions: which are pending, which are enabled, and which is to be taken now (ARMv7-M, B1.5).
 
@@ -109,11 +109,11 @@ TURN, TURNS, SKIP = 60, 3, 168  #: a wait for CYCCNT: turns of at most so many c
 class SysTick:
     """Counts down at the core's clock, or at an eighth of it."""
 
-    def __init__(self, clock: Clock, nvic: Nvic):
+    def __init__(self, clock: CycleClock, nvic: Nvic):
         self._clock, self._nvic = clock, nvic
         self._csr, self._rvr, self._zero = 0, 0, 0.0
         self._counted = False
-        self._event: Event | None = None
+        self._event: TimedCall | None = None
 
     @property
     def _period(self) -> int:
@@ -160,7 +160,7 @@ class SysTick:
 class CycleCounter:
     """CYCCNT of the DWT.  A loop that waits for it is spared most of its turns."""
 
-    def __init__(self, clock: Clock):
+    def __init__(self, clock: CycleClock):
         self._clock, self._zero, self._on, self._stood = clock, 0.0, False, 0
         self._last, self._turns = -1e9, 0
 
@@ -195,7 +195,7 @@ class CycleCounter:
 class Core:
     """vectors: where they are; reset: called where the program asks for a reset."""
 
-    def __init__(self, clock: Clock, nvic: Nvic, reset: Callable[[], None]):
+    def __init__(self, clock: CycleClock, nvic: Nvic, reset: Callable[[], None]):
         self.vectors = 0x08000000
         self._nvic, self._reset = nvic, reset
         self.ticks, self.cycles = SysTick(clock, nvic), CycleCounter(clock)
@@ -272,7 +272,7 @@ class Gpio:
     changes: the next cycle at which an input may change, for a loop that waits for it.
     """
 
-    def __init__(self, clock: Clock, moder: int = 0) -> None:
+    def __init__(self, clock: CycleClock, moder: int = 0) -> None:
         self._words = {MODER: moder}
         self._clock, self._poll = clock, Poll(clock, 8)
         self.changes: Callable[[], float] = lambda: NEVER

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tinygc.annexes.emulated import spi, usart
-from tinygc.annexes.emulated.bus import BLOCK, CORE_HZ, NEVER, Bus, Clock, Event, Kept
+from tinygc.annexes.emulated.bus import BLOCK, CORE_HZ, NEVER, Bus, CycleClock, Kept, TimedCall
 from tinygc.annexes.emulated.core import SVCALL, Core, Exti, Gpio, Nvic, Syscfg
 from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, segments
 from tinygc.annexes.emulated.spi import Dma
@@ -22,7 +22,7 @@ CHIP_SELECT, INT1 = ("A", 4), ("C", 4)
 UID = bytes.fromhex("2f0041000f51373238333932")
 
 
-class Device(spi.Device, Protocol):
+class Device(spi.SpiDevice, Protocol):
     """What is on SPI1, PA4 and PC4."""
 
     rises: int
@@ -78,7 +78,7 @@ class Machine:
         cycles_per_instruction: float = CYCLES_PER_INSTRUCTION,
     ):
         self.device: Device = device or Nothing()
-        self.bus, self.clock = Bus(), Clock(cycles_per_instruction)
+        self.bus, self.clock = Bus(), CycleClock(cycles_per_instruction)
         self.cpu = Cpu(self._read, self._write)
         self.clock.executed, self.clock.replan = self.cpu.executed, self._replan
         self._stalls = sorted((at_s * CORE_HZ, (at_s + lasts_s) * CORE_HZ) for at_s, lasts_s in stalls)
@@ -108,7 +108,7 @@ class Machine:
         bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
         bus.blocks |= {0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
         self._asleep, self._rises = False, 0
-        self._pin_event: Event | None = None
+        self._pin_event: TimedCall | None = None
         self.device.select(False, clock.now_s())
         for address, data in self._segments:
             self.cpu.set_memory(address, data)

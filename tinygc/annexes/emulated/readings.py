@@ -111,7 +111,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
-class Still:
+class AtRest:
     """The same for ever: level, unless told otherwise."""
 
     rate: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -317,7 +317,7 @@ CLEARING = {FIFO_DATA_OUT_LAST, FIFO_STATUS2, *range(OUT_FIRST, OUT_LAST + 1)}
 HIGH = 0xFF  #: what an undriven line reads
 
 
-class Port:
+class SensorPort:
     """transactions, bytes: what has passed; rises: how often INT1 was seen to rise, while it is ``watched``."""
 
     def __init__(self, sensor: Asm330lhh):

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from tinygc.annexes.emulated.bus import CORE_HZ, NEVER, Bus, Clock, Event, Poll
+from tinygc.annexes.emulated.bus import CORE_HZ, NEVER, Bus, CycleClock, Poll, TimedCall
 from tinygc.annexes.emulated.core import Gpio, Nvic
 from tinygc.annexes.emulated.cpu import CCM, MEMORIES, Cpu, ProgramError
 
@@ -19,7 +19,7 @@ EN, TEIE, HTIE, TCIE, CIRC, MINC = 1 << 0, 1 << 2, 1 << 3, 1 << 4, 1 << 8, 1 << 
 TO_MEMORY, TO_PERIPHERAL = 0, 1
 
 
-class Stream:
+class DmaStream:
     """number; ndtr: items that are left; flags: as in LISR, from bit 0."""
 
     def __init__(self, number: int, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
@@ -97,15 +97,15 @@ class Dma:
     """started: peripheral's address -> told that one of its streams has been enabled; settle: told before its registers are read;
     ends: says when the transfer at hand does, or never."""
 
-    def __init__(self, clock: Clock, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
+    def __init__(self, clock: CycleClock, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
         self._clock = clock
-        self.streams = [Stream(number, cpu, nvic, object_to) for number in range(8)]
+        self.streams = [DmaStream(number, cpu, nvic, object_to) for number in range(8)]
         self.started: dict[int, Callable[[], None]] = {}
         self.settle: dict[int, Callable[[], None]] = {}
         self.ends: dict[int, Callable[[], float]] = {}
         self._poll = Poll(clock, 3)
 
-    def serving(self, peripheral: int, direction: int, wired: tuple[tuple[int, int], ...]) -> Stream | None:
+    def serving(self, peripheral: int, direction: int, wired: tuple[tuple[int, int], ...]) -> DmaStream | None:
         """The stream that serves a data register in a direction now; wired: (stream, channel) that the part has for it."""
         for number, channel in wired:
             stream = self.streams[number]
@@ -146,7 +146,7 @@ class Dma:
         elif offset >= 0x10:
             self._set(self.streams[(offset - 0x10) // 24], (offset - 0x10) % 24, value)
 
-    def _set(self, stream: Stream, place: int, value: int) -> None:
+    def _set(self, stream: DmaStream, place: int, value: int) -> None:
         if place == 0:
             enabled = value & EN and not stream.cr & EN
             disabled = stream.cr & EN and not value & EN
@@ -178,7 +178,7 @@ RXDMAEN, TXDMAEN, RXNEIE, TXEIE = 1 << 0, 1 << 1, 1 << 6, 1 << 7
 MSTR, SPE, SSI, SSM, DFF = 1 << 2, 1 << 6, 1 << 8, 1 << 9, 1 << 11
 
 
-class Device(Protocol):
+class SpiDevice(Protocol):
     """What hangs on the bus."""
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
@@ -188,7 +188,7 @@ class Device(Protocol):
 class Spi:
     """bytes: that have been exchanged."""
 
-    def __init__(self, clock: Clock, bus: Bus, nvic: Nvic, dma: Dma, pins: Gpio, device: Device):
+    def __init__(self, clock: CycleClock, bus: Bus, nvic: Nvic, dma: Dma, pins: Gpio, device: SpiDevice):
         self._clock, self._bus, self._nvic, self._dma, self._pins, self._device = clock, bus, nvic, dma, pins, device
         self._cr1 = self._cr2 = 0
         self._received: deque[tuple[float, int]] = deque()  # (cycle of its last bit, byte)
@@ -332,12 +332,12 @@ class Spi:
 class Transfer:
     """So many bytes by DMA, from a cycle on, without a pause between them."""
 
-    def __init__(self, spi: Spi, out: Stream, into: Stream | None, start: float, byte_cycles: int):
+    def __init__(self, spi: Spi, out: DmaStream, into: DmaStream | None, start: float, byte_cycles: int):
         self._spi, self._out, self._into, self._start, self._byte_cycles = spi, out, into, start, byte_cycles
         self._count, self._done = out.ndtr, 0
         self._bytes = out.fetch(self._count)
         self._answers = b""
-        self._events: list[Event] = [
+        self._events: list[TimedCall] = [
             spi._clock.at(start + (self._count - 1) * byte_cycles, spi.settle),
             spi._clock.at(self.end, self._end),
         ]

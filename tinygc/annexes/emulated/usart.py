@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from tinygc.annexes.emulated.bus import CORE_HZ, NEVER, Bus, Clock, Event, Poll
+from tinygc.annexes.emulated.bus import CORE_HZ, NEVER, Bus, CycleClock, Poll, TimedCall
 from tinygc.annexes.emulated.core import Nvic
-from tinygc.annexes.emulated.spi import TO_PERIPHERAL, Dma, Stream
+from tinygc.annexes.emulated.spi import TO_PERIPHERAL, Dma, DmaStream
 
 SR, DR, BRR, CR1, CR2, CR3 = range(0, 24, 4)
 ORE, RXNE, TC, TXE = 1 << 3, 1 << 5, 1 << 6, 1 << 7
@@ -29,7 +29,7 @@ class Usart:
         irq: int,
         apb: int,
         wired: tuple[tuple[int, int], ...],
-        clock: Clock,
+        clock: CycleClock,
         bus: Bus,
         nvic: Nvic,
         dma: Dma,
@@ -41,11 +41,11 @@ class Usart:
         self.sent, self.lost = bytearray(), 0
         self._free_at = self._taken_at = 0.0  # end of the last byte; when the data register is empty again
         self._coming: deque[int] = deque()  # on the line to the board
-        self._arrival: Event | None = None
+        self._arrival: TimedCall | None = None
         self._status, self._data = 0, 0
         self._completed = True  # TC, but for a write of 0 to it
-        self._sending: Stream | None = None
-        self._ends: Event | None = None
+        self._sending: DmaStream | None = None
+        self._ends: TimedCall | None = None
         self._poll = Poll(clock)
         dma.started[address] = self._serve
         dma.ends[address] = lambda: self._taken_at if self._sending else NEVER
@@ -173,7 +173,7 @@ class Usart:
         self._free_at = start + len(data) * self._byte_cycles
         self._taken_at = self._free_at - self._byte_cycles
 
-    def _sent_all(self, stream: Stream, data: bytes) -> None:
+    def _sent_all(self, stream: DmaStream, data: bytes) -> None:
         """The last byte has been taken."""
         if stream.fetch(len(data)) != data:
             self._bus.object(f"{self._name}: what DMA sends was changed before it was sent")

@@ -9,8 +9,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure import problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.estimation.adamw import train_adamw
-from tinygc.estimation.network import train_second_order
+from tinygc.estimation.network import train_adamw, train_second_order
 from tinygc.models.linear import bias_only
 
 ORDER = np.array([0, 1, 2, 3, 5, 6, 7, 8])

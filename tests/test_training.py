@@ -11,8 +11,7 @@ from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
-from tinygc.estimation.adamw import train_adamw
-from tinygc.estimation.network import fit_distance, mean_distance, train_distance, train_second_order
+from tinygc.estimation.network import fit_distance, mean_distance, train_adamw, train_distance, train_second_order
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet, PublishedNet
 

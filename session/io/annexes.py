@@ -31,6 +31,7 @@ SERVICES = {
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",
     "challenge": "tinygc.annexes.challenge.command",
+    "the proof of an effect": "tinygc.annexes.challenge.proofs",
 }
 
 

@@ -11,12 +11,10 @@ module holds no more than the name, and finds the proof by its address when it i
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
+from session.io.annexes import need
 from tinygc.effects.effect import Effect
-
-_PROOF = "tinygc.annexes.challenge.proofs"
 
 
 def check(effect: Effect, **how: Any) -> Any:
@@ -35,4 +33,4 @@ def check(effect: Effect, **how: Any) -> Any:
     before any fit, or that adds variance alone (of kind "motion" no more is proved without it than columns of zero, sentence and units).
     Raises EffectError for what is no effect at all, a size that is not positive, and less than one session.
     """
-    return importlib.import_module(_PROOF).check(effect, **how)
+    return need("the proof of an effect").check(effect, **how)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -15,10 +15,15 @@ from tinygc import closure
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates
 from tinygc.closure.problem import Problem, carried, carried_sigma, previous, residuals, residuals_of_turns
 from tinygc.closure.residual import Batch, RateMap
+from tinygc.estimation.adamw import device, minimise
 from tinygc.estimation.held_out import MANY, FitInput, held_out
-from tinygc.estimation.options import FitOptions, MethodFit, Progress
+from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel
 from tinygc.models.nets import TIES, CalibrationNet, PublishedNet
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
 
 # Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
 #
@@ -27,7 +32,7 @@ from tinygc.models.nets import TIES, CalibrationNet, PublishedNet
 # along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
 # that 27 parameters do not fit the noise that 12 leave alone.  A tie with which the first, linear step promises nothing is passed over.
 #
-# First order: the paper's AdamW at 0.01 in PyTorch (``adamw_net.py``), differentiating through the tree product.  Only that imports
+# First order: the paper's AdamW at 0.01 in PyTorch (``adamw.py``), differentiating through the tree product.  Only that imports
 # torch, which takes seconds; the second order needs no autograd.
 
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed
@@ -327,6 +332,64 @@ STRAIGHT = 1e-6
 VARIANTS: dict[str, type[CalibrationNet] | type[PublishedNet]] = {"paper": CalibrationNet, "published": PublishedNet}
 
 
+# First order: the paper's AdamW at 0.01 on the whole batch, differentiating through the tree product.
+#
+# The loss is the mean square of the residuals in sigmas, or, as the paper states it, a mean of distances: of segment i, its residual in
+# sigmas over sigma_i, which is what the reweighting of ``fit_distance`` settles at.
+
+#: in sigmas: below it a distance is as good as zero, and its gradient exists there
+SHORTEST = 1e-3
+
+
+def train_adamw(
+    batch: Batch,
+    sigma: np.ndarray,
+    *,
+    epochs: int = 2000,
+    learning_rate: float = 0.01,
+    loss: str = "squared",
+    integrator: str = "exact",
+    still_rates: StillRates | None = None,
+    start: TrainableNet | None = None,
+    before: np.ndarray | None = None,
+    checkpoint: Checkpoint | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> Training:
+    """From ``start``, the identity of the kind of net that is wanted (the paper's), with a cosine decay so that it ends somewhere.
+
+    before (S,): the part that each goes on from, as in ``train_second_order``; loss: "squared" or "distance".
+    Raises FitError where the loss is not finite, or where a checkpoint that is to be resumed belongs to other data or settings.
+    """
+    import torch
+
+    start = start or CalibrationNet.identity()
+    where = device()
+    before = np.full(len(batch), -1) if before is None else before
+    spread_of_rows = carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
+    weights_of_rows = 2 / spread_of_rows
+    trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1, where=batch.known))
+    rate, weight, trust = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows, trust / trust.mean()))
+    settings = np.array(list((integrator + loss).encode()))
+    identity = [before, batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, settings]
+    if still_rates is not None:
+        still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
+        identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
+
+    def loss_of(weights: Tensor) -> Tensor:
+        net = start.with_vector(weights)
+        r = residuals(batch, net(rate), before, integrator) * weight
+        total = (r**2).sum() if loss == "squared" else ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles
+        if still_rates is None:
+            return total / r.numel()
+        rows = (net(still) - earth) / spread
+        return (total + (rows**2).sum()) / (r.numel() + rows.numel())
+
+    vector, _, losses = minimise(
+        loss_of, start.vector, epochs=epochs, learning_rate=learning_rate, identity=identity, checkpoint=checkpoint, progress=progress
+    )
+    return Training(start.with_vector(vector), np.inf, tuple(losses))
+
+
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """27 parameters, or the 26 of the published code; by the second order or by AdamW.  Raises FitError where the loss is not finite."""
     return held_out("tinygc", partial(_fit, _Begins(before.get("least_squares"))), problem, options, progress)
@@ -374,8 +437,6 @@ def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet | PublishedNet
 
 
 def _by_adamw(seen: FitInput, how: dict[str, Any]) -> Training:
-    from tinygc.estimation.adamw import train_adamw
-
     options, checkpoint = seen.options, seen.options.checkpoint(f"tinygc_{seen.label}")
     how |= {"epochs": options.epochs, "loss": options.loss, "checkpoint": checkpoint, "progress": seen.progress}
     return train_adamw(seen.batch, seen.sigma, **how)
@@ -384,8 +445,6 @@ def _by_adamw(seen: FitInput, how: dict[str, Any]) -> Training:
 def _by_second_order(begins: _Begins, seen: FitInput, how: dict[str, Any]) -> Training:
     sigma = seen.sigma
     if seen.options.loss == "distance":
-        from tinygc.estimation.network import distance_sigma, train_distance
-
         # The weights settle at the linear solution; whether it should bend is asked once, with those.
         settled = train_distance(seen.batch, sigma, **how)
         sigma = distance_sigma(seen.batch, sigma, settled, how["before"])

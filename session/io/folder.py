@@ -38,7 +38,7 @@ class Session:
 
     attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
     the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
-    that was found out (``session/alignment``).  rests: paths of its rest logs, which are long,
+    that was found out (``truth_alignment.py``).  rests: paths of its rest logs, which are long,
     and read by who wants them (``session/io/rests.py``).
     """
 

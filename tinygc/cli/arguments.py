@@ -311,7 +311,7 @@ def within(low: float, high: float, what: str = "number", unit: str = "") -> Cal
             raise argparse.ArgumentTypeError(f"{text} is no {what} from {low:g} to {high:g}{unit}")
         return value
 
-    parse.__name__ = "number"
+    parse.__name__, parse.__doc__ = "number", f"A {what} from {low:g} to {high:g}{unit}."
     return parse
 
 

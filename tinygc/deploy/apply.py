@@ -62,7 +62,7 @@ def apply_model(
     """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that this tool reads.
 
     Full scales are those of ``session``, of the session.toml beside the log, or of the model file, in this order; whose calibration of
-    the accelerometer holds is in ``surroundings.py``.  ``out`` appears only when it is whole.  ``-`` is standard input or output.
+    the accelerometer holds is in ``calibration.py``.  ``out`` appears only when it is whole.  ``-`` is standard input or output.
     Raises FormatError, DataError, CalibrationError.
     """
     model, table = models.load_with_table(model_path)

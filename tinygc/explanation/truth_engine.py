@@ -158,7 +158,7 @@ def _set_back(names: TruthExplanation, found_s: float) -> tuple[float, TruthExpl
 # - its columns: the catalogue's rate effects and the truth's clock, weighed as for any recording (``names.py``);
 # - its growth: closure against length tells the truth's own noise (constant) from the gyro's (root of time) and from a bias (time);
 # - its neighbours: a wrong moment of truth is missed by the segment before it and made good by the one after;
-# - its clock and its frame, as they were found before anything was fitted (``session/alignment``): a rotation between gyro and truth that
+# - its clock and its frame, as they were found before anything was fitted (``truth_alignment.py``): a rotation between gyro and truth that
 #   a gyro may have itself is the truth's where the accelerometer asks for the same one;
 # - its bias: in motion, against the mean rate at rest, which the truth is not needed for.
 

@@ -107,7 +107,7 @@ class Refit:
 
     state; whitened residuals r (n,) and columns J (n, p) in the order of ``State.vector``, of the rows that counted; chi_square;
     covariance (p, p); columns_at: the state that J was taken at, which may be another than the one that was settled on.  Small, for a
-    hypothesis each: what the columns rest on sample by sample is made again by ``replay.Replay``.
+    hypothesis each: what the columns rest on sample by sample is made again by ``Replay``.
     """
 
     state: State

@@ -75,7 +75,7 @@ def accelerometer(scene: Scene) -> Concealment:
 
 @dataclass(frozen=True, eq=False)
 class Creep:
-    """A gimbal that turns at a steady rate between two moments, as ``simulation.stroke.Stroke`` would be asked about it."""
+    """A gimbal that turns at a steady rate between two moments, as ``Stroke`` would be asked about it."""
 
     gimbal: int
     start_s: float

@@ -33,7 +33,7 @@ STEP_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class HostRecording:
-    """A session and its problem, with the answers that ``concealment.Place`` and ``concealment.Course`` ask for."""
+    """A session and its problem, with the answers that ``Place`` and ``Course`` ask for."""
 
     problem: Problem
 

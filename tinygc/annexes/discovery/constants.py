@@ -121,7 +121,7 @@ AXIS_PRECISION = 0.01
 
 @dataclass(frozen=True, eq=False)
 class ByAxis:
-    """constant: its number in ``Form.constants``; values (3,): of x, y, z; more: chi-square that it takes up beyond what one constant
+    """constant: its number among the form's constants; values (3,): of x, y, z; more: chi-square that it takes up beyond what one constant
     for all does; forms: of each axis; axes (P,): whose constant each coefficient has; theta (P,) SI, seen linearly."""
 
     constant: int

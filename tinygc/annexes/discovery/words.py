@@ -157,7 +157,7 @@ def _number(value: float) -> str:
 
 
 def constant_of(form: LawForm, number: int) -> tuple[str, float]:
-    """One of ``Form.constants`` in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
+    """One of a form's constants in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
     found: list[tuple[str, float]] = []
     for factor in form.factors:
         _, unit, times = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
@@ -287,7 +287,7 @@ BENCH_UNITS = {
 
 @dataclass(frozen=True)
 class Constant:
-    """One of ``Form.constants``.  word: what it is, such as ``threshold`` or ``lag``; python: its name in capitals; json: its name there;
+    """One of a form's constants.  word: what it is, such as ``threshold`` or ``lag``; python: its name in capitals; json: its name there;
     number: in its unit, rounded; sigma: likewise, None unknown; unit: a person's; si: the size of that unit; times: Python of the same;
     of: number of its factor, lag: whether it is a lag."""
 
@@ -304,7 +304,7 @@ class Constant:
 
     @property
     def value(self) -> float:
-        """In the quantity's own unit, as ``Form.constants`` has it."""
+        """In the quantity's own unit, as the form has it."""
         return self.number * self.si
 
     @property

@@ -79,7 +79,7 @@ def lot_of(
     effects: Mapping[str, PooledEffect] | None = None,
     seed: int = 0,
 ) -> LotReport:
-    """Of the sessions of a lot, in any order; limits: lower and upper by a number's key (``limits.py``); seed: of intervals.
+    """Of the sessions of a lot, in any order; limits: lower and upper by a number's key (``capability.py``); seed: of intervals.
 
     Raises CalibrationError where fewer than two units tell anything.
     """

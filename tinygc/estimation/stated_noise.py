@@ -163,8 +163,8 @@ def from_own_stills(problem: Problem) -> bool:
 
 
 def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(12, 12) covariance of the linear model's vector, of a model that was fitted to this problem's batch, with or without the stills' rates as data;
-    and what of it comes from the accelerometer's pre-calibration, which sessions with the same one share."""
+    """(12, 12) covariance of the linear model's vector, fitted to this problem's batch, with or without the stills' rates as data; and
+    what of it comes from the accelerometer's pre-calibration, which sessions with the same one share."""
     response = _response(problem, model, noise, still_rates)
     if problem.joint is not None:
         joint = stated_joint_covariance(problem, model, noise, still_rates)
@@ -176,7 +176,7 @@ def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, 
 
 
 def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
-    """(21, 21) of the accelerometer's nine numbers (in the joint fit's order) and the gyroscope's twelve, of a problem with a joint estimation.
+    """(21, 21) of the accelerometer's nine parameters and the gyroscope's twelve, of a problem with a joint estimation.
 
     An error of a channel moves both; what it moves the accelerometer by bends the references that the gyroscope is fitted to.
     """

@@ -154,7 +154,7 @@ def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
     code, out, _ = run("fit", drifting, "--methods", "least_squares", "--out", tmp_path / "fit", "--json", tmp_path / "x.json")
     said = " ".join(out.split())
     assert code == 0
-    assert "Noise beyond white, which the sigmas reckon with" in said
+    assert "Non-white noise included in the sigmas" in said
     assert "from the stills around it" in said
     assert "held out with the ends" in said
     table = json.loads((tmp_path / "x.json").read_text())

@@ -39,7 +39,7 @@ def test_the_first_look_has_the_worst_first_each_level_in_its_order():
     places = [("error", 2), ("error", 5), ("warning", 4), ("note", 1), ("ok", 0), ("ok", 3)]
     assert rows == [[level, f"log{number}.csv"] for level, number in places]
     assert str(verdict_line(findings)) == (
-        "FAIL: nothing can be fitted before this is mended (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
+        "FAIL: fix these errors before fitting (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
     )
     assert str(verdict_line(findings[:1])) == "Pass (1 ok)"
     assert str(verdict_line([])) == "Pass (nothing was looked at)"

@@ -49,7 +49,7 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         default="neighbours",
         help="what tinygc_denoised learns; endpoint: the paper's",
     )
-    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="maximum output delay, in samples (%(default)s)")
     command.add_argument(
         "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
     )
@@ -70,7 +70,7 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
     )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
-    what = "what many units of its kind tell of this one (lot.json), as the prior of least squares: fewer turns are enough"
+    what = "prior from a production lot (lot.json): fewer turns are enough"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(

@@ -323,14 +323,14 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     prior = Prior(known.rps, spread) if known.rps > 0 and not known.of_unit else None
     if not q and prior is None:  # the rates at rest that an estimate is from are no rows of such a twin
         prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
-    return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
+    return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
 
 def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[sizes[0] : sizes[0] + sizes[1]] = 1.0
     white = float(np.median(twin.problem.still_rates.sigma)) if len(twin.stills) else DEG
-    return Component(STILL_RATE, Sparse.of_diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself")
+    return Component(STILL_RATE, Sparse.of_diagonal(diagonal), white, "dps", DEG, "mean rate of each still")
 
 
 def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -344,7 +344,7 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     V[: sizes[0], : sizes[0]] = np.kron(shared, tilt)
     length = slice(sizes[0] + sizes[1], sum(sizes))
     V[length, length] = np.eye(sizes[2])
-    return Component(REFERENCE, Sparse.of(V), 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
+    return Component(REFERENCE, Sparse.of(V), 0.1 * MG, "mg", MG, "accelerometer error with attitude")
 
 
 def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -356,7 +356,7 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
             ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
     moments = np.array(list(ends.values()))
     V = np.kron(moments.T @ moments, np.eye(twin.batch.angles))
-    return Component(TRUTH, Sparse.of(V), sigma, "deg", DEG, "each moment of truth errs by itself", Prior(sigma, TRUTH_SPREAD))
+    return Component(TRUTH, Sparse.of(V), sigma, "deg", DEG, "attitude of each moment of truth", Prior(sigma, TRUTH_SPREAD))
 
 
 def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
@@ -365,7 +365,7 @@ def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
     if twin.batch.turns is not None:
         # A known angle has its stop's sigma: what an accelerometer or a hand does to the tilt at the ends is none of its.
         diagonal[2 : sizes[0] : twin.batch.angles] = 0.0
-    return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself")
+    return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn")
 
 
 def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:
@@ -373,5 +373,5 @@ def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
     prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
-    says = "motion is faster than half the data rate"
+    says = "motion faster than half the data rate"
     return Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior)

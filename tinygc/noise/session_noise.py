@@ -104,7 +104,7 @@ class SessionNoise:
     @property
     def words(self) -> str:
         """Those that are there, in one line."""
-        found = [f"{c.says} ({s / c.si:.2g} {c.unit})" for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        found = [f"{c.says} {s / c.si:.2g} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
         return "; ".join(found) or "none"
 
     def without(self, name: str) -> SessionNoise:

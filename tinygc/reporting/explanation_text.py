@@ -111,7 +111,7 @@ def _noise(e: Explanation) -> list[Text | Table]:
     table = Table(box=None, show_header=False)
     for row in noise_rows(e):
         table.add_row(*row)
-    return [Text("noise beyond white, which everything is judged against:"), table] if table.row_count else []
+    return [Text("estimated non-white noise:"), table] if table.row_count else []
 
 
 def parameter_lines(claim: Claim) -> list[str]:

@@ -45,7 +45,7 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
         cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
         table.add_row(f"{word}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
     if found.mode == "prior":
-        table.caption = f"the calibration that is given is a prior; it holds: p = {found.p_value:.2g}"
+        table.caption = f"the given calibration agrees with the data (p = {found.p_value:.2g})"
         table.caption_justify = "left"
     return table
 
@@ -56,7 +56,7 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
     said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
     text.append(said, "not bold")
-    parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer, what it errs by: value ± one sigma")]
+    parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
     idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
     if len(idle):
         listed = ", ".join(f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle[:5]) + (", …" if len(idle) > 5 else "")
@@ -127,10 +127,10 @@ def _noise_words(result: FitResult) -> list[Text]:
             )
         )
     if result.noise is None:
-        words.append(one_line(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
+        words.append(one_line(f"Bias instability included in the sigmas: {result.problem.instability.words}."))
     else:
         words.append(one_line(f"Bias instability: {result.problem.instability.words}."))
-        words.append(one_line(f"Noise beyond white, which the sigmas reckon with: {result.noise.words}."))
+        words.append(one_line(f"Non-white noise included in the sigmas: {result.noise.words}."))
     return words
 
 
@@ -148,11 +148,11 @@ def _losses(runs: list[ClosureRun], physics: PhysicsFit) -> list[tuple[ClosureRu
 
 
 def _denoiser_words(figures: dict) -> str:
-    less = figures["noise_reduction"]
-    words = (
-        "not measured (no still is as long as the window)" if less is None else " ".join(f"{ratio:.1f}" for ratio in less) + " times less"
+    ratios = figures["noise_reduction"]
+    reduced = (
+        "not measured, no still is as long as the window" if ratios is None else " ".join(f"{ratio:.1f}" for ratio in ratios) + " × (x y z)"
     )
-    return f"Denoised: noise at rest {words}; {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms) late."
+    return f"Denoised: noise at rest reduced {reduced}; delay {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms)."
 
 
 def _physics_words(physics: PhysicsFit) -> str:
@@ -333,7 +333,7 @@ def _parameters(result: FitResult) -> Table:
     hidden = tuple(result.linear.notes.get("unobserved", ()))
     quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden)
     by_name = {(q.word, q.component): q for q in quantities}
-    table = _table("Parameters (least squares), what the sensor errs by: value ± one sigma", "", "x", "y", "z", right=True)
+    table = _table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
 
     def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
         table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
@@ -342,7 +342,7 @@ def _parameters(result: FitResult) -> Table:
     for axis in "xyz":
         row(f"misalignment, {axis} to …, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
     row("bias, dps", 5, [("bias", axis) for axis in "xyz"])
-    table.caption = "the models hold what undoes them: ω = E m + B, E the inverse of the sensor's matrix, B = −E bias"
+    table.caption = "the model files store the correction ω = E m + B; E is the inverse of the sensor's matrix, B = −E bias"
     table.caption_justify = "left"
     return table
 

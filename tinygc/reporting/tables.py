@@ -56,7 +56,7 @@ def verdict_line(findings: list[Finding]) -> Text:
     counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
     level = worst(findings)
     words = {
-        "error": "FAIL: nothing can be fitted before this is mended",
+        "error": "FAIL: fix these errors before fitting",
         "warning": "Pass, with warnings: it costs accuracy",
         "note": "Pass",
         "ok": "Pass",

@@ -21,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or one of an array")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    lot = "effects that many units of its kind have (lot.json): how probable they are in this one, and what they are worth"
+    lot = "effects of a production lot (lot.json): how probable each is in this unit, and its usual size"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
     command.add_argument("--discover", action="store_true", help=search)

@@ -14,7 +14,7 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=path_read, help="session folder")
-    lot = "what many units of its kind tell of this one (lot.json): fewer turns are enough"
+    lot = "prior from a production lot (lot.json): fewer turns are enough"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument("--count", type=count(1), default=5, help="movements at most (%(default)s)")
 

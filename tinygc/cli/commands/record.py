@@ -69,7 +69,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--series", action="store_true", help=row)
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
-    lot = "what many units of its kind tell of this one (lot.json): the coach says how many turns are enough, and stops there"
+    lot = "prior from a production lot (lot.json): the coach states how many turns are enough, and stops there"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument(
         "--closure",

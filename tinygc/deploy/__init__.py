@@ -1,4 +1,4 @@
-"""Models in use: live streams, logs of any length, exports for other programs, C for a microcontroller."""
+"""Use of models: live streams, logs of any length, exports for other programs, C for a microcontroller."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ ANNEX_KINDS = {"thermal": "exports over temperature"}
 
 
 class ExportError(CalibrationError):
-    """A format that cannot carry the model, or a fit that lacks what the format needs."""
+    """Raised for a format that cannot carry the model, and for a fit that lacks what the format needs."""
 
 
 def annex_exports(model: Model) -> ModuleType | None:
-    """The annex' module that exports a model of this kind; None for a kind of the core.
+    """Return the annex module that exports a model of this kind; None for a kind of the core.
 
-    It has ``stage(model, rate_hz)`` for C, ``px4(model, context)`` and ``ardupilot(model, context)`` for these formats' text, and
+    It has ``stage(model, rate_hz)`` for C, ``px4(model, context)`` and ``ardupilot(model, context)`` for the text of these formats, and
     ``CARRIED``: what other formats cannot carry.
     """
     service = ANNEX_KINDS.get(getattr(model, "kind", ""))

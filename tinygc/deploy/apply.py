@@ -1,4 +1,4 @@
-"""A model applied to a log of any length, in constant memory: rows are read, calibrated and written in pieces."""
+"""Apply a model to a log of any length in constant memory: rows are read, calibrated and written in pieces."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
 from tinygc.models.model import Model
 
-#: what is written: below the noise of any MEMS sensor by three orders
+#: decimals written, three orders below the noise of any MEMS sensor
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
-#: a rate farther than this from the one that a model was made for is said
+#: a data rate that differs from the model's by more than this share is reported
 RATE_WITHIN = 0.05
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class Applied:
-    """out: the file; rows; kind of the model; delay_s by which the rates come late; notes on what was assumed or mended; accelerometer:
-    whose calibration its specific force has, ``model``, ``session`` or ``none``, and None where the log has no accelerometer."""
+    """out: the file; rows: how many; kind of the model; delay_s: delay of the rates; notes: assumptions and data repairs; accelerometer:
+    source of the calibration of the specific force (``model``, ``session`` or ``none``), None where the log has no accelerometer."""
 
     out: Path
     rows: int
@@ -59,10 +59,10 @@ def apply_model(
     unit: str = "rps",
     progress: Progress = lambda what, done, of: None,
 ) -> Applied:
-    """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that this tool reads.
+    """Write ``log`` with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that TinyGC can read.
 
-    Full scales are those of ``session``, of the session.toml beside the log, or of the model file, in this order; whose calibration of
-    the accelerometer holds is in ``calibration.py``.  ``out`` appears only when it is whole.  ``-`` is standard input or output.
+    Full scales come from ``session``, from the session.toml next to the log, or from the model file, in this order.  ``calibration.py``
+    chooses the calibration of the accelerometer.  ``out`` appears only when it is complete.  ``-`` is standard input or output.
     Raises FormatError, DataError, CalibrationError.
     """
     model, table = models.load_with_table(model_path)
@@ -110,13 +110,13 @@ def _refuse_missing(calibration: Calibration, reader: Reader) -> None:
 
 
 class _Sink(Protocol):
-    """What takes bytes: a file, packed or not, or standard output."""
+    """A destination for bytes: a file, compressed or not, or standard output."""
 
     def write(self, data: bytes, /) -> int: ...
 
 
 def _number(reader: Reader, key: str) -> float | None:
-    """What the log's own comments say."""
+    """Return a number from the log's own comments."""
     try:
         return float(reader.comments[key])
     except (KeyError, ValueError):
@@ -134,13 +134,13 @@ class Applicable:
     temp: np.ndarray | None
 
     def rows(self, which: slice) -> Applicable:
-        """Some of them."""
+        """Return a selection of the rows."""
         accel, temp = (None if part is None else part[which] for part in (self.accel, self.temp))
         return Applicable(self.t_ns[which], self.gyro[which], accel, temp)
 
 
 class LogSource:
-    """A log's pieces in SI: stamps, measured rate, calibrated force, temperature."""
+    """Pieces of a log in SI: time stamps, measured rate, calibrated force, temperature."""
 
     def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
         self.reader, self.layout = reader, reader.layout
@@ -150,13 +150,13 @@ class LogSource:
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
     def pieces(self) -> Iterator[Applicable]:
-        """``Piece`` after ``Piece``, SI."""
+        """Yield the log's pieces in SI."""
         first = 0
         for piece in self.reader.pieces():
-            assert piece.gyro is not None  # a log without one was refused
+            assert piece.gyro is not None  # a log without rates was refused
             stamps = piece.t_ns
             if stamps is None:
-                assert self._odr_hz is not None  # or the reader had asked for it
+                assert self._odr_hz is not None  # otherwise the reader has raised an error
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
             temp = None if piece.temp is None else self.layout.temperature_c(piece.temp, self._units)
@@ -165,12 +165,12 @@ class LogSource:
 
     @property
     def calibrated(self) -> tuple[str, ...]:
-        """What of the output is calibrated, as its comment says it."""
+        """Names of the calibrated quantities, for the log's comment."""
         return ("gyro",) if self.layout.accel is None or self._accelerometer.source == "none" else ("gyro", "accel")
 
 
 def _register_units(reader: Reader, answers: Answers, known: Surroundings) -> RegisterUnits:
-    """What registers in the log mean.  FormatError where it has some and nobody says the full scale."""
+    """Return the units of the log's registers.  Raises FormatError where the log has registers and their full scale is unknown."""
     for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
         if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
             raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
@@ -189,7 +189,7 @@ def _no_samples(log: Path) -> FormatError:
 
 
 def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
-    """All rows; how many.  The file has its name only once it is whole."""
+    """Write all rows and return their number.  The file gets its name only when it is complete."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")
     size, count = max(log.stat().st_size, 1) if log.is_file() else 1, 0
@@ -217,7 +217,7 @@ def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable]
 
 @contextlib.contextmanager
 def opened(out: Path) -> Iterator[_Sink]:
-    """The bytes of ``out``, packed if its name says so; of standard output where it is ``-``."""
+    """Open ``out`` for bytes, compressed if its name says so, or standard output for ``-``."""
     if str(out) == STANDARD:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
@@ -227,14 +227,14 @@ def opened(out: Path) -> Iterator[_Sink]:
 
 
 def _header(piece: Applicable, unit: str, calibrated: tuple[str, ...]) -> str:
-    """The names of the columns, and a comment that keeps anybody from calibrating the log again."""
+    """Return the column names, and a comment that prevents a second calibration of the log."""
     names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz")]
     names += [] if piece.accel is None else [f"a{axis}_mps2" for axis in "xyz"]
     return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + f"\n# calibrated={','.join(calibrated)}\n"
 
 
 def _drain(file: _Sink, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:
-    """Write the rows whose rates are known; the rest of their pieces goes on waiting."""
+    """Write the rows whose rates are known; the remaining rows of their pieces stay in the queue."""
     done = 0
     while done < len(omega):
         piece = waiting.popleft()

@@ -1,4 +1,4 @@
-"""A fitted model in use: whole logs, a log piece by piece, or one sample after another."""
+"""A fitted model in use: on whole logs, on a log piece by piece, or on one sample after another."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from tinygc.effects.movement import NOWHERE, Reach
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
 
-# What a model must be told beside the rate, and how far around a sample it looks; from what its effects declare.
+# Inputs of a model besides the rate, and the samples around one that it depends on, from the declarations of its effects.
 
-#: half the temperature's mean over a second, with which a log by itself is calibrated, and some more
+#: half of the one-second average of temperature used in offline calibration, with a margin
 TEMPERATURE_REACH = Reach.around(samples=2, seconds=0.55)
-#: what an effect's input is called in a call of the model
+#: input of an effect -> argument of a call of the model
 TOLD = {"force": "acc", "vibration": "acc", "temperature": "temp"}
 
 
 class Needs:
-    """Of one model: ``told``, some of acc, temp and rate_hz; ``effects``, ids of those that it undoes."""
+    """Requirements of one model.  ``told``: its inputs among acc, temp and rate_hz; ``effects``: ids of the effects that it corrects."""
 
     def __init__(self, model: Model):
         self._claims: tuple[AppliedEffect, ...] = model.undone
@@ -42,33 +42,34 @@ class Needs:
 
     @property
     def looks_ahead(self) -> tuple[str, ...]:
-        """Ids of the effects that are undone from what comes after a sample, and so not while only the past is known."""
+        """Ids of the effects whose correction needs later samples, which a live stream does not have."""
         return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.looks(claim.theta).is_ahead))
 
     @property
     def of_one_session(self) -> tuple[str, ...]:
-        """Ids of the effects that follow the time of the model's own session."""
+        """Ids of the effects that depend on the time since the start of the model's own session."""
         return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.of_one_session))
 
     def around(self, rate_hz: float | None, live: bool) -> tuple[int, int]:
-        """How many samples before and after one its rate depends on."""
+        """Return how many samples before and after a sample its rate depends on."""
         reach = sum((claim.effect.looks(claim.theta) for claim in self._claims), NOWHERE)
         if "temp" in self.told and not live:
             reach += TEMPERATURE_REACH
         return reach.rows(rate_hz or 1.0)
 
 
-# What a log alone does not say and a model needs: full scales, and which calibration of the accelerometer holds for it.
+# What a model needs and a log alone does not contain: full scales, and the applicable calibration of the accelerometer.
 #
-# A model is fitted to references that rest on one calibration of the accelerometer, often a better one than its session.toml had: the fit
-# sharpens what is given, and finds what is not.  E maps into that one's body frame.  So the model's own comes first.  A session that a
-# person names, and that is not the model's own, speaks of another day: its calibration is taken, turned into the model's body frame.
+# The references of a fit rest on one calibration of the accelerometer, often a better one than session.toml had, because the fit refines
+# a given calibration and estimates a missing one.  E maps into the body frame of that calibration, so the model's own calibration has
+# priority.  A session that the user names and that is not the model's own describes another day: its calibration is used, rotated into
+# the model's body frame.
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """sensor: full scales and what registers mean, None where nothing says them; accelerometer, None where nobody has calibrated it;
-    source: ``model``, ``session`` or ``none``; says: the same for people."""
+    """sensor: full scales and meaning of the registers, None where unknown; accelerometer: its calibration, None where there is none;
+    source: ``model``, ``session`` or ``none``; says: the same as text."""
 
     sensor: KnownSensor
     accelerometer: Accelerometer | None
@@ -77,7 +78,7 @@ class Surroundings:
 
 
 def surroundings(table: dict, model_path: Path, log: Path, session: Path | None) -> Surroundings:
-    """Of a log that a model (its file as a table) is applied to; session: the folder that a person names, else that of the log.
+    """Collect the context of a log for a model (``table``: its file); session: the folder named by the user, else that of the log.
 
     Raises FormatError for a session.toml or a model file that cannot be read.
     """
@@ -104,38 +105,38 @@ def surroundings(table: dict, model_path: Path, log: Path, session: Path | None)
     return Surroundings(sensor, own, "model", says)
 
 
-#: source of a calibration -> what a person is told
+#: source of a calibration -> text for the user
 WORDS = {"given": "as it was given", "prior": "the given one, sharpened by stills and turns", "stills": "from its own stills and turns"}
 
 
 def in_frame_of(own: Accelerometer, other: Accelerometer) -> tuple[Accelerometer, float]:
-    """Another calibration of the same triad, giving force in the body frame of ``own``; and the angle, rad, that it is turned by."""
+    """Rotate another calibration of the same triad into the body frame of ``own``; return it and the angle of the rotation, rad."""
     turn = own.frame @ other.frame.T
     angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
     return replace(other, matrix=turn @ other.matrix), angle
 
 
 def apart_mg(one: Accelerometer, other: Accelerometer, config: Config) -> float:
-    """mg: the greatest difference of the two forces over the directions of gravity, along the axes and back."""
+    """Greatest difference of the two forces, mg, over gravity along the positive and negative axes."""
     gravity = np.concatenate([np.eye(3), -np.eye(3)]) * (config.site.gravity_mps2 or G)
     measured = one.measured(gravity)
     return float(np.abs(one.correct(measured) - other.correct(measured)).max()) / MG
 
 
 def _is_own(table: dict, path: Path) -> bool:
-    """Whether this session.toml is the one that the model's E was fitted with."""
+    """Whether the model's E was fitted with this session.toml."""
     stored = table.get("stored")
     hashes = (stored if isinstance(stored, dict) else table).get("sha256")
     return isinstance(hashes, dict) and hashes.get("session.toml") == sha256_of(path)
 
 
-# When a log began in the session of a model that follows that session's time; for any other log there is no such moment.
+# Start time of a log within the session of a model that follows that session's time; other logs have none.
 
 
 def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> float:
-    """Seconds of the model's session at which this log of it began, by the hashes and the moments in the model's file.
+    """Return the time, in s of the model's session, at which this log began, from the hashes and times in the model's file.
 
-    CalibrationError for a log that is none of them: the time of another session says nothing of its drift.
+    Raises CalibrationError for a log of another session, whose time has no relation to the drift.
     """
     hashes, began = table.get("sha256"), table.get("began_s")
     if log.is_file() and isinstance(hashes, dict) and isinstance(began, dict):
@@ -154,20 +155,20 @@ def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> 
 
 
 class Stream:
-    """One log, piece by piece, in constant memory: ``push`` gives what is certain by now, ``flush`` the rest."""
+    """One log, piece by piece, in constant memory: ``push`` returns the rows that are complete, ``flush`` the rest."""
 
     def __init__(self, model: Model, needs: Needs, rate_hz: float | None, began_s: float | None = None, live: bool = False):
-        """began_s: s of the model's session when the log began, which only a model that follows its time asks for.
+        """began_s: s of the model's session when the log began, needed only by a model that follows its session's time.
 
-        Raises CalibrationError where the model needs a rate and has none, or that moment, or looks ahead and is to go live.
+        Raises CalibrationError where a needed rate or start time is missing, or where a model that needs later samples is used live.
         """
         self._model, self._needs, self._rate_hz = model, needs, rate_hz
-        self._whole = not model.rates_only  # physics: it looks at time, force, temperature
+        self._whole = not model.rates_only  # physics depends on time, force and temperature
         self._live = live
         if live and (ahead := needs.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
         self._behind, self._ahead = needs.around(rate_hz, live)
-        self._own = model.stream(rate_hz)  # a kind that remembers by itself, and looks at nothing ahead
+        self._own = model.stream(rate_hz)  # a kind with its own state, which needs no later samples
         if self._own is not None:
             self._behind, self._ahead = 0, 0
         if "rate_hz" in needs.told and rate_hz is None:
@@ -179,13 +180,13 @@ class Stream:
             )
         self._began_s = began_s or 0.0
         self._denoiser = model.denoiser if isinstance(model, DenoisedNet) else None
-        self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
+        self._tail: np.ndarray | None = None  # the denoiser's state: calibrated rates
         self._held = _Rows.none()
-        self._before = 0  # of the held rows: how many are given out already
-        self._first = 0  # number of the first held row in the log
+        self._before = 0  # held rows that have been returned already
+        self._first = 0  # number in the log of the first held row
 
     def push(self, raw: np.ndarray, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
-        """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
+        """Add rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; return the rows (M, 3) now calibrated."""
         if self._denoiser is not None:
             return self._denoised(raw, self._denoiser)
         if not self._whole:
@@ -195,12 +196,12 @@ class Stream:
             return self._own(rows.raw, rows.temp)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
         ready = len(self._held.raw) - self._ahead
-        # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.
+        # A piece at least as long as its margins avoids recomputing them; a live stream needs each sample at once.
         long_enough = 0 if self._live else max(self._ahead, self._behind)
         return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
 
     def _denoised(self, raw: np.ndarray, denoiser: Denoiser) -> np.ndarray:
-        """Causal: each rate from its window, the log's first rate standing before it."""
+        """Denoise causally, each rate from its window; before the log the first rate is repeated."""
         if not len(raw):
             return np.zeros((0, 3))
         rate, reach = self._model.without_denoiser()(raw), denoiser.reach
@@ -210,7 +211,7 @@ class Stream:
         return denoiser.windowed(held)
 
     def flush(self) -> np.ndarray:
-        """What was still waiting for its neighbours, at the end of the log."""
+        """Return the rows that were waiting for later samples, at the end of the log."""
         return self._give(len(self._held.raw)) if self._whole else np.zeros((0, 3))
 
     def _give(self, stop: int) -> np.ndarray:
@@ -223,12 +224,12 @@ class Stream:
         return omega
 
 
-#: array of a call -> what it measures
+#: argument of a call -> measured quantity
 KINDS = {"raw": "gyro", "acc": "accel", "measured": "accel", "temp": "temp"}
 
 
 def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
-    """An array of float64; CalibrationError for what is not made of numbers."""
+    """Convert to a float64 array; raises CalibrationError for other than numbers."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -236,7 +237,7 @@ def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
 
 
 def refuse_gaps(name: str, array: np.ndarray) -> None:
-    """CalibrationError, with the row, where a value is not finite, or beyond any sensor: it would pass for a rate."""
+    """Raise CalibrationError, with the row, where a value is not finite or exceeds any sensor's range."""
     if not np.isfinite(array).all():
         row = int(np.argmin(np.isfinite(array).reshape(len(array), -1).all(axis=1)))
         raise CalibrationError(f"{name}[{row}] is not finite; give numbers, or leave such rows out")
@@ -246,7 +247,7 @@ def refuse_gaps(name: str, array: np.ndarray) -> None:
 
 
 class _Rows:
-    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where they are neither given nor needed."""
+    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where neither given nor needed."""
 
     def __init__(self, raw: np.ndarray, acc: np.ndarray, temp: np.ndarray):
         self.raw, self.acc, self.temp = raw, acc, temp
@@ -288,20 +289,20 @@ class _Rows:
         return model.calibrate(samples, began_s, live)
 
 
-# A model fed one sample after another, as a driver does: it remembers what it was given.
+# A model applied to one sample after another, as in a driver; it keeps the state.
 
 
 class Live:
-    """One live stream: ``omega = live(raw, acc, temp)`` for each sample as it comes; a stream after a pause is a new object."""
+    """One live stream: ``omega = live(raw, acc, temp)`` for each sample.  After a pause, start a new object."""
 
     def __init__(self, model: Model, needs: Needs, rate_hz: float | None):
-        """Raises CalibrationError where the model looks at what comes after a sample, follows its session's time, or lacks a rate."""
+        """Raises CalibrationError where the model needs later samples or its session's time, or lacks the rate."""
         if bygone := needs.of_one_session:
             raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
         self._stream = Stream(model, needs, rate_hz, live=True)
 
     def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
-        """Calibrated rate (3,) rad/s of the next sample: raw (3,) rad/s, acc (3,) m/s^2, temp degC; CalibrationError for other shapes."""
+        """Return the calibrated rate (3,) rad/s: raw (3,) rad/s, acc (3,) m/s^2, temp degC.  Raises CalibrationError for other shapes."""
         sample = as_numbers("raw", raw)
         if sample.shape != (3,):
             raise CalibrationError(f"raw has shape {sample.shape}, expected (3,), rad/s: a live stream takes one sample at a time")
@@ -310,25 +311,25 @@ class Live:
         return self._stream.push(sample[None], acc, temp)[0]
 
 
-# A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another as they come.
+# A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another.
 #
 #     model = tinygc.load("fit/model_least_squares.json")
-#     omega = model(raw, acc, temp)                    # arrays: a log by itself, nothing is remembered
+#     omega = model(raw, acc, temp)                    # arrays: one complete log, without state
 #     live = model.live(); omega = live(raw, acc, temp)    # one sample after another
 #
 # raw is the measured rate in rad/s (register x sensitivity), acc the calibrated specific force in m/s^2, temp in degC, omega the true
-# rate in rad/s.  acc and temp may be left out where the model does not use them.  ``model.force(measured)`` gives acc, by the calibration
-# of the accelerometer that the fit rests on.
+# rate in rad/s.  acc and temp may be omitted where the model does not use them.  ``model.force(measured)`` returns acc, by the calibration
+# of the accelerometer on which the fit is based.
 
 
 class Calibration:
-    """A model, ready for use.  ``model``: what was fitted; ``rate_hz``: the sampling rate it is used at, or None; ``effects``: ids of those
-    that it undoes; ``needs``: what it must be told beside the rate, some of ``acc``, ``temp``, ``rate_hz``; ``accelerometer``: the
-    calibration that the fit rests on, None where the model's file has none."""
+    """A model ready for use.  ``model``: the fitted model; ``rate_hz``: its sampling rate in use, or None; ``effects``: ids of the effects
+    that it corrects; ``needs``: inputs besides the rate, among ``acc``, ``temp``, ``rate_hz``; ``accelerometer``: the calibration on which
+    the fit is based, None where the model's file has none."""
 
     def __init__(self, model: Model, rate_hz: float | None = None, table: dict | None = None, accelerometer: Accelerometer | None = None):
-        """rate_hz: the sampling rate, which a model needs whose physics has a time in it; table: of its file, where more stands in it
-        than the model itself; accelerometer: the calibration that the fit rests on, where no table says it."""
+        """rate_hz: the sampling rate, needed where the physics depends on time; table: the content of the model file, which may hold more
+        than the model itself; accelerometer: the calibration on which the fit is based, where no table contains it."""
         if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < float("inf")):
             raise CalibrationError(f"rate_hz is {rate_hz!r}, expected samples a second")
         self.model, self.rate_hz = model, rate_hz
@@ -343,11 +344,11 @@ class Calibration:
     def __call__(
         self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None, *, began_s: float | None = None
     ) -> np.ndarray:
-        """Calibrated rates (N, 3) rad/s of a log by itself: raw (N, 3) rad/s, acc (N, 3) m/s^2, temp (N,) degC.
+        """Return calibrated rates (N, 3) rad/s of one log: raw (N, 3) rad/s, acc (N, 3) m/s^2, temp (N,) degC.
 
-        began_s: s of the model's own session at which the rows begin; only a model that follows that session's time asks for it.
-        Nothing is remembered: the same arrays give the same answer.  A single sample (3,) is given to ``live()``.  Raises
-        CalibrationError where the model needs what is not given, and for other shapes.
+        began_s: s of the model's own session at which the rows begin, needed only by a model that follows that session's time.
+        The call has no state: the same arrays give the same result.  For single samples (3,) use ``live()``.  Raises CalibrationError
+        where a needed input is missing, and for other shapes.
         """
         rates = as_numbers("raw", raw)
         if rates.shape == (3,):
@@ -359,10 +360,10 @@ class Calibration:
         return np.concatenate([stream.push(rates, acc, temp), stream.flush()])
 
     def force(self, measured: ArrayLike) -> np.ndarray:
-        """Calibrated specific force, of one sample (3,) or of many (N, 3), m/s^2, from what the accelerometer measured.
+        """Return calibrated specific force, m/s^2, from the measured force of one sample (3,) or of many (N, 3).
 
-        It is in the body frame of the calibrated rates, and is what ``acc`` stands for.  Raises CalibrationError where the model's file
-        has no calibration of the accelerometer, and for other shapes.
+        It is in the body frame of the calibrated rates, and is the ``acc`` of a call.  Raises CalibrationError where the model's file has
+        no calibration of the accelerometer, and for other shapes.
         """
         if self.accelerometer is None:
             raise CalibrationError("the model's file has no calibration of the accelerometer; fit again, or calibrate the force yourself")
@@ -374,26 +375,26 @@ class Calibration:
 
     @property
     def uses_rate(self) -> bool:
-        """Whether ``rate_hz`` matters: it must be given, or it lets the temperature be averaged over a second, as in the fit."""
+        """Whether ``rate_hz`` matters: the model needs it, or it allows the one-second average of temperature that the fit used."""
         return "rate_hz" in self.needs or "temp" in self.needs
 
     @property
     def looks_ahead(self) -> tuple[str, ...]:
-        """Ids of the effects that are undone from what comes after a sample, so that there is no live stream."""
+        """Ids of the effects whose correction needs later samples, so that a live stream is impossible."""
         return self._needs.looks_ahead
 
     def at_end(self) -> Calibration:
-        """The same for logs of any time: what follows the session's time stands still as it was at the session's end."""
+        """Return the model for logs of any time: effects of session time are held at their values at the session's end."""
         return self if self.model.session_s is None else Calibration(self.model.at_end(), self.rate_hz, None, self.accelerometer)
 
     def stream(self, began_s: float | None = None) -> Stream:
-        """A log by itself, piece by piece; began_s as of a call.  Raises CalibrationError where the model needs a rate and has none, or
-        follows its session's time and is not told when the log began."""
+        """Return a stream for one log, piece by piece; began_s as in a call.  Raises CalibrationError where a needed rate is missing, or
+        the start time that a model with session time needs."""
         return Stream(self.model, self._needs, self.rate_hz, began_s)
 
     def live(self) -> Live:
-        """One sample after another.  Raises CalibrationError where the model looks at what comes after, follows the time of its session,
-        or needs a rate and has none."""
+        """Return a live stream, one sample after another.  Raises CalibrationError where the model needs later samples or its session's
+        time, or lacks a needed rate."""
         return Live(self.model, self._needs, self.rate_hz)
 
     def to_json(self) -> dict:
@@ -404,7 +405,7 @@ class Calibration:
         return models.to_dict(self.model, **more)
 
     def save(self, path: Path | str) -> Path:
-        """Write the model file, whole or not at all; returns its path."""
+        """Write the model file, complete or not at all, and return its path."""
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, self.to_json())
@@ -412,6 +413,6 @@ class Calibration:
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Calibration:
-    """Read a model file for use.  Raises FormatError for what is no model."""
+    """Read a model file for use.  Raises FormatError for a file that is not a model."""
     model, table = models.load_with_table(path)
     return Calibration(model, rate_hz, table)

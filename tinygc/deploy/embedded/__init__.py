@@ -1,1 +1,1 @@
-"""From a model to C that a microcontroller runs, and the same arithmetic in NumPy."""
+"""Conversion of a model to C for a microcontroller, and the same arithmetic in NumPy."""

@@ -35,18 +35,18 @@ from tinygc.models.model import Model
 from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
-# A model as stages of single precision, in the order in which a device runs them.
+# A model as stages in single precision, in the order in which a device runs them.
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """stages in order; parameters of the model they were made of."""
+    """stages: in order; parameters: number of parameters of the source model."""
 
     stages: tuple[ProgramStage, ...]
     parameters: int
 
     def run(self, inputs: Inputs) -> np.ndarray:
-        """Calibrated rates (N, 3) float32: what the C gives, bit for bit, when it is fed the N samples one after the other."""
+        """Return calibrated rates (N, 3) float32, bit for bit those of the C code for the same N samples in sequence."""
         rate = inputs.rate
         for stage in self.stages:
             rate = stage.run(inputs, rate)
@@ -54,24 +54,24 @@ class Program:
 
     @property
     def constants(self) -> dict[str, np.ndarray]:
-        """Of all stages, by name in C."""
+        """Constants of all stages, by name in C."""
         return {name: array for stage in self.stages for name, array in stage.constants.items()}
 
     @property
     def cost(self) -> Cost:
-        """Of one sample, all stages."""
+        """Cost of one sample, over all stages."""
         return sum((stage.cost for stage in self.stages), Cost())
 
     @property
     def identity(self) -> int:
-        """A CRC-32 of the weights: which model a device holds."""
+        """CRC-32 of the weights, which identifies the model on a device."""
         return zlib.crc32(b"".join(array.astype("<f4").tobytes() for array in self.constants.values()))
 
 
 def program(model: Model, rate_hz: float | None = None) -> Program:
-    """Of any model that ``tinygc.models`` reads; rate_hz: samples a second, which a lag of the temperature asks for.
+    """Convert any model that ``tinygc.models`` reads; rate_hz: samples a second, needed for a temperature lag.
 
-    ExportError says what cannot be carried.
+    Raises ExportError, which names what cannot be carried.
     """
     annex = annex_exports(model)
     stages: tuple[ProgramStage, ...] = tuple(_stages(model)) if annex is None else (annex.stage(model, rate_hz),)
@@ -106,7 +106,7 @@ def _net_behind_physics(model: CarriedNet) -> list[ProgramStage]:
     return [*_stages(model.physics), back, *_stages(model.net)]
 
 
-#: kind of model -> its stages; a kind that is not here has no C
+#: kind of model -> its stages; other kinds cannot be exported to C
 STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
     LinearModel: _linear,
     CalibrationNet: lambda model: [CalibrationNetStage(model)],
@@ -118,13 +118,13 @@ STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
 }
 
 
-# What a sensor's registers mean, in single precision: gx gy gz ax ay az temp, as a log or a frame holds them.
+# The meaning of a sensor's registers, in single precision: gx gy gz ax ay az temp, as in a log or a frame.
 
 
 @dataclass(frozen=True, eq=False)
 class Registers:
-    """gyro_fs_dps and accel_fs_g of the sensor, its true or nominal odr_hz, the accelerometer's pre-calibration, what its registers mean;
-    model: its name; own_units: as in session.toml."""
+    """gyro_fs_dps and accel_fs_g of the sensor; its true or nominal odr_hz; the accelerometer's pre-calibration; the register units;
+    model: the sensor's name; own_units: as in session.toml."""
 
     gyro_fs_dps: float = 500
     accel_fs_g: float = 4
@@ -135,9 +135,9 @@ class Registers:
 
     @classmethod
     def of(cls, config: Config, accelerometer: Accelerometer | None = None) -> Registers | None:
-        """Of a session; None where it is not known what all of its sensor's registers mean.
+        """Return the registers of a session; None where the meaning of a register is unknown.
 
-        accelerometer: the calibration that the fit rests on, where that is not session.toml's.
+        accelerometer: the calibration on which the fit is based, where it differs from session.toml's.
         """
         sensor = config.sensor
         own = accelerometer or config.accelerometer
@@ -149,13 +149,13 @@ class Registers:
 
     @property
     def units(self) -> RegisterUnits:
-        """Per LSB, SI."""
+        """Units per LSB, SI."""
         return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
 
     @property
     def thermometer(self) -> Thermometer:
-        """Of its temperature register."""
-        assert self.units.thermometer is not None  # ``of`` has looked
+        """Scale of the temperature register."""
+        assert self.units.thermometer is not None  # ``of`` has checked this
         return self.units.thermometer
 
     @property
@@ -170,7 +170,7 @@ class Registers:
         }
 
     def inputs(self, registers: np.ndarray) -> Inputs:
-        """From (N, 7) int16, in the order of the C."""
+        """Convert (N, 7) int16, in the order of the C code."""
         constants, numbers = self.constants, np.asarray(registers).astype(np.float32)
         per_lsb, at_zero = constants["TEMPERATURE"]
         return Inputs(
@@ -179,7 +179,7 @@ class Registers:
 
 
 def force_constant(accelerometer: Accelerometer) -> np.ndarray:
-    """(3, 4) float32: from m/s^2 as measured to calibrated specific force, as one affine map."""
+    """(3, 4) float32: one affine map from measured force, m/s^2, to calibrated specific force."""
     matrix, bias = accelerometer.matrix, accelerometer.bias_mps2
     return table(matrix, -matrix @ bias, "the accelerometer's calibration")
 
@@ -205,27 +205,27 @@ void tinygc_from_registers(const int16_t registers[7], tinygc_input *in)
 """
 
 
-# What a device's self-test is fed, and what it must answer.
+# Inputs and expected outputs of a device's self-test.
 
-#: more than the denoiser's window, so that its rings have gone round
+#: longer than the denoiser's window, so that its ring buffers wrap
 COUNT = 64
-#: of the answer, plus 1 rad/s: far below the sensor's noise, far above what another order of operations does
+#: of the expected rate, plus 1 rad/s: far below the sensor's noise, far above the effect of the order of operations
 TOLERANCE = 2e-6
-#: to either side of where the temperature register is 0
+#: to either side of the zero of the temperature register
 SPAN_C = 16.0
 _SEED = 195
 
 
 @dataclass(frozen=True, eq=False)
 class Vectors:
-    """registers (COUNT, 7) int16, rates (COUNT, 3) float32 rad/s that the program makes of them, one after the other."""
+    """registers (COUNT, 7) int16; rates (COUNT, 3) float32 rad/s, the program's output for these samples in sequence."""
 
     registers: np.ndarray
     rates: np.ndarray
 
 
 def vectors(program: Program, registers: Registers) -> Vectors:
-    """Turns over all of the range, gravity in all directions, 16 degC to either side of where its register is 0."""
+    """Return vectors with rates over the full range, gravity in all directions, and 16 degC to either side of the register's zero."""
     rng = np.random.default_rng(_SEED)
     numbers = rng.integers(-28000, 28000, size=(COUNT, 7)).astype(np.int16)
     direction = rng.normal(size=(COUNT, 3))

@@ -13,7 +13,7 @@ from tinygc.deploy.embedded import stages as affine
 from tinygc.deploy.embedded.program import TOLERANCE, Program, Registers, Vectors, vectors
 from tinygc.deploy.embedded.stages import ProgramStage
 
-#: signs of a line of comment
+#: characters in a line of comment
 LONGEST = 120
 HEADER, SOURCE = "tinygc_model.h", "tinygc_model.c"
 FLAGS = "-std=c11 -ffp-contract=off -Wall -Wextra -Wdouble-promotion -Werror"
@@ -153,8 +153,8 @@ int tinygc_self_test(float *worst)
 def source_files(
     program: Program, sensor: Registers | None, title: str, facts: dict[str, str], accelerometer: Accelerometer | None = None
 ) -> dict[str, str]:
-    """File name -> text.  sensor: None where nothing is known of its registers; title and facts go into comments; accelerometer: what
-    ``tinygc_force`` applies, the sensor's without it.
+    """Return file name -> text.  sensor: None where its registers are unknown; title and facts go into comments; accelerometer: the
+    calibration that ``tinygc_force`` applies, the sensor's by default.
 
     Without a sensor ``tinygc_from_registers`` is private to the self-test.
     """
@@ -207,13 +207,13 @@ def _self_test(test: Vectors) -> str:
 
 
 def constant(name: str, array: np.ndarray) -> str:
-    """A table as C has it."""
+    """Return a table in C syntax."""
     sizes = "".join(f"[{size}]" for size in array.shape)
     return f"static const float {name}{sizes} = {initialiser(array)};"
 
 
 def initialiser(array: np.ndarray) -> str:
-    """A C initialiser, a row a line; long rows are broken."""
+    """Return a C initialiser with one row per line; long rows are broken."""
     if array.ndim == 1:
         words = [literal(value) for value in array]
         lines = [", ".join(words[at : at + 7]) for at in range(0, len(words), 7)]
@@ -222,7 +222,7 @@ def initialiser(array: np.ndarray) -> str:
 
 
 def literal(value: np.generic) -> str:
-    """A literal that reads back as the same number: the shortest decimals of a float32, or an integer."""
+    """Return a literal that reads back as the same number: the shortest decimals of a float32, or an integer."""
     if isinstance(value, np.integer):
         return str(value)
     text = repr(float(str(value)))
@@ -230,5 +230,5 @@ def literal(value: np.generic) -> str:
 
 
 def commented(text: str) -> str:
-    """Text that may stand in a comment of C."""
+    """Make text safe for a C comment."""
     return comment(text, ascii_only=True)[:LONGEST]

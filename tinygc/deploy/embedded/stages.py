@@ -18,14 +18,14 @@ from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import LinearModel
 from tinygc.models.nets import CalibrationNet, PublishedNet
 
-# What a stage of an embedded program offers, and what all stages share.
+# The interface of a stage of an embedded program, and helpers that all stages share.
 
 __all__ = ["Cost", "Inputs", "ProgramStage", "single"]
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What a device hands in at each of N samples, all float32: rate (N, 3) rad/s, force (N, 3) m/s^2 pre-calibrated, temp_c (N,)."""
+    """Inputs of N samples on a device, all float32: rate (N, 3) rad/s, force (N, 3) m/s^2 pre-calibrated, temp_c (N,)."""
 
     rate: np.ndarray
     force: np.ndarray
@@ -33,7 +33,7 @@ class Inputs:
 
     @classmethod
     def of(cls, rate: ArrayLike, force: ArrayLike | None = None, temp_c: ArrayLike | None = None) -> Inputs:
-        """Rounded to float32; what is not given is zero."""
+        """Round to float32; missing inputs are zero."""
         rates = np.asarray(rate, dtype=np.float32)
         zeros = np.zeros_like(rates)
         return cls(
@@ -47,7 +47,7 @@ class ProgramStage(ABC):
     """One step of a program: it changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
 
     says: a line of the header's formula; constants: name in C -> float32 array; body: C statements; functions: C functions that the
-    body calls; state: C members, state_bytes their size, start: C statements that forget all samples; cost of one sample.
+    body calls; state: C members, state_bytes their size, start: C statements that reset the state; cost of one sample.
     """
 
     says: str
@@ -59,11 +59,11 @@ class ProgramStage(ABC):
 
     @abstractmethod
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does, for N samples at once and in the same order: (N, 3) float32 from (N, 3) float32."""
+        """Apply the body to N samples at once, in the same order of operations: (N, 3) float32 from (N, 3) float32."""
 
 
 def single(values: ArrayLike, what: str) -> np.ndarray:
-    """As float32; ExportError where that has no such number."""
+    """Convert to float32; raises ExportError where float32 cannot represent a value."""
     with np.errstate(over="ignore"):
         rounded = np.asarray(values, dtype=float).astype(np.float32)
     if not np.isfinite(rounded).all():
@@ -75,10 +75,10 @@ def single(values: ArrayLike, what: str) -> np.ndarray:
 #
 #     y = x + (D x + b),  D = E - I
 #
-# The small part is computed apart and added last: its rounding is smaller than the rate's by the size of the correction, so a rate costs
-# one rounding where E x + b would cost six.
+# The small part is computed separately and added last.  Its rounding error is smaller than the rate's by the size of the correction, so a
+# rate has one rounding error, where E x + b would have six.
 
-#: of one affine map of three
+#: cost of one affine map of three components
 COST = Cost(multiply=9, add=9)
 FUNCTION = """\
 /* y = W x + b; b is the last column of w. */
@@ -97,7 +97,7 @@ ADD = "for (int i = 0; i < 3; i++)\n    r[i] += s[i];"
 
 
 def affine(w: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """W x + b, in the order of the C: w (3, 4), x (N, 3), all float32."""
+    """W x + b, in the order of operations of the C code: w (3, 4), x (N, 3), all float32."""
     y = np.broadcast_to(w[:, 3], x.shape)
     for j in range(3):
         y = y + w[:, j] * x[:, j : j + 1]
@@ -120,11 +120,11 @@ class Linear(ProgramStage):
         self.body = f"float s[3];\naffine({name}, r, s);\n{ADD}"
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         return rate + affine(self._w, rate)
 
 
-# The calibration subnet in single precision, in its three kinds: the paper's, the published one, and the one that is told conditions.
+# The calibration subnet in single precision, in three kinds: the paper's, the published one, and one with conditions as inputs.
 
 
 def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -150,7 +150,7 @@ affine(OUTER, h, s);
         self.constants = {"HIDDEN": hidden, "SLOPE": single(net.slope, "the net"), "OUTER": outer}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         h = prelu(affine(self.constants["HIDDEN"], rate), self.constants["SLOPE"])
         return rate + affine(self.constants["OUTER"], h)
 
@@ -174,14 +174,14 @@ for (int i = 0; i < 3; i++)
         self.constants = {"HIDDEN": hidden, "OUTER": outer, "SLOPES": single([*net.slope1, *net.slope2], "the net")}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         first, second = self.constants["SLOPES"]
         h = prelu(affine(self.constants["HIDDEN"], rate), first)
         return rate + prelu(affine(self.constants["OUTER"], h), second)
 
 
 class Conditioned(ProgramStage):
-    """A net of 27 beside what temperature and force do to its biases and gains: net(r) + bias c + r (gain c)."""
+    """A net of 27 parameters plus the effects of temperature and force on biases and gains: net(r) + bias c + r (gain c)."""
 
     says = "r = net(r) + bias c + r (gain c), c the temperature less T0 or the force, or both; in net(r):"
 
@@ -220,7 +220,7 @@ for (int i = 0; i < 3; i++)
     r[i] += more[i];"""
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         parts = [(inputs.temp_c - self._at)[:, None] if name == "temperature" else inputs.force for name in self._names]
         c = np.concatenate(parts, axis=1)
         bias = gain = np.zeros_like(rate)
@@ -231,10 +231,11 @@ for (int i = 0; i < 3; i++)
         return self._net.run(inputs, rate) + more
 
 
-# The denoising subnet in single precision: three causal convolutions per axis with a ring of samples each, never a whole window again.
+# The denoising subnet in single precision: three causal convolutions per axis, each with a ring buffer of samples, so that a window is
+# never recomputed.
 #
-# A layer keeps the (kernel - 1) dilation + 1 newest samples of its own input.  Before the first sample the input is taken to have stood at
-# its value.  Where the leaky ReLUs bend (slope < 1) the net runs on x and on -x, with a ring for either sign.
+# A layer keeps the (kernel - 1) dilation + 1 newest samples of its own input.  Before the first sample the input is assumed constant at
+# that sample's value.  Where the leaky ReLUs are not linear (slope < 1) the net runs on x and on -x, with one ring buffer for each sign.
 
 _LAYER = """\
 /* {number}: {inputs} channel(s) to {outputs}, kernel {kernel}, dilation {dilation}.  The oldest sample comes first. */
@@ -258,7 +259,7 @@ static void layer{number}(const float *w, float ring[{slots}][{inputs}], unsigne
 
 
 class Denoise(ProgramStage):
-    """The three axes' convolutions; the weights (axis, tap, out, in), the oldest tap first, as the C reads them."""
+    """Convolutions of the three axes; weights (axis, tap, out, in), the oldest tap first, as the C code reads them."""
 
     def __init__(self, denoiser: Denoiser):
         self._weights = [single(w, "the denoiser") for w in (denoiser.conv1, denoiser.conv2, denoiser.conv3)]
@@ -306,7 +307,7 @@ class Denoise(ProgramStage):
         )
 
     def _statements(self) -> str:
-        """Run the layers of each axis; then, since all axes share the rings' positions, move these on."""
+        """Return the C that runs the layers of each axis, then advances the ring positions, which all axes share."""
         fills = [f"state->running ? 1 : {slots}" for slots in self._slots]
         channels = [weight.shape[1] for weight in self._weights]
         call = [
@@ -326,7 +327,7 @@ class Denoise(ProgramStage):
         return "\n".join([*lines, "state->running = 1;"])
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         if self._slope is None:
             return self._net(rate)
         return (self._net(rate) - self._net(-rate)) * np.float32(0.5)
@@ -348,7 +349,7 @@ class Denoise(ProgramStage):
 
 # Named physics in single precision: each effect's own C (``tinygc.effects.device``) as a stage of a program.
 #
-# What follows the rate itself is undone as ``Effect.correct`` does it, by PASSES substitutions of r <- r - term(r).
+# Effects that depend on the rate itself are inverted as in ``Effect.correct``, by PASSES substitutions of r <- r - term(r).
 
 
 class Matrix(ProgramStage):
@@ -363,12 +364,12 @@ class Matrix(ProgramStage):
         self.body = f"float s[3];\naffine({code.name}, in->force, s);\nfor (int i = 0; i < 3; i++)\n    r[i] -= s[i];"
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         return rate - affine(self._w, inputs.force)
 
 
 class PerAxis(ProgramStage):
-    """One coefficient k per axis: r -= term, where the term, in C and in NumPy, may follow the rate w."""
+    """One coefficient k per axis: r -= term, where the term, in C and in NumPy, may depend on the rate w."""
 
     def __init__(self, code: PerAxisC, theta: np.ndarray, known: Conditions):
         self._code, self.says = code, code.says
@@ -386,7 +387,7 @@ class PerAxis(ProgramStage):
         )
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         w = rate
         for _ in range(self._code.passes):
             w = rate - self._code.numpy(self.constants, w, inputs)
@@ -394,7 +395,7 @@ class PerAxis(ProgramStage):
 
 
 class Own(ProgramStage):
-    """An effect's own statements."""
+    """A stage with an effect's own statements."""
 
     def __init__(self, code: StageC, theta: np.ndarray, known: Conditions):
         self._numpy = code.numpy
@@ -403,12 +404,12 @@ class Own(ProgramStage):
         self.constants = {name: single(value, code.says) for name, value in code.constants(theta, known).items()}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         return self._numpy(self.constants, rate, inputs)
 
 
 def effect_stage(claim: AppliedEffect, known: Conditions) -> ProgramStage:
-    """The stage that undoes a claimed effect.  ExportError for one that declares no C, with its reason, or C that cannot be."""
+    """Return the stage that corrects a claimed effect.  Raises ExportError for one without C, with its reason, or with invalid C."""
     effect, code = claim.effect, claim.effect.device
     if isinstance(code, NoC):
         raise ExportError(f"{effect.id} cannot be exported to C: {code.why}; json carries it, or export another method's model")

@@ -1,14 +1,14 @@
-"""What other programs read: a file per format.
+"""Exports for other programs, one file per format.
 
 An exporter's file is named below.  It has
 
-    NAME                       as ``--to`` names it
+    NAME                       its name for ``--to``
     SUMMARY                    one line for ``--help``
-    export(model, context)     -> dict of file name -> text, without touching the disk
+    export(model, context)     -> dict of file name -> text, without writing to disk
 
-``model`` is what ``tinygc.models.load`` gives; ``context`` (``Context``) is what is known around it.  An exporter that cannot carry the
-model raises ``ExportError`` with one line: what cannot be carried, and which format can.  What it carries only in part it says in
-``context.say(line)``.  Files that begin with an underscore are shared by exporters.  A new format is a new file and a name in
+``model`` is the result of ``tinygc.models.load``; ``context`` (``Context``) is what is known about its origin.  An exporter that cannot
+carry the model raises ``ExportError`` with one line: what cannot be carried, and which format can.  It reports partial losses by
+``context.say(line)``.  Files that begin with an underscore are shared by exporters.  To add a format, add a file and its name in
 ``FORMATS`` (``tinygc/deploy/__init__.py``).
 """
 
@@ -23,5 +23,5 @@ __all__ = ["FORMATS", "ExportError", "exporter"]
 
 
 def exporter(name: str) -> ModuleType:
-    """The module of a format."""
+    """Return the module of a format."""
     return importlib.import_module(f"tinygc.deploy.exports.{name}")

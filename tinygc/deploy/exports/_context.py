@@ -1,4 +1,4 @@
-"""What is known around a model: the session, the fit, the covariance, and where all of it came from."""
+"""The context of a model: the session, the fit, the covariance, and their origin."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.results import AT_END, read_judged
 from tinygc.models.model import Model, accelerometer_of
 
-#: the method that is taken unless another is asked for
+#: the default method
 PREFERRED = "least_squares"
-#: what a folder of rest logs has instead
+#: the only method of a folder of rest logs
 ONLY = "thermal"
 LONGEST_NAME = 80
 
@@ -34,7 +34,7 @@ LONGEST_NAME = 80
 @dataclass(frozen=True, eq=False)
 class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
-    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: takes a line for the operator;
+    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
     logs: paths of the calibration logs."""
 
     session: str
@@ -48,24 +48,24 @@ class Context:
 
     @property
     def stem(self) -> str:
-        """The session's name as a file name, no longer than any disk takes."""
+        """The session's name as a file name, short enough for any file system."""
         return re.sub(r"[^A-Za-z0-9]+", "_", self.session).strip("_")[:LONGEST_NAME] or "session"
 
     @property
     def covariance(self) -> np.ndarray | None:
-        """(12, 12) of E row by row, then B in rad/s; of physics the effects' theta after them; None where the method has none."""
+        """(12, 12) of E row by row, then B in rad/s; for physics also of the effects' theta; None where the method has no covariance."""
         table = self.table.get("covariance")
         return None if table is None else np.asarray(table, dtype=float)
 
     @property
     def accelerometer(self) -> Accelerometer:
-        """That the fit rests on, which the model's file has; else session.toml's.  Source ``none``: nobody has calibrated it."""
+        """The accelerometer calibration of the fit, from the model's file, else session.toml's.  Source ``none``: not calibrated."""
         own = accelerometer_of(self.table)
         return self.config.accelerometer if own is None else own
 
     @property
     def accelerometer_words(self) -> str:
-        """Where it is from, and which of its numbers stay as they were, since nothing observed them."""
+        """Origin of the accelerometer calibration, and its numbers that kept their initial values because they were not observed."""
         words = {
             "given": "as it was given",
             "prior": "the given one, sharpened by the session's stills and turns",
@@ -76,7 +76,7 @@ class Context:
 
     @property
     def accelerometer_unobserved(self) -> tuple[str, ...]:
-        """Names of its numbers that stay as they were, since nothing in the session tells them."""
+        """Names of the accelerometer's numbers that kept their initial values because the session does not observe them."""
         return tuple((self.fit.get("accelerometer") or {}).get("unobserved") or ())
 
     @property
@@ -93,7 +93,7 @@ class Context:
 
     @property
     def gyro_instability(self) -> tuple[float, str] | None:
-        """Bias instability, rad/s, and where it is from: session.toml's, else what the fit reckoned with, else typical of the model."""
+        """Bias instability, rad/s, and its source: session.toml, else the fit's estimate, else typical of the sensor model."""
         noise, sensor = self.fit.get("noise", {}), self.config.sensor
         if sensor.gyro_bias_instability_dph is not None:
             return sensor.gyro_bias_instability_dph * DEG_PER_HOUR, "given in session.toml"
@@ -103,7 +103,7 @@ class Context:
         return typical and (typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
 
     def temperature_c(self) -> tuple[float, float] | None:
-        """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""
+        """Lowest and highest temperature of the calibration logs, degC; None where they record none.  Reads the logs."""
         read = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
         seen = [values for values in read if values is not None]
         return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
@@ -112,11 +112,11 @@ class Context:
 def read_context(
     folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None, *, anyway: bool = False
 ) -> tuple[Model, Context]:
-    """``(model, Context)`` of a fitted session.
+    """Return ``(model, Context)`` of a fitted session.
 
-    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.  anyway: a model that closes held-out
-    segments worse than the raw rates do is not refused, and said.
-    Raises ExportError where there is no fit, and for such a model; FormatError for files that cannot be read.
+    ``method`` names one of the fit's models, or is a model file; the default is least squares.  anyway: report, instead of refusing, a
+    model that closes held-out segments worse than the raw rates do.
+    Raises ExportError where there is no fit, and for a refused model; FormatError for files that cannot be read.
     """
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
@@ -157,7 +157,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
 
 
 def _fit_beside(path: Path, method: str, again: str) -> dict:
-    """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
+    """Return the fit of a model: ``rebiased.json`` for one with a re-estimated bias, else ``fit.json``; empty where missing."""
     names = (bias_of_day.FIGURES, "fit.json") if path.name == bias_of_day.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
     return {} if beside is None else read_judged(beside, again, method, rebiased=beside.name == bias_of_day.FIGURES)

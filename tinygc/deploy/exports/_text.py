@@ -1,4 +1,4 @@
-"""What text formats share: matrix and bias of a model, comment lines, YAML, the autopilots' terms."""
+"""Helpers of text formats: matrix and bias of a model, comment lines, YAML, the autopilots' terms."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tinygc.models.model import Model
 from tinygc.models.nets import CalibrationNet, PublishedNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
-# What formats that hold a matrix and a bias can carry of a model, and a refusal of the rest.
+# What formats with a matrix and a bias can carry of a model, and a refusal of the rest.
 
-#: slopes this near to 1 are 1 but for the rounding of a fit
+#: slopes this near to 1 differ from it only by the rounding of a fit
 UNBENT = 1e-9
 ELSEWHERE = "export --to json carries every model, or choose another with --model"
-#: nets that no linear format carries, in words
+#: nets that no linear format carries, with their descriptions
 NETS_BESIDE = {CarriedNet.kind: "a net behind physics", ConditionsModel.kind: "a net that is told temperature or force"}
 
 
@@ -44,16 +44,16 @@ class LinearPart:
 
     @property
     def M(self) -> np.ndarray:
-        """The sensor itself, m = M (omega + K a + k (T - T0)) + bias."""
+        """Forward matrix of the sensor, m = M (omega + K a + k (T - T0)) + bias."""
         return np.linalg.inv(self.E)
 
     @property
     def bias(self) -> np.ndarray:
-        """(3,) rad/s, what the sensor reads at rest, at T0 and without gravity."""
+        """Sensor output (3,) rad/s at rest, at T0 and without gravity."""
         return -self.M @ self.B
 
     def example(self) -> str:
-        """One vector in and out, to try an implementation with."""
+        """One vector before and after, to check an implementation."""
         m, a = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -9.0])
         omega = self.E @ m + self.B - self.K @ a
         force = f" with specific force {words(a)} m/s^2" if self.K.any() else ""
@@ -61,7 +61,7 @@ class LinearPart:
 
 
 def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
-    """Of a model that is linear, up to effects that are ``linear_in`` what the format ``carries``.  Raises ExportError for the rest."""
+    """Return a model that is linear but for effects ``linear_in`` what the format ``carries``.  Raises ExportError for others."""
     if isinstance(model, DenoisedNet):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
     if isinstance(model, CalibrationNet | PublishedNet):
@@ -90,19 +90,19 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
 
 
 def words(numbers: ArrayLike) -> str:
-    """Numbers as YAML and JSON read them, every digit kept."""
+    """Format numbers for YAML and JSON with every digit."""
     array = np.asarray(numbers, dtype=float)
     if array.ndim:
         return "[" + ", ".join(words(part) for part in array) + "]"
     text = repr(float(array))
-    # YAML 1.1 takes 1e-05 for a word: it wants the point.
+    # YAML 1.1 reads 1e-05 as a string: it needs a decimal point.
     mantissa, e, power = text.partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{power if power[:1] in '+-' or not e else '+' + power}"
 
 
-# Comment lines that every text format begins with: what this is, of what, in which frame.
+# Comment lines at the start of every text format: content, source, frame.
 #
-# Names and serial numbers are another's words: each line goes through ``comment``, and is one line.
+# Names and serial numbers are untrusted text: ``comment`` makes each line one line.
 
 FRAME = (
     "Frame: the sensor's own axes, right-handed, exactly as in the log that was calibrated (this project's b: forward, right, down,",
@@ -112,7 +112,7 @@ FRAME = (
 
 
 def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None = None) -> str:
-    """Source and frame, then the format's own lines, as comments; longest: bytes of a line, where a reader takes the rest for the next."""
+    """Return source and frame, then the format's own lines, as comments; longest: bytes of a line, where a reader splits longer ones."""
     sensor = context.config.sensor
     head = (
         f"TinyGC calibration of session {context.session}, method {context.method}: {sensor.model} {sensor.serial}".rstrip(),
@@ -127,7 +127,7 @@ def remarks(context: Context, *lines: str, mark: str = "#", longest: int | None 
 
 
 def _pieces(line: str, most: int) -> list[str]:
-    """Of at most so many bytes of UTF-8, broken at blanks where there are any."""
+    """Split into pieces of at most so many bytes of UTF-8, at blanks where possible."""
     for width in (most, most // 2, most // 4):  # no character has more than four bytes
         pieces = wrap(line, width, subsequent_indent="  ", break_on_hyphens=False)
         if all(len(piece.encode()) <= most for piece in pieces):
@@ -135,17 +135,17 @@ def _pieces(line: str, most: int) -> list[str]:
     return pieces
 
 
-# A short log and what the model makes of it, for whoever writes the model anew.
+# A short log and the model's output for it, to check other implementations.
 
-#: beyond the longest memory that a model has
+#: longer than any model's memory
 SAMPLES = 64
 SEED = 20240302
-#: of the full scale
+#: share of the full scale
 FILLED = 0.8
 
 
 def self_test(model: Model, sensor: Sensor, samples: int = SAMPLES) -> dict:
-    """Consecutive samples at the nominal data rate, drawn with a fixed seed: inputs and outputs, all SI."""
+    """Draw consecutive samples at the nominal data rate with a fixed seed: inputs and outputs, all SI."""
     rng = np.random.default_rng(SEED)
     full_scale = sensor.gyro_fs_dps * DEG
     raw = rng.uniform(-FILLED * full_scale, FILLED * full_scale, (samples, 3))
@@ -162,18 +162,18 @@ def self_test(model: Model, sensor: Sensor, samples: int = SAMPLES) -> dict:
     }
 
 
-# YAML by a writer of YAML (PyYAML): a key on a line, lists of numbers and rows of a matrix on one line each, every digit kept.
+# YAML by PyYAML: one key per line, lists of numbers and rows of a matrix on one line each, every digit kept.
 
 
 def yaml_text(table: Mapping[str, Any], remarks: Mapping[str, str] | None = None) -> str:
-    """Keys in their order; arrays as lists; remarks: behind the lines of these keys of the uppermost table, as comments.
+    """Format keys in their order, arrays as lists; remarks: comments after the lines of these top-level keys.
 
-    YAML 1.1 takes 1e-05 for a word: the writer knows that it wants the point.
+    YAML 1.1 reads 1e-05 as a string: the writer adds the decimal point.
     """
     import yaml
 
     class Writer(yaml.SafeDumper):
-        """Tables are never written within a line."""
+        """A writer that never puts a table on one line."""
 
     Writer.add_representer(dict, lambda writer, value: writer.represent_mapping("tag:yaml.org,2002:map", value.items(), flow_style=False))
     lines = []
@@ -189,16 +189,16 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-# What PX4 and ArduPilot share: a gyroscope's zero and temperature terms without scale, an accelerometer's zero and scale of each axis.
+# Shared by PX4 and ArduPilot: a gyroscope's zero and temperature terms without scale, an accelerometer's zero and scale of each axis.
 
-#: degC around the session's temperatures within which a straight line may be trusted
+#: degC beyond the session's temperatures within which a straight line is trusted
 BEYOND_C = 5.0
-#: scales that ArduPilot takes (INS_ACCSCAL_*); beyond them the axes are others
+#: scales that ArduPilot accepts (INS_ACCSCAL_*); outside them the matrix turns the axes
 SCALES = (0.8, 1.2)
 
 
 def offsets(model: Model, context: Context, name: str) -> tuple[LinearPart, tuple[float, float] | None]:
-    """The linear part, and the range of temperatures of a model that follows temperature; says what is lost."""
+    """Return the linear part, and the temperature range of a model over temperature; reports what is lost."""
     part = linear_part(model, name, carries=("temperature",))
     full_scale = context.config.sensor.gyro_fs_dps
     lost = np.abs(part.E - np.eye(3)).sum(axis=1).max()
@@ -215,7 +215,7 @@ def offsets(model: Model, context: Context, name: str) -> tuple[LinearPart, tupl
 
 
 def cannot_scale(part: LinearPart) -> tuple[str, ...]:
-    """For the file's head."""
+    """Return lines for the file's head on what the format cannot carry."""
     errors = ", ".join(f"{1e6 * (value - 1):+.0f}" for value in np.diag(part.M))
     return (
         "SCALE CANNOT BE CARRIED of the gyroscope: these parameters hold its offsets only.  Left uncorrected: scale factor errors of",
@@ -225,9 +225,9 @@ def cannot_scale(part: LinearPart) -> tuple[str, ...]:
 
 
 def force_terms(context: Context, name: str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]] | None:
-    """Offsets (3,) m/s^2 and scales (3,) of the accelerometer, and words for the file's head; None where there is nothing to carry.
+    """Return offsets (3,) m/s^2 and scales (3,) of the accelerometer, and lines for the file's head; None where there is nothing to carry.
 
-    corrected = (measured - offset) scale is all that these parameters know.  What the matrix has beside its diagonal is lost: said.
+    These parameters express corrected = (measured - offset) scale only.  Off-diagonal elements of the matrix are lost, which is reported.
     """
     accelerometer = context.accelerometer
     if accelerometer.source == "none":

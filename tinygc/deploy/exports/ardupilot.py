@@ -1,7 +1,7 @@
 """ArduPilot: INS_GYROFFS_*, INS_TCAL1_*, INS_ACCOFFS_* and INS_ACCSCAL_*, as a parameter file of its ground stations.
 
-Its temperature polynomial stands on 35 degC and is taken off twice (AP_InertialSensor_tempcal): at the present temperature, and, with
-the other sign, at INS_GYR1_CALTEMP, where the offsets hold.  Of a straight line the 35 degC cancel.
+Its temperature polynomial is about 35 degC and is subtracted twice (AP_InertialSensor_tempcal): at the present temperature, and, with
+the opposite sign, at INS_GYR1_CALTEMP, where the offsets hold.  For a straight line the 35 degC cancel.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from tinygc.models.model import Model
 NAME = "ardupilot"
 SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"
 FILE = "ardupilot.param"
-ABOUT_C = 35.0  #: of its polynomial
-SCALE = 1e6  #: of the polynomial's coefficients
-#: bytes of a line: ArduPilot reads a file of its own (defaults.parm) 98 at a time, and takes what is left of a comment for a parameter
+ABOUT_C = 35.0  #: reference of its polynomial
+SCALE = 1e6  #: factor of the polynomial's coefficients
+#: bytes of a line: ArduPilot reads its own file (defaults.parm) 98 at a time, and takes the rest of a long comment for a parameter
 LONGEST = 96
-LEAST_C = 10.0  #: INS_TCAL1_TMAX must be so far above INS_TCAL1_TMIN
+LEAST_C = 10.0  #: INS_TCAL1_TMAX must exceed INS_TCAL1_TMIN by this much
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """The zero of linear models, with thermal bias or over temperature."""
+    """Export the zero of linear models, also with thermal bias or over temperature."""
     if (annex := annex_exports(model)) is not None:
         return {FILE: annex.ardupilot(model, context)}
     part, celsius = offsets(model, context, NAME)
@@ -52,5 +52,5 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 
 def table(values: dict[str, float]) -> str:
-    """The parameter file: a line each."""
+    """Return the parameter file, one parameter per line."""
     return "".join(f"{name},{np.float32(value):.9g}\n" for name, value in values.items())

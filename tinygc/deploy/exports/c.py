@@ -1,4 +1,4 @@
-"""C99 for a microcontroller, and for any other machine: one header, one source with the weights (docs/firmware.md)."""
+"""C99 for a microcontroller or any other machine: one header, and one source with the weights (docs/firmware.md)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SUMMARY = "C99 source for a microcontroller: no library, no allocation, single p
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Raises ExportError for physics that no device can undo sample by sample."""
+    """Export a model.  Raises ExportError for physics that a device cannot correct sample by sample."""
     sensor = context.config.sensor
     chosen = program(model, sensor.odr_hz)
     facts = {

@@ -1,4 +1,4 @@
-"""The project's own JSON: the model file, made complete (docs/model-json.md).  ``tinygc.load`` reads it, and so does anything else."""
+"""The project's own JSON: the complete model file (docs/model-json.md), for ``tinygc.load`` and any other reader."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Every model can be carried."""
+    """Export any model."""
     table = models.to_dict(model)
     table |= {"method": context.method, "session": context.session, "versions": versions()}
     if context.covariance is not None:

@@ -1,8 +1,9 @@
 """Kalibr: ``imu.yaml`` (its input) and the intrinsics block of its scale-misalignment model (its result).
 
 Kalibr's model is forward:  w_meas = M C w + A C a + b, M lower-triangular, C a rotation.  Ours is w = E w_meas + B - K a, so with
-F = E^-1 the LQ factors F = M C (positive diagonal) are exact, A = F K C^T and b = -F B.  Kalibr's frame i makes the accelerometer's M lower
-triangular, too; ours makes it upper triangular, or what session.toml gives.  The rotation between them is T_i_b's, and C_gyro_i follows.
+F = E^-1 the LQ factors F = M C (positive diagonal) are exact, A = F K C^T and b = -F B.  Kalibr's frame i makes the accelerometer's M
+lower-triangular as well; ours makes it upper-triangular, or as session.toml has it.  T_i_b contains the rotation between the two frames,
+and C_gyro_i follows.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from tinygc.models.model import Model
 
 NAME = "kalibr"
 SUMMARY = "imu.yaml and the intrinsics block of Kalibr's scale-misalignment model"
-#: a random walk with the Allan deviation of flicker noise's floor at this averaging time
+#: the random walk has the Allan deviation of the flicker floor at this averaging time
 WALK_S = 100.0
 FLOOR = 0.664
-#: m/s^2, of a MEMS accelerometer of this class: not measured
+#: m/s^2, assumed for a MEMS accelerometer of this class: not measured
 ACCEL_INSTABILITY_MPS2 = 4e-4
 UNITS = {
     "gyroscope_noise_density": "rad/s/sqrt(Hz)",
@@ -31,7 +32,7 @@ UNITS = {
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Linear models, with g-sensitivity."""
+    """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
     noise, accel_noise, instability = context.gyro_noise, context.accel_noise, context.gyro_instability
     if noise is None or accel_noise is None:
@@ -56,7 +57,7 @@ def lower(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, instability: float, source: str) -> str:
-    # Kalibr's densities are two-sided, as IEEE 952's random walks are: the one-sided ones that the stills show, over sqrt 2.
+    # Kalibr's densities are two-sided, as in IEEE 952: one-sided densities of the stills divided by sqrt 2.
     gyro, accel = gyro_noise / np.sqrt(2), accel_noise / np.sqrt(2)
     walk = np.sqrt(3 / WALK_S) * FLOOR
     said = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""

@@ -16,7 +16,7 @@ INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """The zero of linear models, with thermal bias or over temperature."""
+    """Export the zero of linear models, also with thermal bias or over temperature."""
     if (annex := annex_exports(model)) is not None:
         return {FILE: annex.px4(model, context)}
     part, celsius = offsets(model, context, NAME)
@@ -42,7 +42,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 
 def table(values: dict[str, float], switches: tuple[str, ...]) -> str:
-    """The parameter file: a line each."""
+    """Return the parameter file, one parameter per line."""
     lines = [f"1\t1\tTC_{sensor}_ENABLE\t1\t{INT32}\n" for sensor in switches]
     lines += [f"1\t1\t{name}\t{np.float32(value):.9g}\t{FLOAT}\n" for name, value in values.items()]
     return "# Vehicle-Id\tComponent-Id\tName\tValue\tType\n" + "".join(lines)

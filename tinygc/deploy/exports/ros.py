@@ -1,4 +1,4 @@
-"""ROS 2: a parameter file with the calibration, and sensor_msgs/Imu covariances; noise and calibration covariance apart."""
+"""ROS 2: a parameter file with the calibration and sensor_msgs/Imu covariances, noise separate from calibration covariance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Linear models, with g-sensitivity."""
+    """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
         raise ExportError("ros needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
@@ -55,7 +55,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 
 def _nested(values: dict[str, np.ndarray]) -> dict[str, Any]:
-    """``gyroscope.matrix`` and its like as tables."""
+    """Convert names such as ``gyroscope.matrix`` to nested tables."""
     table: dict[str, Any] = {}
     for name, value in values.items():
         group, _, key = name.rpartition(".")

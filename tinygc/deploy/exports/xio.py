@@ -12,13 +12,13 @@ from tinygc.deploy.exports._text import linear_part, remarks
 from tinygc.models.model import Model
 
 NAME = "xio"
-#: of an axis' own factor: the misalignment is what the others add over it
+#: smallest diagonal factor of an axis, which divides a column of the misalignment
 LEAST = 1e-3
 SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (JSON)"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """Linear models."""
+    """Export linear models."""
     part = linear_part(model, NAME)
     accelerometer = context.accelerometer
     triads = {

@@ -13,7 +13,7 @@ from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, jacobian, unobserved_values
-from tinygc.estimation.compare import Triad, compare_triads
+from tinygc.estimation.compare import SessionTriad, compare_triads
 from tinygc.estimation.fit import fit_session
 
 SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
@@ -76,7 +76,7 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
     """A bias of the sensor's x has moved, beside a session in another frame, which knows it as well as its own y's: 3.3 sigmas, not 3.5."""
     one, other = fitted(np.eye(3), x=IDENTITY), fitted(QUARTER, x=IDENTITY)
     moved = Accelerometer(other.calibration.matrix, other.calibration.bias_mps2 + np.array([1.0 * MG, 0, 0]))
-    triads = [Triad("fit", one.calibration, one.covariance), Triad("fit", moved, other.covariance)]
+    triads = [SessionTriad("fit", one.calibration, one.covariance), SessionTriad("fit", moved, other.covariance)]
     sigma = np.hypot(one.sigmas[6], other.sigmas[6])
     found = compare_triads(triads, [config(), config()]).agreement
     assert found.freedom == PARAMETERS

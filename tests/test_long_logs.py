@@ -172,5 +172,5 @@ def test_what_replaces_false_readings_keeps_a_log_as_its_registers(session):
         samples.t_ns, readings.replaced(samples.gyro, np.array([5000, 5001, 70_000]), gyro[[5000, 5001, 70_000]]), samples.accel
     )
     mended = without_glitches(packed, glitches)
-    assert isinstance(mended.gyro, readings.Readings)
+    assert isinstance(mended.gyro, readings.PackedReadings)
     np.testing.assert_array_equal(np.asarray(mended.gyro), without_glitches(floats, glitches).gyro)

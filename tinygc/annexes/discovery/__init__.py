@@ -1,1 +1,1 @@
-"""Beyond the catalogue (docs/discover.md): find the equation that was left out, write it down as an effect."""
+"""Equation search beyond the catalogue (docs/discover.md): find the missing equation and write it as an effect file."""

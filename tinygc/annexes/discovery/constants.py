@@ -1,4 +1,4 @@
-"""Refine a form's constants where its linear columns take up most, one for all axes or one for each."""
+"""Refine a form's constants by the gain of its linear columns, one constant for all axes or one for each."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.effects import Movement
 
-# A form's constants where its linear columns take up most, and how well that tells them.
+# A form's constants at the largest gain of its linear columns, and their sigmas.
 
-#: a constant is looked for up to so many times its value, where its neighbours on a grid are not known
+#: search range of a constant as a factor either way, where its neighbours on a grid are unknown
 REACH = 2.5
-#: columns of one form that may be made, all in all, and those of each constant that are spread over its reach before
+#: most columns evaluated for one form, and those of each constant that are scanned over its reach first
 MOST_EVALUATIONS, SCANNED = 40, 9
-#: those of a constant on which a few moments hang: with thirty turns its gain stands level over a fifteenth of it or so
+#: those scanned for a constant that decides at a few moments: with thirty turns its gain is flat over about a fifteenth of it
 DECIDED_SCANNED = 81
-#: ln of a constant: a peak is found to this, which is a tenth of a sigma for constants that are known to a per cent
+#: ln of a constant: tolerance of the maximum, a tenth of a sigma for constants known to a per cent
 PRECISION = 1e-3
-#: a curvature is taken where the gain has fallen by one, a sigma; how near is near enough, and steps towards it
+#: the curvature is computed where the gain has fallen by one (one sigma): tolerance, and steps towards it
 FALLEN, STEPS = (0.3, 3.0), 5
-#: ln of a constant: the first step, and those that are sensible
+#: ln of a constant: the first step, and the range of accepted steps
 FIRST_STEP, LEAST_STEP, MOST_STEP = 0.02, 1e-5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedForm:
-    """form with its best constants; gain: chi-square; constants_sigma: of each, in its unit, one sigma with all others free; inf where the
-    gain does not tell."""
+    """form with its best constants; gain: chi-square; constants_sigma: of each constant in its unit, one sigma with all others free; inf
+    where the gain does not determine it."""
 
     form: LawForm
     gain: float
@@ -40,7 +40,7 @@ class RefinedForm:
 
 
 def refined(form: LawForm, responses: Responses, projection: Projection, reach: float | np.ndarray = REACH) -> RefinedForm:
-    """Beside one hypothesis; reach (constants,): how far each may go, as a factor either way: to its neighbours on a grid."""
+    """Refine the constants against one hypothesis; reach (constants,): range as a factor either way, up to the neighbours on a grid."""
     begin = np.log(form.constants)
 
     def gain(logs: np.ndarray) -> float:
@@ -55,7 +55,7 @@ def refined(form: LawForm, responses: Responses, projection: Projection, reach: 
 
 
 def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
-    """(constants,) ln: each is scanned over its reach, then all are followed uphill together."""
+    """(constants,) ln: scan each constant over its reach, then climb with all of them together."""
     from scipy.optimize import minimize, minimize_scalar
 
     at, highest = begin.copy(), gain(begin)
@@ -82,7 +82,7 @@ def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.n
 
 
 def _sigmas(gain: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    """(constants,) ln: one sigma of each, where chi-square has risen by one, from the curvature there."""
+    """(constants,) ln: one sigma of each, where chi-square has risen by one, from the local curvature."""
     top, count = gain(at), len(at)
     steps = np.array([_step(gain, at, top, unit) for unit in np.eye(count)])
     moves = np.diag(steps)
@@ -92,14 +92,14 @@ def _sigmas(gain: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
         for j in range(i):
             corners = (gain(at + a * moves[i] + b * moves[j]) * a * b for a in (1, -1) for b in (1, -1))
             fallen[i, j] = fallen[j, i] = -sum(corners) / 4
-    # In steps: chi-square rises by x' fallen x / 2.
+    # In steps, chi-square rises by x' fallen x / 2.
     if np.linalg.eigvalsh(fallen)[0] <= 0:
         return np.full(count, np.inf)
     return np.sqrt(2 * np.diag(np.linalg.inv(fallen))) * steps
 
 
 def _step(gain: Callable[[np.ndarray], float], at: np.ndarray, top: float, unit: np.ndarray) -> float:
-    """How far along one constant the gain falls by one or so."""
+    """Distance along one constant at which the gain has fallen by about one."""
     step = FIRST_STEP
     for _ in range(STEPS):
         fallen = top - (gain(at + step * unit) + gain(at - step * unit)) / 2
@@ -109,20 +109,20 @@ def _step(gain: Callable[[np.ndarray], float], at: np.ndarray, top: float, unit:
     return step
 
 
-# A form one of whose constants differs by axis: the grammar has one for all, and a gyroscope has three structures.
+# A form with one constant per axis: the grammar has one for all axes, but a gyroscope has three structures.
 
-#: how far the constant of an axis may be from that of all, as a factor either way
+#: largest ratio of one axis' constant to the common one, either way
 AXIS_REACH = 5.0
-#: columns that are made for the constant of one axis, and how often each axis has its turn: what one axis has hardly moves another's
+#: columns evaluated for the constant of one axis, and rounds over the axes, which hardly affect one another
 EVALUATIONS, ROUNDS = 16, 2
-#: ln of a constant: near enough
+#: ln of a constant: tolerance
 AXIS_PRECISION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class ByAxis:
-    """constant: its number among the form's constants; values (3,): of x, y, z; more: chi-square that it takes up beyond what one constant
-    for all does; forms: of each axis; axes (P,): whose constant each coefficient has; theta (P,) SI, seen linearly."""
+    """constant: its number among the form's constants; values (3,): of x, y, z; more: chi-square gained over one constant for all axes;
+    forms: of each axis; axes (P,): the axis whose constant each coefficient uses; theta (P,) SI, by the linear approximation."""
 
     constant: int
     values: np.ndarray
@@ -132,13 +132,13 @@ class ByAxis:
     theta: np.ndarray
 
     def added(self, movements: Sequence[Movement]) -> np.ndarray:
-        """(N, 3) rad/s over all logs, one after the other, as ``judge.added`` has it."""
+        """(N, 3) rad/s over all logs concatenated, as ``equivalence.added``."""
         thetas = (np.where(self.axes == axis, self.theta, 0.0) for axis in range(3))
         return np.sum([added(as_effect(form), theta, movements) for form, theta in zip(self.forms, thetas, strict=True)], axis=0)
 
 
 def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list[ByAxis]:
-    """Each of a form's constants in turn, the others as they are; none of a quantity without an axis."""
+    """Fit each of a form's constants by axis, the others held; empty for a quantity without an axis."""
     found = []
     places = [place for place, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s) if value is not None]
     for number, place in enumerate(places):
@@ -150,7 +150,7 @@ def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list
 
 
 def linear_coefficients(columns: np.ndarray, projection: Projection) -> np.ndarray:
-    """(P,) of stacked columns (n, P), by linear least squares beside a hypothesis."""
+    """(P,) of stacked columns (n, P), by linear least squares against a hypothesis."""
     return np.linalg.lstsq(projection.seen(columns), projection.residual, rcond=None)[0]
 
 
@@ -168,7 +168,7 @@ def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses,
 
     begin, columns = float(np.log(form.constants[number])), responses.columns(form)
     alone = _gain(columns, projection)
-    # The one for all is as good as it can be seen here, or what it lacks would count for the axes.
+    # The common constant is refined first; otherwise its error would count in favour of the axes.
     ln, found = highest(axes >= 0)
     if found > alone:
         begin, alone, columns = ln, found, with_axes(axes >= 0, ln)
@@ -182,7 +182,7 @@ def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses,
 
 
 def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float, float]:
-    """ln of a constant, within ``REACH`` of where it begins, and its gain."""
+    """ln of a constant, within ``REACH`` of its start, and its gain."""
     from scipy.optimize import minimize_scalar
 
     bounds, options = (begin - np.log(AXIS_REACH), begin + np.log(AXIS_REACH)), {"maxiter": EVALUATIONS, "xatol": AXIS_PRECISION}

@@ -1,4 +1,4 @@
-"""From what size on this very search would have found a law here: the law's response is put into draws of this recording's own noise."""
+"""Detection limits: the smallest law that this search would find here, from laws injected into simulated noise of this recording."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from tinygc.annexes.discovery.responses import Responses, planned
 from tinygc.annexes.discovery.screening import Screening, passed
 from tinygc.noise.whitening import Whitener
 
-#: draws of noise that a law is put into, and the share of them that must show it: nineteen of twenty, which is then known to 3 %
+#: draws of noise that a law is injected into, and the share in which it must be found: nineteen of twenty, known to 3 %
 DRAWS, SURE = 64, 0.95
-#: a form has found the law if it can say so much of its response, squared: correlation 0.99
+#: squared correlation with the law's rate from which a form counts as having found it: correlation 0.99
 SAID = 0.98
-#: forms that may stand in a law's place: those that promise most here, or have its quantities; and those that say most of a plain law's
+#: forms considered in a law's place: the best by promise or of the same quantities; and the best approximations of a plain law
 NEAR_LAW, NEAR_PROBE = 300, 40
-#: chi-square of a plain law at which its rivals are looked for
+#: chi-square of a plain law at which its rivals are selected
 RIVALS_AT = 60.0
-#: factors on a law's size that are tried, either way, and halvings between them: to 2 %
+#: range of factors on a law's size that is searched, either way, and bisections: to 2 %
 MOST_FACTOR, HALVINGS = 64.0, 9
-#: rad/s rms: a law that adds more than this is no error of a gyroscope that works
+#: rad/s rms: no working gyroscope has a larger error
 PLAUSIBLE_RPS = 5 * DEG
-#: and less than this, none that anybody looks for: a tenth of a degree an hour
+#: rad/s rms: smaller laws are not considered (a tenth of a degree an hour)
 LEAST_RPS = 5e-7
 
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """basis (m, r) of what a look sees of a form, its price, and whether it is the law itself."""
+    """basis (m, r) of a form in a projection, its price, and whether it is the law itself."""
 
     basis: np.ndarray
     price: float
@@ -43,9 +43,9 @@ class _Form:
 def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
-    Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and noise alone does as much in no
-    more than the share ``chance`` of searches.  Linear, beside the last look; whiten: the noise as it is where the law is named: without
-    the name it stands in for the law.  The form has the price of those of the screening that differ from it by constants alone.
+    A law is found where the best of all forms is the law, or correlates with its added rate to 0.99, and noise alone does as well in no
+    more than the share ``chance`` of searches.  Linear, in the last projection; whiten: the noise where the law is reported, which without
+    the report absorbs the law.  The form has the price of those screened forms that differ from it by constants alone.
     """
     responses, projection = screening.all_responses, screening.all_projections[-1]
     projection = projection if whiten is None else projection.with_noise(whiten)
@@ -61,9 +61,9 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
 
 
 def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
-    """Of each quantity, the size from which a plain law of it would be found in 95 % of all cases, as ``learnable_from`` has it, and takes
-    up ``least`` of chi-square: rad/s rms of what it adds beside a calibration.  None: at no plausible size, as of a quantity that is not
-    there.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
+    """Of each quantity, the size from which a plain law of it would be found in 95 % of all cases (as ``learnable_from``) and gain at least
+    ``least`` chi-square: rad/s rms of its rate after a calibration.  None: at no plausible size, or the quantity is missing.  The law is
+    the most visible function of one quantity, the same for each axis (``probes``)."""
     found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
     responses, projection = screening.responses, screening.projections[-1]
     near = [_rivals(screening, number) for number in range(len(screening.probes))]
@@ -86,7 +86,7 @@ def _kin(screening: Screening, form: LawForm) -> np.ndarray:
 
 
 def _rivals(screening: Screening, probe: int) -> np.ndarray:
-    """Numbers of the forms that promise most of a plain law without noise, itself among them."""
+    """Numbers of the forms with the largest promise for a noise-free plain law, itself among them."""
     rank = screening.rank[-1]
     expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
     expected[rank == 0] = -np.inf
@@ -94,7 +94,7 @@ def _rivals(screening: Screening, probe: int) -> np.ndarray:
 
 
 def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, projection: Projection) -> dict[int, _Form]:
-    """Of some of the forms, by number."""
+    """Bases and prices of the numbered forms."""
     found = {}
     for some in passed(planned([screening.forms[number] for number in numbers]), responses, [projection], [np.zeros((projection.free, 0))]):
         weights, rank, _ = seen_directions(some.free, some.length)
@@ -104,7 +104,7 @@ def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, proj
 
 
 class _Trial:
-    """A law's response, whitened (n,) and free (m,), among forms; noise is drawn anew, the same for every size."""
+    """A law's response, whitened (n,) and free (m,), among forms; the same noise draws are used for every size."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class _Trial:
         generator = np.random.default_rng([screening.seed, number])
         self._look, self._level, self._least = projection, max(screening.chance.level(chance), 0.0), least
         self._law, self._noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
-        # What all other forms would have made of noise.
+        # The promise of all other forms in noise alone.
         self._others = generator.choice(screening.drawn, DRAWS)
         self._rank = np.array([form.basis.shape[1] for form in forms])
         self._price = np.array([form.price for form in forms])
@@ -131,7 +131,7 @@ class _Trial:
         self._says = (said > SAID) | np.array([form.own for form in forms])
 
     def found(self, factor: float) -> bool:
-        """Whether ``SURE`` of the draws show the law at this many times its size."""
+        """Whether the law is found in ``SURE`` of the draws at this many times its size."""
         gains = np.add.reduceat((factor * self._along_law[:, None] + self._along_noise) ** 2, self._starts, axis=0)
         scatter = self._look.scatters(factor * self._law[:, None] + self._noise)
         tested = promise(self._look.studentised(gains, self._rank, scatter), self._rank, self._price)
@@ -142,7 +142,7 @@ class _Trial:
 
 
 def _threshold(trial: _Trial, least: float, most: float) -> float | None:
-    """The smallest factor that is found, by halving its logarithm; None where not even the largest is."""
+    """The smallest factor that is found, by bisection of its logarithm; None where even the largest is not."""
     if not trial.found(most):
         return None
     low, high = np.log(least), np.log(most)

@@ -1,4 +1,4 @@
-"""A law as a complete effect file, with its evidence in the docstring."""
+"""Write a law as a complete effect file with its evidence in the docstring."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from tinygc.effects import NEIGHBOURS, Movement, Reach, signals
 from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES, substituted, undone_with_jumps
 
-# The docstring of a written file: what the law is, where it was found, and what speaks for it.
+# The docstring of a written file: the law, where it was found, and its evidence.
 
 EVIDENCE_WIDTH, INDENT = 110, 12
-#: signs of a name that came from a file
+#: longest name taken from a file, in characters
 LONGEST = 80
-#: hexadecimal digits of a log's hash that tell it from any other
+#: hexadecimal digits of a log's hash that identify it
 DIGEST = 16
-#: runners-up that are told
+#: runners-up that are listed
 MOST = 3
 
 
 @dataclass(frozen=True)
 class Where:
-    """Where a law was found: the session's name; logs, name -> sha256; version of the tool; full scale in dps
-    and temperature of the first sample in degC, to which a law's numbers belong: without them a file takes those of each session."""
+    """Where a law was found: the session's name; logs, name -> sha256; version of the tool; full scale in dps and temperature of the first
+    sample in degC, the reference conditions of the law's numbers: without them a file takes those of each session."""
 
     session: str
     logs: Mapping[str, str] = field(default_factory=dict)
@@ -59,14 +59,14 @@ class Where:
 
 
 def plain(text: str) -> str:
-    """Another's words, fit for a docstring: they can neither end it nor say anything to Python."""
+    """Sanitise foreign text for a docstring: it can neither end the docstring nor contain escapes."""
     line = printable(text)
     line = line if len(line) <= LONGEST else line[: LONGEST - 1] + "…"
     return line.replace("\\", "/").replace('"', "'").replace("{", "(").replace("}", ")")
 
 
 def docstring(law: Law, where: Where, undoing: str = "") -> str:
-    """Between its quotes, lines that begin at the left; undoing: what is to be said of taking it off."""
+    """The text between the quotes, not indented; undoing: a note on inverting the law."""
     parts = {"Equation": equation(law.form), "Found in": _where(where), "Evidence": _evidence(law)}
     for number, each in enumerate(law.held_out):
         parts[f"Held out{' ' * number}"] = _held_out(each)
@@ -119,21 +119,21 @@ def _runner_up(each: RunnerUp) -> str:
     return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {plain(each.splits)}"
 
 
-# How many passes of substitution undo a law, by trial on a drawn movement: what a written file declares, and its C does.
+# How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.
 
-#: Hz, the highest at which a proof undoes an effect; s of movement
+#: Hz, the highest rate of a proof; s of movement
 RATE_HZ, LENGTH_S = 833.0, 8.0
-#: of the size found, that another unit may have, of each sign: what a proof hides
+#: factors on the size found, of each sign, that another unit may have: the range of a proof
 STRONGER, DRAWN = 1.5, 2
-#: share of what is added that may be left: a proof asks for 5e-3; and of rows that may be left with more, as at the rate
-#: that ends a rest
+#: share of the added rate that may remain (a proof requires 5e-3), and share of rows that may exceed it, as at the rate that ends a
+#: rest
 LEFT, ASTRAY = 1e-3, 0.01
-#: of a rate beside 1 rad/s, what C may leave: single precision rounds as much
+#: residual allowed in C relative to 1 rad/s: about the rounding of single precision
 LEFT_IN_C = 2e-6
 
 
 def passes_of(form: LawForm, theta: np.ndarray, jumps: bool, full_scale: float = FULL_SCALE) -> int | None:
-    """Passes of all rows alike that take off what a law adds, theta (P,) SI; None where ``MOST_PASSES`` do not."""
+    """Fixed-point passes over all rows that invert a law, theta (P,) SI; None where ``MOST_PASSES`` are not enough."""
     moved = _movement(full_scale)
 
     def left(size: np.ndarray, passes: int) -> bool:
@@ -150,7 +150,7 @@ def passes_of(form: LawForm, theta: np.ndarray, jumps: bool, full_scale: float =
 
 
 def passes_in_c(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE) -> int | None:
-    """The same of single precision, to full scale; rows are alone."""
+    """As ``passes_of`` in single precision up to full scale, each row on its own."""
     rng, moved = np.random.default_rng(0), _movement(full_scale)
     moved = replace(moved, rate=rng.uniform(-full_scale, full_scale, np.shape(moved.rate)))
 
@@ -175,7 +175,7 @@ def _least(theta: np.ndarray, left: Callable[[np.ndarray, int], bool]) -> int | 
 
 
 def _movement(full_scale: float) -> Movement:
-    """(N,) rows of a drawn one, straight between its samples: more abrupt than a hand."""
+    """(N,) rows of a simulated movement, linear between its samples and more abrupt than a hand."""
     drawn = some_movement(0)
     t_s = drawn.t_s[0] + np.arange(0.0, LENGTH_S, 1 / RATE_HZ)
 
@@ -195,26 +195,26 @@ def _movement(full_scale: float) -> Movement:
     )
 
 
-# A law as a complete effect file, such as a person would write it: text alone, nothing of a recording in it is ever code.
+# A law as a complete effect file, as a person would write it.  Nothing of a recording becomes code.
 
-#: digits of the plausible size: a prior, not a bar
+#: digits of the plausible size, which is a prior and no limit
 DIGITS = 2
-#: of the size that was found, the plausible one: what proves an effect (``tinygc.effects.testing``) hides it at a twentieth of that
+#: plausible size over the size found: a proof (``tinygc.effects.testing``) injects a twentieth of it
 PLAUSIBLE = 20.0
-#: of the constant that was found: where another unit's own is looked for
+#: factors on the constant found, at which another unit's own constant is searched
 GRID = "0.5, 0.63, 0.8, 1, 1.25, 1.6, 2"
 #: columns of a line
 WIDTH = 120
 
 
 def written(law: Law, where: Where, name: str | None = None) -> str:
-    """The file of a law; name: behind ``discovered.`` in its id, where it is another than the form's own."""
+    """The effect file of a law; name: follows ``discovered.`` in its id, where it differs from the form's own."""
     form, constants = rounded(law.form, law.constants_sigma), constants_of(law.form, law.constants_sigma)
     return _File(law, form, constants, name or what(form), where).text(where)
 
 
 class _File:
-    """The parts of one file."""
+    """The parts of one effect file."""
 
     def __init__(self, law: Law, form: LawForm, constants: list[Constant], name: str, where: Where):
         self.law, self.form, self.constants, self.name = law, form, constants, name
@@ -225,13 +225,13 @@ class _File:
         self.code = law_code(form, self.scanned, self.fixed)
         self.jumps, full_scale = jumps(form), self.at.get("FULL_SCALE_RPS", (FULL_SCALE, ""))[0]
         counted = self.jumps or bool(reaches_of(form)) or any(factor.lag_s is not None for factor in form.factors)
-        #: that all rows take alike; None: not so many undo it
+        #: fixed-point passes over all rows; None: they do not invert the law
         self.passes = passes_of(form, law.theta, self.jumps, full_scale) if counted else PASSES
         in_c = passes_in_c(form, law.theta, full_scale) if not why_not(form) else None
         self.device = device_code(form, constants, name, in_c, self.fixed)
 
     def text(self, where: Where) -> str:
-        """All of it."""
+        """The whole file."""
         undoing = "" if self.passes is not None else TOO_STRONG
         head = [f'"""{docstring(self.law, where, undoing)}\n"""', self._imports(), self._constants()]
         body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
@@ -333,7 +333,7 @@ class _File:
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
 
     def _anywhere(self, text: str) -> str:
-        """Words of one session as they hold in any."""
+        """Reword text about one session so that it holds in any."""
         if "FULL_SCALE_RPS" in self.fixed:
             dps = f"{self.at['FULL_SCALE_RPS'][0] / DEG:.6g} dps"
             text = text.replace("ω / FS", f"ω / ({dps})").replace("of full scale", f"of {dps}")
@@ -343,18 +343,18 @@ class _File:
         return text
 
     def _reach(self, lag: str | None) -> str:
-        """Python of how far it looks around; lag: the name that its lag has there, else its constant's."""
+        """Python source of how far it looks around; lag: the name of its lag in the file, else that of the lag's constant."""
         parts = [f"signals.lag_reach({lag or constant.python})" for constant in self.constants if constant.lag]
         parts += [_source(reach) for reach in reaches_of(self.form)]
         parts = list(dict.fromkeys(parts))
         if not jumps(self.form):
             return " + ".join(parts)
-        # What is gone through again and again looks back each time; to the log's beginning it does at once.
+        # Each pass of an inversion looks back once more; a reach to the log's beginning does not grow.
         parts = ["signals.WHOLE"] if "signals.WHOLE" in parts else [f"{part}.times({(self.passes or PASSES) + 2})" for part in parts]
         return " + ".join([*parts, "JUMPS_REACH"])
 
 
-#: what a docstring says of a law that correct does not take off
+#: docstring text of a law that ``correct`` does not remove
 TOO_STRONG = (
     f"it is so strong, beside how fast it follows, that {MOST_PASSES} passes of substitution do not take it off: the proof of an effect "
     "(undo) says how much a calibration leaves; write an exact_correct if that is too much"
@@ -362,7 +362,7 @@ TOO_STRONG = (
 
 
 def at_of(where: Where) -> dict[str, tuple[float, str]]:
-    """Constant of a file -> its value, and the Python that defines it: what the law's numbers belong to."""
+    """Constant of a file -> its value and the Python that defines it: the law's reference conditions."""
     found: dict[str, tuple[float, str]] = {}
     if (dps := where.full_scale_dps) is not None and isfinite(dps):
         dps = float(f"{dps:.9g}")
@@ -375,7 +375,7 @@ def at_of(where: Where) -> dict[str, tuple[float, str]]:
     return found
 
 
-#: of ``tinygc.effects``, what a file may use beside ``Effect`` and ``Movement``
+#: names of ``tinygc.effects`` that a file may use in addition to ``Effect`` and ``Movement``
 USED = (
     *("NEIGHBOURS", "Conditions", "Cost", "FoundAt", "NoC", "Parameter", "Reach", "Scan", "StageC", "axis_of", "before", "behind"),
     *("cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
@@ -383,7 +383,7 @@ USED = (
 
 
 def _from(module: str, names: Sequence[str]) -> list[str]:
-    """An import, names as a formatter sorts them."""
+    """An import statement, names in a formatter's order."""
     ordered = sorted(names, key=lambda name: (not name.isupper(), not name[0].isupper(), name))
     line = f"from {module} import {', '.join(ordered)}"
     if len(line) <= WIDTH:
@@ -392,13 +392,13 @@ def _from(module: str, names: Sequence[str]) -> list[str]:
 
 
 def _text(name: str, text: str, end: str) -> list[str]:
-    """An argument that is a text: in one line, or in brackets."""
+    """A text argument, on one line or in brackets."""
     pieces = _pieces(text)
     return [f"{name}{pieces[0]}{end}"] if len(pieces) == 1 else [f"{name}(", *(f"    {piece}" for piece in pieces), f"){end}"]
 
 
 def _pieces(text: str) -> list[str]:
-    """Strings that stand one after the other."""
+    """The text as consecutive string literals."""
     lines = wrap(text, WIDTH - 20)
     return [f'"{line}{" " if number < len(lines) - 1 else ""}"' for number, line in enumerate(lines)]
 
@@ -409,13 +409,13 @@ def _tuple(names: Sequence[str]) -> str:
 
 
 def reaches_of(form: LawForm) -> list[Reach]:
-    """Of its quantities and functions, but for its lags."""
+    """Reaches of the form's quantities and functions, without its lags."""
     found = [factor.of.reach for factor in form.factors if factor.of.reach]
     return found + ([signals.WHOLE] if any(factor.through.memory for factor in form.factors) else [])
 
 
 def _source(reach: Reach) -> str:
-    """Python of it."""
+    """Python source of a reach."""
     named = {getattr(signals, name): f"signals.{name}" for name in ("SLOPE", "WHOLE", "DERIVATIVE")} | {NEIGHBOURS: "NEIGHBOURS"}
     around = Reach.around(reach.before_samples, reach.before_s) == reach
     given = {"samples": reach.before_samples, "seconds": reach.before_s} if around else vars(reach)
@@ -424,7 +424,7 @@ def _source(reach: Reach) -> str:
 
 
 def _is_scale_law(form: LawForm) -> bool:
-    """Whether each axis has one coefficient that multiplies its own rate, without a memory."""
+    """Whether each axis has one coefficient that multiplies its own rate, without memory."""
     if form.pattern != "each" or form.size != 3 or reaches_of(form) or any(factor.lag_s is not None for factor in form.factors):
         return False
     return sum(factor.quantity == "rate" and factor.through.odd for factor in form.factors) == 1

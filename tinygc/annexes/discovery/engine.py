@@ -45,21 +45,21 @@ from tinygc.explanation.search import STAND_IN, exchanged, search, without_idle
 from tinygc.explanation.unknown import slow_candidates
 from tinygc.noise.twin import Twin, claim_slice
 
-# What of a search is said: which laws stand, and what else each could be.
+# The result of a search: the accepted laws and their possible alternatives.
 
-#: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
-#: the other would leave, whether the grammar can say the other or not
+#: chi-square that a law must gain to be distinguished from any other whose added rate correlates less than EQUAL with its own: the share
+#: that the other would leave, whether or not the grammar contains it
 DECISIVE = STAND_IN / (1 - EQUAL**2)
-#: sigmas, one-sided, that a chi-square's root is below its mean in one case of twenty: what ``learnable.SURE`` of cases have
+#: sigmas, one-sided: a chi-square's root is that far below its mean in one case of twenty, to match ``detection_limits.SURE``
 SURE_SIGMAS = 1.645
-#: runners-up that are told
+#: runners-up that are listed
 MOST_RUNNERS_UP = 4
 
 
 @dataclass(frozen=True, eq=False)
 class _AssessedLaw:
-    """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same; axes: its constants, where
-    those of the axes differ."""
+    """One law of the best hypothesis; others: rivals that add a different rate, same: those that add the same rate; axes: its constants by
+    axis, where these differ."""
 
     law: Effect
     form: LawForm
@@ -73,7 +73,7 @@ class _AssessedLaw:
 
 
 def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
-    """The answer of a search."""
+    """The result of a search."""
     first = searched.rounds[0].screening
     common: dict[str, Any] = {
         "forms": len(searched.forms),
@@ -88,7 +88,7 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
         beside = f", beside {', '.join(name.id for name in names)}" if names else ""
         none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
         why = _too_little(searched, share) or searched.why or none
-        # Of chi-square, what the turns that are screened have of it.
+        # The share of chi-square that belongs to the screened turns.
         screened = len(first.responses.segments) / len(explanation.twin.segments)
         limits = learnable(first, CHANCE, DECISIVE * screened)
         return Discovery("none", why, (), names, learnable=limits, **common)
@@ -106,13 +106,13 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
 
 
 def _too_little(searched: SearchState, share: float) -> str:
-    """Why the laws that stand are not said, if there are any."""
+    """Why the accepted laws are not reported, or empty."""
     said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
     return f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
 
 
 def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float) -> str:
-    """Why the laws are not found and no more is said than which they could be; empty where they are."""
+    """Why the laws are not found and only candidates are reported; empty where they are found."""
     several = next((each for each in assessed if each.others), None)
     if several is not None:
         return f"{len(several.others) + 1} forms of equal worth add different rates"
@@ -157,7 +157,7 @@ def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """What was judged, refitted on all that was recorded: laws in the order of the judged, their constants for all."""
+    """The selected hypothesis refitted on the whole recording: laws in the order of the selection, constants common to all axes."""
 
     evidence: FormEvidence
     have: Hypothesis
@@ -181,7 +181,7 @@ def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Besid
 
 
 def _free_id(form: LawForm, taken: Sequence[str]) -> str:
-    """``discovered.…``, with the first number that no other has, where the name alone is one of the catalogue's or of those taken."""
+    """``discovered.…`` with the first free number where the name alone is in the catalogue or taken."""
     name, number, others = f"{FORM}{what(form)}", 1, {*catalogue(), *taken}
     while (found := name if number == 1 else f"{name}_{number}") in others:
         number += 1
@@ -217,9 +217,9 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
 
 
 def _same(assessed: _AssessedLaw, evidence: FormEvidence) -> tuple[LawForm, ...]:
-    """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
+    """Forms that this recording cannot distinguish from the law, by their columns or by the rate that they add."""
     weighed = [evidence.forms[rival.effect.id] for rival in assessed.same if rival.effect.id in evidence.forms]
-    found: dict[LawForm, LawForm] = {}  # of those that differ by their constants alone the first
+    found: dict[LawForm, LawForm] = {}  # the first of the forms that differ by constants alone
     for form in [*assessed.round.screening.same_as(assessed.form), *weighed]:
         if form.shape != assessed.form.shape:
             found.setdefault(form.shape, form)
@@ -236,23 +236,23 @@ def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp
 
 # The search for an equation, from an explanation to an answer.
 #
-# 1. A third of the turns and stills is put away (``parts``); what follows sees the rest alone.
-# 2. The catalogue has its say first: the hypothesis of its effects with the most evidence.
-# 3. All forms of the grammar are screened beside it, and beside nothing at all: a name may have stood in for the law (``search``).
-# 4. The best are sharpened, weighed with the noise estimated anew, and refitted exactly, the constants of the best, too (``exact``); names
-#    that the law has made idle go.
-# 5. A second law may stand beside the first.
-# 6. Each law is judged (``verdict``); what is left is refitted on all that was recorded.
+# 1. A third of the turns and stills is held out (``parted``); the following steps use the rest alone.
+# 2. The catalogue is searched first: the hypothesis of its effects with the most evidence.
+# 3. All forms of the grammar are screened against it and against no effects at all, as a catalogue effect may have stood in for the law.
+# 4. The best forms are refined, compared with the noise re-estimated, and refitted exactly with their constants (``exact``); effects
+#    that the law makes redundant are removed.
+# 5. A second law may be added to the first.
+# 6. Each law is tested on the held-out data (``refused``); what is accepted is refitted on the whole recording.
 
-#: laws of one answer: each is a pass over all forms
+#: laws of one answer: each takes a pass over all forms
 MOST_LAWS = 2
-#: names that a law may uncover
+#: catalogue effects that a law may uncover
 MOST_NAMES = 2
-#: forms that take a law's place, one after the other
+#: forms that may replace a law in turn
 MOST_EXCHANGES = 3
-#: shapes without a name that are tried in the place of a law
+#: unnamed shapes that are tried in the place of a law
 MOST_SHAPES = 2
-#: what is told of progress: steps of the whole
+#: steps of the whole, for progress
 STEPS = 7
 
 
@@ -262,9 +262,9 @@ def discover(
     seed: int = 0,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Discovery:
-    """Search a session's remainder for the equation that was left out; the explanation says what its catalogue names.
+    """Search a session's residuals for the missing equation; the explanation lists the catalogue's effects.
 
-    seed: of what is put away, and of what chance draws.
+    seed: of the held-out split and of all random draws.
     """
     whole = explanation.twin
     if len(whole.segments) < 3 * FEWEST:
@@ -274,7 +274,7 @@ def discover(
     twin = Twin(split.seen)
     progress("discover: the catalogue on what is seen", 0, STEPS)
     evidence, tried = FormEvidence(twin), candidates(twin)
-    # What is named, but for those whose shape, as the moment of a step, has been found with the turns that are put away.
+    # The catalogue effects, except those whose shape (such as the moment of a step) was fitted with held-out turns.
     named = [one.effect for one in explanation.naming.named if one.effect.scan is None]
     begin = evidence.of(tuple(named), evidence.nothing)
     start = min(begin, evidence.nothing, key=lambda h: h.score)
@@ -308,7 +308,7 @@ def _reported(progress: Callable[[str, int, int], None], step: int) -> Callable[
 
 
 def _exactly(searched: SearchState, have: Hypothesis) -> SearchState:
-    """With all laws of a hypothesis, their constants where it is most probable; what is new among them the last round has brought."""
+    """Refit the constants of all laws of a hypothesis exactly; its new laws come from the last round."""
     evidence, last, entered = searched.evidence, len(searched.rounds) - 1, dict[str, int]()
     for law in [effect for effect in have.effects if effect.id in evidence.forms]:
         have, own = exact(evidence, have, law)
@@ -317,8 +317,8 @@ def _exactly(searched: SearchState, have: Hypothesis) -> SearchState:
 
 
 def _settled(evidence: FormEvidence, tried: list[Effect], found: SearchRound, before: list[Effect]) -> Hypothesis:
-    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
-    forms that linear columns have misjudged the best takes the law's place; before: laws of earlier rounds, which stay."""
+    """Settle the catalogue effects around the laws: drop those made redundant, add those uncovered.  Where the linear approximation
+    ranked a form wrongly, the best form replaces the law; before: laws of earlier rounds, which stay."""
     assert found.best is not None
     have = without_idle(evidence, found.best)
     have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))

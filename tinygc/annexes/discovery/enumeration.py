@@ -1,4 +1,4 @@
-"""All forms of the grammar that a recording can be asked, each once, and how long its description is."""
+"""All forms of the grammar for a recording, each once, and the length of their descriptions."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from tinygc.annexes.discovery.equivalence import distinct_forms, some_movement
 from tinygc.annexes.discovery.form import Factor, LawForm, patterns_of
 from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
 
-# The constants that are tried before they are sharpened: of functions by the quantity's own size in the recording, and of lags.
+# The grid of constants before refinement: functions in units of the quantity's largest size in the recording, and lags.
 #
-# Every grid has the same number of places whatever the recording, so that a form means the same, and costs the same bits, in all of them.
-# Neighbours differ by two or so: a true constant between them is near enough for the one beside it to be seen, and sharpening
-# (``screen``) ends at it.
+# Every grid has the same number of places in every recording, so a form means the same and costs the same bits in all of them.
+# Neighbours differ by a factor of about two: a true constant between them is visible at its neighbour, and refinement
+# (``refined``) reaches it.
 
-#: of the quantity's largest size: thresholds, dead zones, limits; in products fewer
+#: shares of the quantity's largest size: thresholds, dead zones, limits; fewer in products
 SHARES, FEW_SHARES = (0.01, 0.025, 0.05, 0.1, 0.2, 0.35, 0.55, 0.8), (0.03, 0.1, 0.3, 0.6)
-#: likewise, of a step, of which a calibration leaves no more than what is near it: a step a fourth off is still half like it
+#: likewise for a step: a calibration leaves only the part near it, so a step a fourth off is still half correlated with it
 STEPS = tuple((0.02 * 1.3 ** np.arange(15)).tolist())
-#: likewise, of what fades: from a settling of seconds in a session of minutes to one that is hardly more than a slope
+#: likewise for decays: from a settling of seconds in a session of minutes to hardly more than a slope
 FADES, FEW_FADES = (0.001, 0.003, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.6, 4.0), (0.008, 0.03, 0.1, 0.3, 1.0)
-#: s: from what a filter does to what a package remembers; of what warms up slowly
+#: s: from a filter's delay to a package's memory; of slow warming
 LAGS_S = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)
 SLOW_LAGS_S = (1.5, 5.0, 15.0, 50.0, 150.0, 500.0)
 #: s: in products
 FEW_LAGS_S, FEW_SLOW_LAGS_S = (0.15, 0.5, 1.5, 5.0, 15.0, 50.0), (5.0, 15.0, 50.0, 150.0)
-#: cycles over twice the largest size, of a wave over a quantity with both signs
+#: cycles over twice the largest size, for a wave over a quantity of both signs
 CYCLES, FEW_CYCLES = tuple(np.arange(1.0, 12.5, 0.5).tolist()), (1.0, 2.0, 4.0)
-#: cycles over the session, of a line: closer than half of what it tells apart they are sharpened; of a square wave; in products
+#: cycles over the session of a line, spaced at half the resolution so that refinement can reach any; of a square wave; in products
 LINES = tuple(np.arange(0.5, 200.25, 0.5).tolist())
 CLOCKS, FEW_LINES = LINES[1:40], LINES[:40]
-#: times in a full turn
+#: cycles in a full turn
 TIMES_A_TURN = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
-#: of a register, over the largest size: half a step more or less moves the last by no more
+#: a register's steps over the largest size: half a step changes the last threshold by no more
 COUNTS = tuple(np.arange(2.0, 32.25, 0.5).tolist())
 
 PERIODIC, FADING, STEPPED = ("wave", "clock"), ("decay", "signed_decay", "settle"), ("beyond", "signed_beyond", "above", "band", "latch")
 
 
 def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]:
-    """Of a function's constant, as ``constant_at`` takes them; few: in a product."""
+    """Places of a function's constant, as ``constant_at`` takes them; few: in a product."""
     if quantity == "turned" and function in PERIODIC:
         return TIMES_A_TURN
     if quantity == "time" and function in PERIODIC:
@@ -60,7 +60,7 @@ def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]
 
 
 def constant_at(quantity: str, function: str, place: float, largest: float) -> float:
-    """In the quantity's unit, of one whose largest size is given."""
+    """The constant in the quantity's unit, for a given largest size of the quantity."""
     if quantity == "turned" and function in PERIODIC:
         return 2 * np.pi / place
     if function in PERIODIC:
@@ -69,31 +69,31 @@ def constant_at(quantity: str, function: str, place: float, largest: float) -> f
 
 
 def lags_of(quantity: str, few: bool = False) -> tuple[float, ...]:
-    """s, of a quantity that may be looked at behind a lag."""
+    """Lags in s for a quantity that may be lagged."""
     if quantity in ("temperature", "vibration", "temperature_rate"):
         return FEW_SLOW_LAGS_S if few else SLOW_LAGS_S
     return FEW_LAGS_S if few else LAGS_S
 
 
 def _round(value: float) -> float:
-    """To four digits: a constant that a person can read, which is to be sharpened."""
+    """Round to four digits: a readable constant that will be refined."""
     return float(f"{value:.4g}")
 
 
 # Which functions of which quantities are tried: alone, in a product, and behind a lag.
 #
-# What a Coriolis gyroscope and its package are known to do, or could: the drive's and the sense's nonlinearity (powers, roots, limits, dead
-# zones of the rate), one axis' motion in another's channel (rate products, angular acceleration, jerk of a mode that rings), a mass that
-# hangs askew (force, its products, force times rate), strain of the package (temperature, its rate, its lag), heat and charge that a motion
-# leaves behind (lags of the rate's size and square, the sense of the last turn, which fades), a supply that settles or is loaded to a
-# clock (time), hysteresis (play, latch), a field that is fixed in the world (level and world directions), and a register that rounds (saw).
+# Known or possible errors of a Coriolis gyroscope and its package: nonlinearity of drive and sense (powers, roots, limits, dead zones of
+# the rate), one axis' motion in another's channel (rate products, angular acceleration, jerk of a ringing mode), a skew mass (force, its
+# products, force times rate), strain of the package (temperature, its rate, its lag), heat and charge left by a motion (lags of the
+# rate's size and square, the decaying sense of the last turn), a supply that settles or is loaded periodically (time), hysteresis (play,
+# latch), a field fixed in the world (level and world directions), and quantisation in a register (saw).
 
 _POWERS = "itself size square signed_square cube size_cube root signed_root root_cube size_root_cube"
 _LIMITS = "excess within soft beyond signed_beyond band"
 _KINKS = "dead_zone excess hinge beyond above"
-#: of each quantity, names of functions with a space between
+#: quantity -> names of functions separated by spaces
 ALONE: dict[str, str] = {
-    # A dead zone is the rate less what is held within it: in its own size it leaves the scale factor alone.
+    # A dead zone is the rate less the part held within it: in its own size it leaves the scale factor alone.
     "rate": f"{_POWERS} sign {_LIMITS} decay signed_decay wave saw play latch",
     "rate_size": "itself square cube root root_cube excess soft beyond decay wave",
     "force": f"{_POWERS} sign dead_zone {_LIMITS} wave play",
@@ -127,7 +127,7 @@ TOGETHER: dict[str, str] = {
     "level": "itself",
     "world": "",
 }
-#: functions that may be looked at behind a lag, alone and in a product
+#: functions that may be lagged, alone and in a product
 LAGGED: dict[str, str] = {
     "rate": "itself size square signed_square sign cube dead_zone excess beyond",
     "rate_size": "itself square excess beyond",
@@ -150,33 +150,32 @@ LAGGED_TOGETHER: dict[str, str] = {
 
 
 def offered(quantity: str, few: bool) -> list[tuple[str, float | None, float | None]]:
-    """(function, its constant's place on the grid, lag in s) of a quantity, alone or, few, in a product."""
+    """(function, its constant's place on the grid, lag in s) for a quantity, alone or, if few, in a product."""
     plain, late = (TOGETHER, LAGGED_TOGETHER) if few else (ALONE, LAGGED)
     found: list[tuple[str, float | None, float | None]] = []
     for function in plain[quantity].split():
         grid: tuple[float | None, ...] = (None,) if FUNCTIONS[function].constant is None else places(quantity, function, few)
         found += [(function, place, None) for place in grid]
     for function in late.get(quantity, "").split():
-        # Two grids at once: fewer places on both.
+        # Two grids at once have fewer places each.
         bent = FUNCTIONS[function].constant is not None
         at = places(quantity, function, few=True) if bent else (None,)
         found += [(function, place, lag_s) for place in at for lag_s in lags_of(quantity, few or bent)]
     return found
 
 
-# How long a form's description is: the choices that the grammar offers at each place, in bits.
+# The length of a form's description: the choices that the grammar offers at each place, in bits.
 #
-#     one factor or two | of each: quantity; itself or a function, and which; its constant's place on the grid; lag or none, and which |
+#     one factor or two | for each: quantity; itself or a function, and which; its constant's place on the grid; lag or none, and which |
 #     pattern of axes, of those that such factors may have
 #
-# A choice among n costs log2(n).  What is asked with yes or no costs one bit: is there a second factor, is it the quantity itself, is there
-# a lag.  So a law of one quantity as it is costs seven bits, and a product of two functions behind lags more than thirty.  The bits are
-# those of the grammar, whatever a recording has; constants count by their place on the grid.  Two to the power of minus the bits, summed
-# over all forms, is below one, as of any code.
+# A choice among n costs log2(n); a yes or no costs one bit: a second factor, the quantity itself, a lag.  A law of one plain quantity costs
+# seven bits, and a product of two lagged functions more than thirty.  The bits are those of the grammar and independent of the recording;
+# constants count by their place on the grid.  Two to the power of minus the bits, summed over all forms, is below one, as for any code.
 
 
 def bits(form: LawForm) -> float:
-    """Of a form, whatever its constants are."""
+    """Description length of a form, whatever its constants are."""
     factors = sum(_of_factor(f.quantity, f.function, f.constant is not None, f.lag_s is not None) for f in form.factors)
     return 1.0 + factors + float(np.log2(len(patterns_of(form.factors))))
 
@@ -191,32 +190,32 @@ def _of_factor(quantity: str, function: str, constant: bool, lag: bool) -> float
     return found + (float(np.log2(len(lags_of(quantity)))) if lag else 0.0)
 
 
-# All forms of the grammar that a recording can be asked, each once.
+# All forms of the grammar for a recording, each once.
 #
-# One factor: every function of every quantity, and what of them may lag behind.  Two factors: the plainer functions of both, with fewer
-# places for constants.  Each in every pattern of axes that its factors may have.  What is the same by algebra is left out as it is built,
-# as far as a rule says so in a line; ``same`` finds the rest, and the form of fewest bits stays.
+# One factor: every function of every quantity, lagged where allowed.  Two factors: the plainer functions of both, with fewer places for
+# constants.  Each comes in every pattern of axes that its factors allow.  Algebraic duplicates are skipped while building where one line
+# of code can recognise them; ``distinct_forms`` finds the rest and keeps the form of fewest bits.
 
-#: of the movement by which forms are told apart: of a dozen, one that knows every form that any of the others knows
+#: seed of the movement that tells forms apart: of a dozen tried, one that distinguishes every form that any of the others does
 SEED = 10
-#: numbers of one axis that a product may have: more would be a dozen coefficients
+#: numbers of one axis that a product may have: more would give a dozen coefficients
 MOST_EACH = 2
 
-#: a factor without the recording's size of it: quantity, function, its constant's place, lag
+#: a factor independent of the recording: quantity, function, its constant's place, lag
 Place = tuple[str, str, float | None, float | None]
 #: factors and pattern
 Plan = tuple[tuple[Place, ...], str]
 
 
 def enumerated(largest: Mapping[str, float]) -> list[LawForm]:
-    """Every form over these quantities, by name, each with its largest size in the recording; 0 where it does not vary."""
+    """Every form over these quantities; largest: by name, its largest size in the recording, 0 where it does not vary."""
     names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
     factors = _Factors(largest)
     return [LawForm(tuple(factors[place] for place in places), pattern) for places, pattern in _plans(names)]
 
 
 class _Factors(dict[Place, Factor]):
-    """By their place, each made once for quantities of these sizes."""
+    """Factors by their place, each made once for quantities of these sizes."""
 
     def __init__(self, largest: Mapping[str, float]):
         super().__init__()
@@ -231,15 +230,15 @@ class _Factors(dict[Place, Factor]):
 
 @cache
 def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
-    """Of all forms over these quantities, each once, the simplest first; told apart on a movement that is drawn."""
+    """All forms over these quantities, each once, the simplest first; duplicates are found on a simulated movement."""
     movement = some_movement(SEED)
     factors = _Factors(largest_of([movement]))
     plans: dict[LawForm, Plan | None] = {}
     products = list(_products(names))
     for plan in [*_singles(names), *products]:
         plans.setdefault(LawForm(tuple(factors[place] for place in plan[0]), plan[1]), plan)
-    # A product whose one factor is 1 wherever the other is not 0 is no product: it is left out for that other alone, a single law near one
-    # of the singles' own places.
+    # A product whose one factor is 1 wherever the other is not 0 is no product: it is skipped for that other factor alone, a single law
+    # near one of the single grid's places.
     for place in dict.fromkeys(place for places, _ in products for place in places):
         for pattern in patterns_of((_any(*place[:2]),)):
             plans.setdefault(LawForm((factors[place],), pattern), None)
@@ -252,7 +251,7 @@ def _singles(names: tuple[str, ...]) -> Iterator[Plan]:
         for function, at, lag_s in offered(name, few=False):
             plain = at is None and lag_s is None
             for pattern in patterns_of((_any(name, function),)):
-                # A matrix over what fades or steps has no physics of its own; nor has a matrix without its diagonal.
+                # A matrix over a decay or a step is not physical; nor is a matrix without its diagonal.
                 if pattern == "each" or plain or (pattern == "full" and QUANTITIES[name].directions * FUNCTIONS[function].phases == 1):
                     yield ((name, function, at, lag_s),), pattern
 
@@ -273,10 +272,10 @@ def _products(names: tuple[str, ...]) -> Iterator[Plan]:
 
 
 def _sensible(one: Place, other: Place) -> bool:
-    """Whether a product is worth its place.
+    """Whether a product is worth enumerating.
 
-    A wave multiplies a quantity as it is.  Of two factors with a value on a grid one fades with time: what a motion leaves behind, and what
-    a supply does as it settles, are such products; of others, two grids would be two searches in one.
+    A wave multiplies a quantity as it is.  Of two factors with a constant on a grid, one must decay with time, as the after-effect of a
+    motion or a settling supply does; any other pair of grids would be two searches in one.
     """
     if "wave" in (one[1], other[1]):
         return "itself" in (one[1], other[1]) and None in (one[3] or one[2], other[3] or other[2])
@@ -290,5 +289,5 @@ def _fades(place: Place) -> bool:
 
 @cache
 def _any(quantity: str, function: str) -> Factor:
-    """A factor of that kind, its constant whatever."""
+    """A factor of that kind with an arbitrary constant."""
     return Factor(quantity, function, None if FUNCTIONS[function].constant is None else 1.0)

@@ -1,4 +1,4 @@
-"""Forms that are the same whatever the movement; a form as an effect of the catalogue's kind."""
+"""Find forms that are the same for every movement; convert a form to a catalogue effect."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from tinygc.annexes.discovery.words import equation as equation_of
 from tinygc.annexes.discovery.words import regime, splits
 from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
 
-# A drawn movement, of no recording: by it, forms are told apart that any movement would tell apart.
+# A simulated movement that distinguishes all forms that differ for any movement.
 #
-# Every quantity takes values all over its range and of both signs, independent of the others, so that steps at neighbouring thresholds
+# Every quantity takes values over its whole range and of both signs, independent of the others, so that steps at neighbouring thresholds
 # differ in a few samples.
 
 SAMPLES, RATE_HZ, FULL_SCALE = 2400, 10.0, 500 * DEG
-#: of a sampling period, by which samples stray, so that no time is a multiple of it; samples of the shortest and the longest turn or rest
+#: jitter of samples in sampling periods, so that no time is a multiple of it; samples of the shortest and the longest turn or rest
 STRAY, SHORTEST, LONGEST = 0.2, 10, 240
-#: of a turn's size: 1 to 10 dps is slower than what ends a rest, and faster than noise
+#: share of a turn's size: 1 to 10 dps is slower than what ends a rest, and above noise
 CREEP = 0.015
 
 
 def some_movement(seed: int) -> Movement:
-    """Four minutes of turns, rests and creeps of many lengths, warming up and cooling down, vibrated."""
+    """Four minutes of turns, rests and creeps of many lengths, with warming, cooling and vibration."""
     rng = np.random.default_rng(seed)
     t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
     force = _wandering(rng, 3)
@@ -45,7 +45,7 @@ def some_movement(seed: int) -> Movement:
 def _turning(rng: np.random.Generator) -> np.ndarray:
     """(SAMPLES,) a swell up to 1 in turns and to ``CREEP`` in every other rest, 0 in the others.
 
-    It begins in a turn, soon over, and with the longest rest: what settles with time is not yet settled there.
+    It begins with a short turn and the longest rest, so that settling with time is not yet complete there.
     """
     found, first, number = np.zeros(SAMPLES), 0, 0
     while first < SAMPLES:
@@ -58,34 +58,34 @@ def _turning(rng: np.random.Generator) -> np.ndarray:
 
 
 def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
-    """(SAMPLES, axes) smooth over a second or so, even over −1 to 1."""
+    """(SAMPLES, axes) smooth over about a second, uniform over −1 to 1."""
     noise = rng.standard_normal((SAMPLES + 20, axes))
     smooth = np.stack([np.convolve(column, np.hanning(22)[1:], mode="valid") for column in noise.T], axis=1)
     return 2 * np.argsort(np.argsort(smooth, axis=0), axis=0) / (SAMPLES - 1) - 1
 
 
-# Forms that are the same whatever the movement: on a drawn one their columns span the same, beside what a calibration holds.
+# Forms that are the same for every movement: on a simulated one their columns span the same space beyond a calibration's.
 #
-# A bias and a matrix hold a constant and the three rates: what differs by these alone is one form (a rate held within a limit, and what it
-# has beyond that), and what is made of these alone is none.
+# A bias and a matrix span a constant and the three rates: forms that differ by these alone are one form (the rate within a limit, and the
+# rate beyond it), and a form made of these alone is none.
 
-#: rows that are looked at first: a form has up to 36 columns of an axis beside the four of a calibration
+#: rows of the first comparison: a form has up to 36 columns of an axis, a calibration four
 ROWS = 96
-#: of a column's size, from which on what a calibration leaves is more than rounding; likewise of its neighbours
+#: share of a column's size above which the part beyond a calibration exceeds rounding; likewise beyond its neighbours
 LEFT = 1e-9
-#: of a look's size, which is about one for every row, within which two are the same: rounding leaves less of all but the faintest columns
+#: two projections of size near one within this distance are the same: rounding leaves less for all but the faintest columns
 SAME = 1e-6
-#: the axes of a first look, and of a second: a threshold that one axis never reaches another may
+#: axes of the first and of the second comparison: another axis may pass a threshold that one axis never reaches
 FIRST, EVERY = (0,), (0, 1, 2)
-#: that columns of forms have at once
+#: most numbers held at once in columns of forms
 MOST_NUMBERS = 2_000_000
 
 
 def distinct_forms(forms: Sequence[LawForm], movements: Sequence[Movement]) -> list[LawForm]:
-    """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out.
+    """Return the first of each group of equal forms, in order of preference, without those that a calibration spans.
 
-    All are looked at in some rows of the first movement, on one axis.  Those that are there like others, or like nothing, are looked at in
-    every row of every movement, on all three: few samples pass a high threshold, and what they have in common may be chance.
+    All forms are compared in some rows of the first movement on one axis.  Those that equal others or vanish there are compared in every
+    row of every movement on all three axes, as few samples pass a high threshold and the agreement may be chance.
     """
     values = [FactorValues(movement) for movement in movements]
     groups = _groups(drawn_projections(forms, values[0], ROWS, FIRST))
@@ -98,7 +98,7 @@ def distinct_forms(forms: Sequence[LawForm], movements: Sequence[Movement]) -> l
 
 
 def _groups(projections: np.ndarray) -> list[list[int]]:
-    """Numbers, rising, of looks (F, R) that are the same; those that are nothing are in none."""
+    """Numbers, rising, of projections (F, R) that are the same; those that vanish are in no group."""
     there = np.flatnonzero(np.linalg.norm(projections, axis=1) > SAME)
     order = there[np.argsort(projections[there, 0], kind="stable")]
     edges = np.flatnonzero(np.diff(projections[order, 0]) > SAME) + 1
@@ -116,11 +116,11 @@ def _groups(projections: np.ndarray) -> list[list[int]]:
 
 
 class FactorValues:
-    """Of factors in a movement, each computed once."""
+    """Values of factors in a movement, each computed once."""
 
     def __init__(self, movement: Movement):
         self.movement = movement
-        # The rate as forms have it: slower than what counts as a turn it is noise, which is no form's.
+        # Forms use the moving rate: below a turn's threshold the rate is noise.
         rate = signals.moving_rate(movement) / movement.fs_rps
         self.calibration = np.concatenate([rate, np.ones((len(rate), 1))], axis=1)
         self._values: dict[Factor, np.ndarray] = {}
@@ -133,9 +133,9 @@ class FactorValues:
 
 
 def drawn_projections(forms: Sequence[LawForm], values: FactorValues, count: int, axes: Sequence[int]) -> np.ndarray:
-    """(F, axes · count): a drawn vector, in so many rows, as the span of each axis' columns projects it.
+    """(F, axes · count): a random vector in ``count`` rows, projected onto the span of each axis' columns.
 
-    It is zero where a calibration holds all.
+    It is zero where a calibration spans all columns.
     """
     rng = np.random.default_rng(count)
     rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
@@ -144,7 +144,7 @@ def drawn_projections(forms: Sequence[LawForm], values: FactorValues, count: int
 
 
 def span_projections(forms: Sequence[LawForm], values: FactorValues, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
-    """(F, R): drawn (R,), in these rows (R,) of a movement, as the span of an axis' columns projects it beside what a calibration holds."""
+    """(F, R): drawn (R,), in these rows (R,) of a movement, projected onto the span of an axis' columns beyond a calibration's."""
     held = np.linalg.qr(values.calibration[rows])[0]
     own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
     found = np.zeros((len(forms), len(rows)))
@@ -160,7 +160,7 @@ def span_projections(forms: Sequence[LawForm], values: FactorValues, rows: np.nd
 
 
 def _same_components(forms: Sequence[LawForm], axis: int) -> list[tuple[list[int], list[list[int]]]]:
-    """Numbers of forms whose terms are the same components, and these of each factor, of one axis."""
+    """Numbers of forms whose terms use the same components, and these components of each factor, for one axis."""
     groups: dict[tuple, list[int]] = {}
     for number, form in enumerate(forms):
         key = (form.pattern, *((factor.of.components, factor.through.phases) for factor in form.factors))
@@ -173,9 +173,9 @@ def _same_components(forms: Sequence[LawForm], axis: int) -> list[tuple[list[int
 
 
 def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """(F, R), of columns (F, P, R), beside held (R, 4)."""
+    """(F, R), of columns (F, P, R), orthogonal to held (R, 4)."""
     size = np.linalg.norm(columns, axis=2, keepdims=True)
-    for _ in range(2):  # the second takes off what rounding left of the first
+    for _ in range(2):  # the second pass removes the rounding left by the first
         columns = columns - (columns @ held) @ held.T
     left = np.linalg.norm(columns, axis=2, keepdims=True)
     unit = np.divide(columns, left, out=np.zeros_like(columns), where=left > LEFT * np.maximum(size, 1e-300))
@@ -187,14 +187,14 @@ def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.n
     return ((turn @ share[:, :, None]).transpose(0, 2, 1) @ unit)[:, 0]
 
 
-# A form as an effect of the catalogue's kind, so that all that weighs, fits and draws effects takes it as one of them.
+# A form as a catalogue effect, so that all code that ranks, fits and draws effects accepts it.
 
-#: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
+#: rad/s: a prior and no limit, beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
 
 
 def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
-    """(N, 3, P): what one rad/s of each coefficient adds."""
+    """(N, 3, P): the rate added by one rad/s of each coefficient."""
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
     found = np.zeros((len(movement.rate), 3, len(terms)))
@@ -219,12 +219,12 @@ def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarra
 
 
 def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """(N, 3) rad/s that an effect adds to the rate over all logs, one after the other."""
+    """(N, 3) rad/s that an effect adds to the rate over all logs concatenated."""
     return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
 
 
 def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
-    """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
+    """The form as an effect; rms: of its products in the recording, which sets its plausible size."""
     unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,

@@ -1,4 +1,4 @@
-"""A form: which quantities, through which functions, multiply, and which axes they add to; its units."""
+"""Forms of a law: the quantities and functions that multiply, the axes that they add to, and their units."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ import numpy as np
 from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, Function, SignalQuantity
 from tinygc.effects import Movement, Reach, signals
 
-# Units of quantities and of what is made of them: powers of g, °C, s and rad, and the text that a person reads.
+# Units of quantities and products of them: powers of g, °C, s and rad, and the printed text.
 
-#: power of each base unit; a unitless number has none
+#: power of each base unit; a pure number has none
 Unit = Mapping[str, Fraction]
 
 BASES = ("g", "°C", "s", "rad")
 RAISED = {Fraction(2): "²", Fraction(3): "³", Fraction(4): "⁴", Fraction(6): "⁶"}
 NUMBERS = {sign: power for power, sign in RAISED.items()}
-#: rad/s, a coefficient's own unit before what it multiplies
+#: rad/s, a coefficient's own unit before division by its product's unit
 RATE = "dps"
 
 
 class UnitError(ValueError):
-    """A form in which units do not fit."""
+    """Raised for a form whose units do not match."""
 
 
 def unit_of(text: str) -> Unit:
-    """Of a quantity: products of bases with ² or ³, and one slash: ``°C/s``, ``1/s²``, ``g²``, ``1``.  UnitError for any other text."""
+    """Parse a quantity's unit: products of bases with ² or ³, and one slash: ``°C/s``, ``1/s²``, ``g²``, ``1``.  Raises UnitError."""
     found: dict[str, Fraction] = {}
     above, _, below = text.partition("/")
     for part, sign in ((above, 1), (below, -1)):
@@ -43,7 +43,7 @@ def unit_of(text: str) -> Unit:
 
 
 def product(*parts: tuple[Unit, int | Fraction]) -> Unit:
-    """Of units, each raised to a power."""
+    """The product of units, each raised to a power."""
     found = {base: sum((unit.get(base, Fraction(0)) * power for unit, power in parts), Fraction(0)) for base in BASES}
     return {base: power for base, power in found.items() if power}
 
@@ -66,15 +66,15 @@ def _raised(base: str, power: Fraction) -> str:
     return base + RAISED.get(power, f"^{float(power):g}")
 
 
-# A form: which quantities, through which functions, multiply, and which axes they add to.  Everything but the coefficients.
+# A form: the quantities and functions that multiply and the axes that they add to; everything but the coefficients.
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A function of a quantity, constant: of the function, in the quantity's unit; lag_s: of a first-order lag behind both.
+    """A function of a quantity; constant: of the function, in the quantity's unit; lag_s: of a first-order lag after both.
 
-    It has ``len(quantity.components) * function.phases`` components, the phases of one component side by side.  UnitError for what has no
-    proper unit, such as an exponent without a scale in the quantity's unit.
+    It has ``len(quantity.components) * function.phases`` components, the phases of one component adjacent.  UnitError where the result has
+    no proper unit, such as an exponent without a scale in the quantity's unit.
     """
 
     quantity: str
@@ -97,17 +97,17 @@ class Factor:
 
     @property
     def unit(self) -> Unit:
-        """Of its values."""
+        """The unit of its values."""
         return product((unit_of(self.of.unit), self.through.power))
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """What it reads beside the rate, as an ``Effect`` declares it."""
+        """Inputs that it reads in addition to the rate, as an ``Effect`` declares them."""
         return tuple(dict.fromkeys([*self.of.inputs, *(["time"] if self.through.memory else [])]))
 
     @property
     def reach(self) -> Reach:
-        """How far around a sample it looks, its lag and its function's memory counted."""
+        """How far around a sample it looks, including its lag and its function's memory."""
         late = Reach() if self.lag_s is None else signals.lag_reach(self.lag_s)
         return self.of.reach + late + (signals.WHOLE if self.through.memory else Reach())
 
@@ -128,11 +128,11 @@ class Factor:
 
     @property
     def each(self) -> int:
-        """Numbers of each axis, or of a scalar: directions times phases."""
+        """Components of each axis, or of a scalar: directions times phases."""
         return self.of.directions * self.through.phases
 
     def values(self, movement: Movement, known: np.ndarray | None = None) -> np.ndarray:
-        """(N, components); known: the values of its quantity, where they have been computed."""
+        """(N, components); known: the values of its quantity, where already computed."""
         known = self.of.of(movement) if known is None else known
         found = self.through.of(known, self.constant or 1.0).reshape(len(known), -1)
         return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.t_s)
@@ -140,20 +140,20 @@ class Factor:
 
 @dataclass(frozen=True)
 class Term:
-    """One coefficient: it adds the product of these components of factors to the rate of an axis, rad/s for each."""
+    """One coefficient: it adds the product of these components of factors to the rate of an axis, in rad/s."""
 
     axis: int
     parts: tuple[tuple[Factor, int], ...]
 
 
-#: each: axis i follows what axis i has; full: what any axis has, by a matrix; cross: what any other axis has; next, last: the first factor
-#: of the axis behind times the second of the one before, or the other way round; leant: own first factor times any axis' second, by a
-#: matrix
+#: each: axis i follows axis i; full: any axis follows any axis, by a matrix; cross: any axis follows any other; next, last: the first
+#: factor of the axis behind times the second of the one before, or the other way round; leant: own first factor times any axis' second,
+#: by a matrix
 PATTERNS = ("each", "full", "cross", "next", "last", "leant")
 
 
 def patterns_of(factors: tuple[Factor, ...]) -> tuple[str, ...]:
-    """Those that make sense: a scalar has no axis, so it adds to all of them alike."""
+    """The patterns that the factors allow: a scalar has no axis, so it adds to all axes alike."""
     vectors = sum(factor.vector for factor in factors)
     return PATTERNS if vectors == 2 else PATTERNS[:3] if vectors else PATTERNS[:1]
 
@@ -174,11 +174,11 @@ class LawForm:
 
     @property
     def coefficient_unit(self) -> str:
-        """Of each coefficient, as a person reads it: ``dps/(g·°C)``."""
+        """Unit of each coefficient as printed: ``dps/(g·°C)``."""
         return text_of(product(*((factor.unit, 1) for factor in self.factors)), RATE)
 
     def terms(self) -> tuple[Term, ...]:
-        """One for each coefficient, row by row of its matrix where it has one."""
+        """One term for each coefficient, row by row of its matrix where it has one."""
         found = []
         for axis in range(3):
             for axes in self._axes(axis):
@@ -204,16 +204,16 @@ class LawForm:
 
     @property
     def size(self) -> int:
-        """Coefficients."""
+        """Number of coefficients."""
         return len(self.terms())
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """Of its factors: each constant and each lag that there is."""
+        """Constants and lags of its factors, in order."""
         return tuple(value for factor in self.factors for value in (factor.constant, factor.lag_s) if value is not None)
 
     def with_constants(self, values: tuple[float, ...] | np.ndarray) -> LawForm:
-        """The same with other constants, in the same order."""
+        """The same form with other constants, in the same order."""
         left = [float(value) for value in values][::-1]
         factors = []
         for factor in self.factors:
@@ -224,7 +224,7 @@ class LawForm:
 
     @property
     def shape(self) -> LawForm:
-        """The same whatever its constants are: what forms that differ by them alone have in common."""
+        """The form without its constants: what forms that differ by constants alone have in common."""
         return self.with_constants(np.ones(len(self.constants)))
 
 

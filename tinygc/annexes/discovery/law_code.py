@@ -1,4 +1,4 @@
-"""A law as Python, and as the C of a device."""
+"""Write a law as Python and as C for a device."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from tinygc.annexes.discovery.words import Constant, constants_of, jumps
 from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES
 
-# A form's columns as Python that a person would write: its quantities by name, what is made of them, and the axes that they add to.
+# A form's columns as readable Python: its quantities by name, their products, and the axes that they add to.
 
 ONE, OTHER = "one", "other"
 
 
 @dataclass(frozen=True)
 class LawCode:
-    """lines: of a function of ``m``, the last of which returns the columns; shape: of the parameter; helpers: of ``tinygc.effects`` that
-    they use; libraries: of numpy and signals, those that they use."""
+    """lines: of a function of ``m``, the last of which returns the columns; shape: of the parameter; helpers: names of ``tinygc.effects``
+    that they use; libraries: numpy and signals, where used."""
 
     lines: tuple[str, ...]
     shape: tuple[int, ...]
@@ -28,13 +28,13 @@ class LawCode:
     libraries: tuple[str, ...]
 
 
-#: what a session has -> the constant of a file that has it from the session where the law was found
+#: a session's property -> the constant of a file that holds it for the session where the law was found
 SESSIONS_OWN = {"m.fs_rps": "FULL_SCALE_RPS", "m.first_temp_c": "FIRST_TEMP_C"}
 
 
 def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> LawCode:
-    """scanned: the constant that is an argument of the function, by its word, and no constant of the module; fixed: which of
-    ``SESSIONS_OWN`` are constants of the module."""
+    """Python of the form's columns; scanned: the constant that is an argument of the function and no constant of the module; fixed: the
+    ``SESSIONS_OWN`` that are constants of the module."""
     constants = constants_of(form)
     names = [factor.quantity for factor in form.factors]
     single = len(names) == 1
@@ -69,7 +69,7 @@ def _source(factor: Factor, fixed: Sequence[str]) -> str:
 
 
 def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:
-    """Without a name for what has one already and is used in the last line alone."""
+    """Drop a name for an expression that has one already and is used in the last line alone."""
     for variable in ("law", ONE, OTHER):
         plain = next((line for line in lines if re.fullmatch(rf"{variable} = \w+", line)), None)
         used = sum(len(re.findall(rf"\b{variable}\b", line)) for line in lines)
@@ -97,7 +97,7 @@ def _is_flat(factor: Factor) -> bool:
 
 
 def _by_axis(factor: Factor, name: str) -> str:
-    """(N, 3 or 1, K)."""
+    """Source with the shape (N, 3 or 1, K)."""
     if factor.each == 1:
         return f"{name}[:, :, None]" if factor.vector else f"{name}[:, None, None]"
     if factor.vector:
@@ -106,7 +106,7 @@ def _by_axis(factor: Factor, name: str) -> str:
 
 
 def _two(form: LawForm) -> tuple[list[str], str]:
-    """Lines before the last, and the columns."""
+    """Lines before the last, and the columns, of a form of two factors."""
     one, other = form.factors
     if one.each == other.each == 1:
         if form.pattern == "leant":
@@ -137,12 +137,12 @@ def _neighbour(form: LawForm, number: int, name: str) -> str:
     return f"{'behind' if first else 'before'}({name})"
 
 
-# The C of a law that a device can undo, with the NumPy that does the same in single precision; or the reason why there is none.
+# The C of a law that a device can invert, with the NumPy that does the same in single precision; or the reason why there is none.
 #
-# A device knows the rate and the temperature of the sample.  What single precision gives to the last bit on any processor is sums,
-# products and comparisons: a law of other functions has no C.
+# A device knows the rate and the temperature of the sample.  Only sums, products and comparisons give the same bits in single precision on
+# every processor, so a law of other functions has no C.
 
-#: quantity -> why a device cannot follow it
+#: quantity -> why a device cannot compute it
 WHY_NOT = {
     "level": "it follows the heading, which the device does not know",
     "world": "it follows the heading, which the device does not know",
@@ -160,7 +160,7 @@ WHY_NOT = {
 }
 SIZE = "({x} < 0.0f ? -{x} : {x})"
 HELD = "({x} < -{k} ? -{k} : ({x} > {k} ? {k} : {x}))"
-#: function -> C, NumPy, and what it costs: products, sums, comparisons; {x} what it is of, {k} its constant
+#: function -> C, NumPy, and its cost: products, sums, comparisons; {x} its argument, {k} its constant
 FUNCTIONS = {
     "itself": ("{x}", "{x}", (0, 0, 0)),
     "size": (SIZE, "np.abs({x})", (0, 0, 1)),
@@ -177,14 +177,14 @@ FUNCTIONS = {
 
 @dataclass(frozen=True)
 class DeviceCode:
-    """source: Python of the effect's ``device``; functions: what it uses, to stand above."""
+    """source: Python of the effect's ``device``; functions: those that it uses, to be defined above it."""
 
     source: str
     functions: str = ""
 
 
 def why_not(form: LawForm) -> str:
-    """Why a device cannot undo it, or nothing."""
+    """Why a device cannot invert it, or empty."""
     for factor in form.factors:
         if factor.quantity in WHY_NOT:
             return WHY_NOT[factor.quantity]
@@ -202,7 +202,7 @@ def why_not(form: LawForm) -> str:
 def device_code(
     form: LawForm, constants: Sequence[Constant], name: str, passes: int | None = PASSES, fixed: Sequence[str] = ()
 ) -> DeviceCode:
-    """Of a form whose constants have these names; name: of the law; passes: that undo it, None: none do; fixed: as of ``law_code``."""
+    """Device code of a form whose constants have these names; name: of the law; passes: that invert it, or None; fixed: as ``law_code``."""
     if why := why_not(form):
         return DeviceCode(f'NoC("{why}")')
     if passes is None:
@@ -210,18 +210,18 @@ def device_code(
     return _Code(form, constants, name, passes, fixed).all()
 
 
-#: what a factor is of, in C and in NumPy: the rate as a share of full scale, or the temperature since the first sample
+#: a factor's argument, in C and in NumPy: the rate as a share of full scale, or the temperature since the first sample
 OF = {"rate": "u", "temperature": "t"}
 
 
 class _Code:
     """The C of one law, and its NumPy.
 
-    x and y are the factors, k the coefficients, w the rate without the law, which is found in passes where the law follows it.
+    x and y are the factors, k the coefficients, w the rate without the law, found in fixed-point passes where the law follows it.
     """
 
     def __init__(self, form: LawForm, constants: Sequence[Constant], name: str, passes: int, fixed: Sequence[str]):
-        #: other stages of a program have constants of their own: none begins like this
+        #: prefix of the constants in C, unique among the stages of a program
         self.form, self.name, self.c = form, name, f"LAW_{name.upper()}"
         self.own = {constant.of: constant for constant in constants}
         self.quantities = {factor.quantity for factor in form.factors}
@@ -230,7 +230,7 @@ class _Code:
         self.first_temp = "FIRST_TEMP_C" if "FIRST_TEMP_C" in fixed else "known.first_temp_c"
 
     def all(self) -> DeviceCode:
-        """The stage of a law, and the functions that it names."""
+        """The device stage of a law and the functions that it uses."""
         given = [f'says="r -= the law discovered.{self.name}"', "body=_BODY", "constants=_constants", "numpy=_single"]
         source = "\n".join(["StageC(", *(f"    {each}," for each in [*given, f"cost={self._cost()}"]), ")"])
         body = '_BODY = """\\\n' + "\n".join(self._c()) + '"""'
@@ -254,7 +254,7 @@ class _Code:
         return [*lines, "for (int i = 0; i < 3; i++)", "    r[i] = w[i];"]
 
     def _products(self, axis: int) -> list[str]:
-        """Of one axis, in the order in which they are summed."""
+        """Products of one axis, in the order of their sum."""
         numbered = [(number, term.parts) for number, term in enumerate(self.form.terms()) if term.axis == axis]
         return [
             f"k[{number}] * {_product([f'{letter}[{j}]' for letter, (_, j) in zip('xy', parts, strict=False)])}"
@@ -282,7 +282,7 @@ class _Code:
         return [*lines, "w = rate", f"for _ in range({self.passes}):", *(f"    {line}" for line in inner), "return w"]
 
     def _constants(self) -> str:
-        """Name in C -> value: the coefficients, and what they multiply is made of."""
+        """Name in C -> value: the coefficients and the constants of their factors."""
         given = [f'"{self.c}": theta']
         if "rate" in self.quantities:
             given += [f'"{self.c}_PER_FS": np.array([1 / {self.full_scale}])', f'"{self.c}_STILL": np.array([signals.MOVING_RPS**2])']
@@ -302,7 +302,7 @@ class _Code:
         return {number: "ab"[number] for number in self.own}
 
     def _factors(self, language: int) -> list[str]:
-        """Each through its function; language: 0 C, 1 NumPy."""
+        """Each factor through its function; language: 0 C, 1 NumPy."""
         texts = []
         for number, factor in enumerate(self.form.factors):
             text = FUNCTIONS[factor.function][:2][language]
@@ -310,7 +310,7 @@ class _Code:
         return [text[1:-1] if text.startswith("(") and text.endswith(")") and _closes(text) else text for text in texts]
 
     def _cost(self) -> str:
-        """Of one sample."""
+        """Cost of one sample."""
         products, sums, compares = (3 * sum(FUNCTIONS[factor.function][2][k] for factor in self.form.factors) for k in range(3))
         rate, size = int("rate" in self.quantities), self.form.size
         products += size * len(self.form.factors) + 10 * rate
@@ -324,7 +324,7 @@ def _product(parts: list[str]) -> str:
 
 
 def _closes(text: str) -> bool:
-    """Whether its first bracket is the partner of its last."""
+    """Whether its first bracket matches its last."""
     depth = 0
     for sign in text[:-1]:
         depth += (sign == "(") - (sign == ")")

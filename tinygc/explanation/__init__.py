@@ -1,1 +1,1 @@
-"""Why the recording differs from the simulation (docs/explain.md): detect, locate, name, refuse, refit, prove."""
+"""Explain why a recording differs from the simulation (docs/explain.md): detect, locate, name, reject, refit, prove."""

@@ -26,20 +26,20 @@ from tinygc.noise.whitening import Whitener
 
 
 class KnownEffect(Protocol):
-    """An effect that units of this kind are known to have, as this recording shows it."""
+    """An effect known for units of this kind, as measured in this recording."""
 
     @property
     def words(self) -> str:
-        """One line."""
+        """Describe the effect in one line."""
         ...
 
     def to_json(self) -> dict[str, Any]:
-        """One of ``lot_effects`` of ``tinygc-explain/1``."""
+        """Return one entry of ``lot_effects`` of ``tinygc-explain/1``."""
         ...
 
 
 class KnownEffects(Protocol):
-    """What is known of the effects of a kind of unit before one of them is recorded."""
+    """Prior knowledge of the effects of a kind of unit, before one of its units is recorded."""
 
     @property
     def odds(self) -> Mapping[str, float]:
@@ -47,17 +47,17 @@ class KnownEffects(Protocol):
         ...
 
     def in_unit(self, twin: Twin, whiten: Whitener, fit: Refit) -> Sequence[KnownEffect]:
-        """Each of them in the recorded unit, beside a fit; the most probable first."""
+        """Estimate each known effect in the recorded unit, in addition to a fit; the most probable first."""
         ...
 
 
 @dataclass(eq=False)
 class Explanation:
-    """All that was found; see docs/explain.md for the verdicts.
+    """The result of an explanation; docs/explain.md defines the verdicts.
 
-    findings: what has no name; channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by
-    itself, both; seen_from: effect id -> size in its parameter's unit from which it would have shown; of_lot: effects that its kind is
-    known to have.
+    findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
+    p-values of each channel by itself, before and after. seen_from: effect id -> detection limit in its parameter's unit. of_lot: effects
+    known for this kind of unit.
     """
 
     session: Session
@@ -82,17 +82,17 @@ class Explanation:
 
     @property
     def whiten(self) -> Whitener:
-        """With the noise that was estimated."""
+        """Whitener with the estimated noise."""
         return self.naming.whiten
 
     @property
     def noise(self) -> SessionNoise:
-        """Its components."""
+        """The estimated noise and its components."""
         return self.naming.noise
 
     @cached_property
     def replay(self) -> Replay:
-        """Of the last fit, which pictures ask for again and again."""
+        """Replay of the last fit, cached for the plots."""
         return Replay(self.twin, self.naming.fit)
 
     def __repr__(self) -> str:
@@ -108,20 +108,20 @@ def explain_session(
     prepared: Prepared | None = None,
     known: KnownEffects | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  prepared: the session, where somebody has it already; known: effects that its kind may have.
-    Raises what ``prepare`` raises.
+    """Explain a session's mismatch.  prepared: the session, if it has been prepared already; known: effects that its kind may have. Raises
+    what ``prepare`` raises.
 
-    A calibration of the accelerometer that is given is taken as it is: whether it holds is one of the hypotheses.
+    A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
     """
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended = repair(problem, lambda what: progress(what, 2, 6))
     twin, naming, proof = _decided(problem, mended, seed, progress, known)
-    # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
+    # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
-        mended = replace(mended, problem=problem, found={}, p_value={})  # what makes the closure worse mends nothing
+        mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
         twin, naming, proof = _decided(problem, mended, seed, progress, known)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
@@ -146,7 +146,7 @@ def explain_session(
 def _decided(
     problem: Problem, mended: RepairedProblem, seed: int, progress: Callable[[str, int, int], None], known: KnownEffects | None
 ) -> tuple[Twin, Naming, Proof]:
-    """What is left to explain after the mends, what is named in it, and the proof of both."""
+    """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds)
@@ -156,7 +156,7 @@ def _decided(
 
 
 def _heading_not_used(problem: Problem) -> list[Finding]:
-    """A warning where the stills contradict the heading that session.toml gives, so that theirs was taken."""
+    """Warn if the stills contradict the heading in session.toml, so that the heading from the stills was used."""
     given, earth = problem.session.config.site.heading_deg, problem.earth
     if given is None or earth.source != "estimated" or earth.heading_rad is None:
         return []

@@ -1,4 +1,4 @@
-"""The evidence of a hypothesis: how probable the recording is if these effects and no others are there."""
+"""The evidence of a hypothesis: the probability of the recording if exactly these effects are present."""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from tinygc.noise.session_noise import SessionNoise, Whiteners, first_noise
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
-# Name: which group of columns explains the residuals beyond chance.
+# Selection: the group of columns that explains the residuals beyond chance.
 #
 # What the calibration already fits is projected out of everything.  Each candidate's group of P columns is tested with Fisher's F, which
-# carries the residuals' own scale and so keeps its false alarms where the noise is larger than stated.  The smallest p-value of so
-# many correlated groups is not a p-value; its distribution when nothing is missing is drawn by Monte Carlo for this very design.
+# uses the residuals' own scale, so its false-alarm rate holds if the noise is larger than stated.  The smallest p-value of so many
+# correlated groups is not itself a p-value; its distribution when nothing is missing is drawn by Monte Carlo for this design.
 
-#: Monte Carlo: the level of 5 % is then known to 0.7 % (binomial)
+#: Monte Carlo draws: the 5 % level is then known to 0.7 % (binomial)
 DRAWS = 1000
-#: false alarms that are allowed; benchmarks/null_sessions.py finds 6.5 % +- 1.7 %
+#: allowed false-alarm rate; benchmarks/null_sessions.py finds 6.5 % +- 1.7 %
 FAMILY_WISE = 0.05
-#: a direction that the nuisance leaves less of than this is not seen: a hundredth of a per cent, less than columns are linear to
+#: a direction of which less than this remains beside the nuisance columns is unobservable: 0.01 %, less than columns are linear to
 UNSEEN = 1e-4
-#: the same beside the allowances, of which there are twelve, themselves known to finite differences (``twin.SMALL_SHARE``)
+#: the same limit beside the twelve allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
 UNSEEN_BESIDE = 1e-3
 
-#: of a candidate: an id, a number, the effect itself
+#: key of a candidate: an id, a number or the effect itself
 Name = TypeVar("Name")
 
 
 @dataclass(frozen=True, eq=False)
 class Group(Generic[Name]):
-    """A candidate's columns (n, r), orthonormal, after projection; gone where nothing of it is left."""
+    """A candidate's orthonormal columns (n, r) after projection; a candidate with none left is dropped."""
 
     name: Name
     basis: np.ndarray
 
 
 class Selection(Generic[Name]):
-    """Candidates against one set of nuisance columns.
+    """Tests of candidates against one set of nuisance columns.
 
-    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions that the covariance is wide along;
-    scale_rows: rows that tell the noise's scale; along: names of the candidates that are looked for along the allowances, too.
+    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions along which the covariance is wide; scale_rows: rows
+    that determine the noise scale; along: names of the candidates that are also tested along the allowances.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Selection(Generic[Name]):
         self._lowest: np.ndarray | None = None
 
     def log_p(self, r: np.ndarray) -> np.ndarray:
-        """(groups, …) logarithm of each group's p-value for residuals r (n, …): their order, no more."""
+        """(groups, …) logarithm of each group's p-value for residuals r (n, …); use it only to rank the groups."""
         r = r - self.q @ (self.q.T @ r)
         rss = np.sum(r**2, axis=0)
         found = []
@@ -83,28 +83,28 @@ class Selection(Generic[Name]):
         return np.array(found)
 
     def gains(self, r: np.ndarray) -> dict[Name, float]:
-        """Chi-square that each candidate would take up."""
+        """Chi-square that each candidate would remove."""
         r = r - self.q @ (self.q.T @ r)
         return {group.name: float(np.sum((group.basis.T @ r) ** 2)) for group in self.groups}
 
     def p_value(self, r: np.ndarray) -> float:
-        """Probability that some candidate explains as much of residuals r (n,) as the best one does, when nothing is missing."""
+        """Probability that some candidate explains as much of residuals r (n,) as the best one does if nothing is missing."""
         return self.family_wise(float(self._lowest_of(r[:, None])[0]))
 
     def family_wise(self, log_p: float) -> float:
-        """Probability that the smallest of all groups' p-values is as small as this when nothing is missing."""
+        """Probability that the smallest p-value of all groups is as small as this if nothing is missing."""
         if self._lowest is None:
             self._lowest = np.sort(self._lowest_of(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
         drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
         if log_p >= self._lowest[DRAWS // 100]:
             return drawn
-        # So many independent tests would have given this distribution: Sidak's formula carries it on beyond what was drawn.
+        # The draws give the effective number of independent tests; Sidak's formula then extrapolates beyond the draws.
         tests = np.log1p(-0.1) / np.log1p(-np.exp(self._lowest[DRAWS // 10]))
         return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
 
     @cached_property
     def _tested(self) -> tuple[np.ndarray, list[tuple[Group[Name], bool]]]:
-        """Orthonormal nuisance with the allowances, and the groups left beside it, each with whether it is along them."""
+        """Orthonormal nuisance including the allowances, and the remaining groups, each with whether it is tested along the allowances."""
         if self._allowances is None:
             return self.q, [(group, False) for group in self.groups]
         q = orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
@@ -133,7 +133,7 @@ class Selection(Generic[Name]):
 
 
 def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
-    """Logarithm of Fisher's tail, where scipy's underflows as well: the tail is a power law there."""
+    """Logarithm of the upper tail of Fisher's F; where scipy underflows the tail is a power law."""
     with np.errstate(divide="ignore"):
         value = np.log(fdtrc(rank, freedom, np.maximum(ratio, 0)))
     far = -freedom / 2 * np.log1p(np.maximum(ratio, 0) * rank / freedom)
@@ -147,26 +147,27 @@ def _unit(columns: np.ndarray) -> np.ndarray:
 
 
 def left_of(q: np.ndarray, columns: np.ndarray, unseen: float = UNSEEN) -> np.ndarray:
-    """Orthonormal basis of what is left of the columns beside q."""
+    """Orthonormal basis of the columns after projecting out q."""
     columns = _unit(columns)
     return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
 
 
 def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
-    """Orthonormal basis (n, r) of columns (n, P): directions of a singular value above ``unseen``, of columns of length one if scaled."""
+    """Orthonormal basis (n, r) of columns (n, P): directions with a singular value above ``unseen``, of columns of unit length if
+    scaled."""
     u, s, _ = np.linalg.svd(_unit(columns) if scaled else columns, full_matrices=False)
     return u[:, s > unseen]
 
 
 # The candidates of a recording, and the best value of a scanned shape.
 
-#: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square
+#: values over which a shape is scanned; it is refined between them.  More would make the work grow with the square of the session's length
 #: (benchmarks/explain_speed.py)
 MOST_TIMES = 60
 
 
 def candidates(twin: Twin) -> list[Effect]:
-    """What can be tried on this recording; an effect with a scanned shape gives one candidate for each value."""
+    """Candidate effects for this recording; an effect with a scanned shape gives one candidate for each value."""
     has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
     found = []
     for effect in catalogue().values():
@@ -179,31 +180,31 @@ def candidates(twin: Twin) -> list[Effect]:
 
 
 def scanned(twin: Twin, effect: Effect) -> np.ndarray:
-    """(K,) values of an effect's scanned shape, SI, that are tried: its own grid, or the middles of the turns."""
+    """(K,) trial values of an effect's scanned shape, SI: its own grid, or the middles of the turns."""
     if effect.scan is None or effect.scan.grid is None:
         return segment_times(twin)
     return np.asarray(effect.scan.grid(twin.movements), dtype=float)
 
 
 def segment_times(twin: Twin) -> np.ndarray:
-    """Middle of each turn but the first and the last, s of the session; in a long session, of every so many."""
+    """Middle of each turn except the first and the last, s of the session; a long session uses every n-th turn."""
     times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
     return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
 
 
 def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int, replay: Replay | None = None) -> Selection[int]:
-    """The candidates' columns, whitened, against what the fit already has.  replay: of the fit, where somebody has it already."""
+    """Test the candidates' whitened columns against what is already fitted.  replay: of the fit, if available."""
     replay = replay or Replay(twin, fit)
     stacked = (replay.columns(effect).stacked() for effect in rest)
     columns = dict(enumerate(whiten.each(stacked)))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
-    # An angle that no reference sees is 0 whatever the noise, and tells nothing of its scale.
+    # An angle that no reference observes is always 0 and carries no information on the noise scale.
     rows = np.concatenate([np.flatnonzero(twin.batch.known), np.arange(whiten.parts["still"].start, whiten.parts["still"].stop)])
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 
 def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: Replay) -> Effect:
-    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones; replay: of the fit."""
+    """Refine a scanned shape between its neighbours on the coarse grid, on successively finer grids; replay: of the fit."""
     if effect.scan is None:
         return effect
     values = scanned(twin, effect)
@@ -213,7 +214,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: 
         at = effect.shape[effect.scan.name] * effect.scan.si
         trials = effect.variants(np.linspace(at - reach, at + reach, 15))
         gains = selection_of(twin, whiten, fit, trials, 0, replay).gains(fit.r)
-        if not gains:  # between its neighbours nothing of it is seen beside what is fitted already
+        if not gains:  # unobservable between its neighbours, in addition to the fit
             return effect
         effect = trials[max(gains, key=gains.__getitem__)]
         reach /= 6
@@ -221,7 +222,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: 
 
 
 def _spacing(values: np.ndarray, at: float) -> float:
-    """To the farther neighbour of a value on its grid, but never so far as zero: what is searched keeps its sign."""
+    """Distance to the farther neighbour of a value on its grid, kept short of zero so that the value keeps its sign."""
     number = int(np.argmin(np.abs(values - at)))
     reach = float(np.max(np.abs(np.delete(values, number)[max(number - 1, 0) : number + 1] - at), initial=0.0))
     return min(reach, 0.9 * abs(at)) if at else reach
@@ -229,13 +230,14 @@ def _spacing(values: np.ndarray, at: float) -> float:
 
 # The linear estimate of one effect in addition to what is fitted, without selection.
 
-#: of an effect's plausible size: the sigma of the prior that only keeps what no channel sees finite.  At ten it pulls a number that is
-#: known to a tenth of the plausible by one in ten thousand
+#: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
+#: known to a tenth of the plausible size by one in ten thousand
 WIDE = 10.0
 
 
 def component_names(effect: Effect) -> tuple[str, ...]:
-    """Of the numbers of an effect's parameter: ``value``; ``x``, ``y``, ``z``; ``xx``, ``xy``, … row by row; else their numbers."""
+    """Names of the components of an effect's parameter: ``value``; ``x``, ``y``, ``z``; ``xx``, ``xy``, … row by row; else their
+    indices."""
     shape = effect.parameter.shape
     if not shape:
         return ("value",)
@@ -247,8 +249,8 @@ def component_names(effect: Effect) -> tuple[str, ...]:
 
 
 def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
-    """theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted beside it, and its own
-    (n, P): r + columns theta is what is left."""
+    """Estimate theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted with it, and its
+    own columns (n, P).  The remaining residual is r + columns theta."""
     q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
     own = columns - q @ (q.T @ columns)
     covariance = np.linalg.inv(own.T @ own + np.eye(own.shape[1]) / (WIDE * plausible) ** 2)
@@ -256,42 +258,42 @@ def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible
 
 
 def without_claim(fit: Refit, number: int) -> Refit:
-    """The fit as if a claim had not been made, to first order."""
+    """Remove a claim from the fit, to first order."""
     part = claim_slice(fit.state.claims, number)
     return replace(fit, r=fit.r - fit.J[:, part] @ fit.state.claims[number].theta, J=np.delete(fit.J, part, axis=1))
 
 
-# The evidence of a hypothesis: how probable the recording is, if these effects and no others are there.
+# The evidence of a hypothesis: the probability of the recording if exactly these effects are present.
 #
 #     -2 log p(recording | effects) = log|C| + log|1 + D J' C^-1 J| + r' C^-1 r + theta' D^-1 theta        (Laplace, around the exact refit)
 #
-# C holds the noise as it is (``explanation/noise``), re-estimated for every hypothesis: what a name takes over from a noise component
-# speaks for the name.  D is the prior size of each effect: normal, with one sigma for all parameters of an effect, which is itself as
-# probable at every scale up to the catalogue's; its best value is the parameters' own rms, so that a strong and a weak effect pay alike.
+# Here C is the noise covariance, re-estimated for every hypothesis: variance that an effect takes over from a noise component counts in
+# favour of the effect.  D is the prior covariance of each effect: normal, with one sigma for all parameters of an effect.  That sigma is
+# equally probable at every scale up to the catalogue's.  Its best value is the rms of the parameters, so that a strong and a weak effect
+# have the same penalty.
 
-#: of any effect of the catalogue, before the recording is looked at, and of any shape without a name: a recording shows none of twenty
-#: effects in one case of three or so
+#: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
 PRIOR_ODDS = 1 / 30
-#: the scale of an effect is known to a factor of e within ten of them, from what is never seen to what no sensor has
+#: log width of the prior of an effect's scale, from unobservable to larger than any sensor has
 SCALES = 10.0
-#: Gauss-Newton steps before and after the noise has been re-estimated: the second fit begins where the first ended
+#: Gauss-Newton steps before and after the noise is re-estimated: the second fit starts where the first ended
 FIRST_STEPS, MORE_STEPS = 5, 2
-#: numbers of candidates' columns that are kept, 64 MB of them: those of the catalogue in sessions of up to a thousand turns or so
+#: values of candidates' columns that are cached, 64 MB: enough for the catalogue in sessions of up to about a thousand turns
 MOST_KEPT = 1 << 23
-#: of the search for the noise beside a guess: it begins where a near hypothesis has it
+#: steps of the noise estimate of an approximate hypothesis, which starts from the noise of a similar one
 GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """effects; score: -2 log of evidence times prior, as their linear columns promise it."""
+    """A hypothesis evaluated with linear columns.  effects; score: -2 log of evidence times prior."""
 
     effects: tuple[Effect, ...]
     score: float
 
     @property
     def ids(self) -> frozenset[str]:
-        """Of its effects."""
+        """Ids of its effects."""
         return frozenset(effect.id for effect in self.effects)
 
     def __repr__(self) -> str:
@@ -300,7 +302,7 @@ class Guess:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Hypothesis(Guess):
-    """Weighed exactly.  fit with all effects; noise: the covariance that it was fitted with; whiteners: of the recording."""
+    """A hypothesis evaluated exactly.  fit with all effects; noise: the covariance used in the fit; whiteners: of the recording."""
 
     fit: Refit
     noise: SessionNoise
@@ -308,7 +310,7 @@ class Hypothesis(Guess):
 
     @property
     def whiten(self) -> Whitener:
-        """With its noise."""
+        """Whitener with the noise of this hypothesis."""
         return self.whiteners.of(self.noise)
 
 
@@ -318,7 +320,8 @@ def _key(effects: tuple[Effect, ...]) -> tuple:
 
 
 class Evidence:
-    """Hypotheses of one recording, each weighed once.  odds: of effects that a lot of such units is known to have, by id."""
+    """Evidence of the hypotheses of one recording, each evaluated once.  odds: prior odds, by id, of effects known from a lot of such
+    units."""
 
     def __init__(self, twin: Twin, odds: Mapping[str, float] | None = None):
         self.twin, self._odds = twin, odds or {}
@@ -334,11 +337,11 @@ class Evidence:
 
     @property
     def weighed(self) -> list[Guess]:
-        """All hypotheses so far: weighed exactly, or else by their linear columns."""
+        """All hypotheses so far, evaluated exactly or by their linear columns."""
         return [*self._known.values(), *(guess for key, guess in self._guesses.items() if key not in self._known)]
 
     def of(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
-        """The hypothesis of these effects; the fit begins from another's."""
+        """Evaluate the hypothesis with these effects; the fit starts from another hypothesis."""
         key = _key(effects)
         if key not in self._known:
             self._known[key] = self._weigh(effects, begin)
@@ -347,7 +350,7 @@ class Evidence:
     def _weigh(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
         twin = self.twin
         whiten = self.first_whiten if begin is None else begin.whiten
-        # Not from where an earlier effect's common delay has run while this one was missing.
+        # Start from the gauge: an earlier fit without this effect may have a common delay that ran far away.
         state = twin.start() if begin is None else in_gauge(twin, begin.whiten, begin.fit).state
         fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
         for start in (None, True):
@@ -359,7 +362,7 @@ class Evidence:
         return Hypothesis(effects, score, fit, noise, self.whiteners)
 
     def _implausible(self, fit: Refit) -> float:
-        """theta' D^-1 theta beyond what ``price`` has of it: a claim that is larger than plausible pays by its square."""
+        """Return the part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible."""
         prior, found = self.prior(fit), 0.0
         for number, claim in enumerate(fit.state.claims):
             size = float(np.sum((claim.theta / prior[claim_slice(fit.state.claims, number)]) ** 2))
@@ -367,7 +370,7 @@ class Evidence:
         return found
 
     def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
-        """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated again."""
+        """Approximate, by linear columns, a hypothesis with one effect removed, added or replaced; the noise is re-estimated."""
         effects = tuple(e for e in have.effects if e is not without) + ((add,) if add is not None else ())
         key = _key(effects)
         if key in self._known:
@@ -386,7 +389,7 @@ class Evidence:
         if add is not None:
             J = np.concatenate([J, self.columns(add)], axis=1)
             prior = np.concatenate([prior, np.full(add.parameter.size, add.parameter.plausible)])
-        # Everything moves to where the new columns are best.
+        # All parameters move to the optimum with the new columns.
         white_r, white_J = have.whiten(r), have.whiten(J) * prior
         step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
         if add is not None:
@@ -397,34 +400,34 @@ class Evidence:
         return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s, steps=GUESS_STEPS).value
 
     def columns(self, effect: Effect) -> np.ndarray:
-        """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""
+        """(n, P) stacked change of the channels per unit of each parameter, from the linear model, which is accurate enough for ranking."""
         found = self._columns.get(effect)
         if found is None:
             found = self._replay.columns(effect).stacked()
-            # Not those asked for last: all are asked for in turn, and who comes too late for the memo would always find it full of others.
+            # Keep the first columns, not the latest: candidates are evaluated in turn, and a cache of the latest would never hit.
             if sum(each.size for each in self._columns.values()) + found.size <= MOST_KEPT:
                 self._columns[effect] = found
         return found
 
     def prior(self, fit: Refit) -> np.ndarray:
-        """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
+        """(p,) prior sigmas of all parameters; for a claim, the rms of its own parameters."""
         prior = prior_sigmas(self.twin, [claim.effect for claim in fit.state.claims])
         for number, claim in enumerate(fit.state.claims):
             part = claim_slice(fit.state.claims, number)
-            # At least what the best known of their directions is known to: one that nothing sees says nothing of their size.
+            # The lower limit is the sigma of the best-known direction: an unobservable direction carries no information on the size.
             least = float(np.sqrt(max(np.linalg.eigvalsh(fit.covariance[part, part])[0], 0.0)))
             rms = float(np.sqrt(np.mean(claim.theta**2)))
             prior[part] = min(max(rms, least, 1e-6 * claim.effect.parameter.plausible), claim.effect.parameter.plausible)
         return prior
 
     def price(self, effect: Effect) -> float:
-        """Twice the logarithm of what a name costs before it is looked at: its prior odds, its scale, the shapes that were tried under its
-        name, and the parameters' own place within their prior."""
+        """Complexity penalty of an effect, -2 log: its prior odds, its scale, the number of shapes tried under its id, and the position of
+        the parameters within their prior."""
         shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
         return price(effect, shapes, self._odds.get(effect.id))
 
     def without(self, component: str) -> Evidence:
-        """The same recording, where the noise has no such component."""
+        """Return the evidence of the same recording with one noise component removed."""
         other, noise = copy(self), self.first_noise
         kept = np.array([c.name != component for c in noise.components])
         components = tuple(c for c in noise.components if c.name != component)
@@ -437,30 +440,30 @@ class Evidence:
 
     @property
     def exact(self) -> list[Hypothesis]:
-        """Those that were weighed exactly."""
+        """Hypotheses that were evaluated exactly."""
         return list(self._known.values())
 
     def forget(self, ids: frozenset[str]) -> None:
-        """Hypotheses with any of these effects are no longer weighed."""
+        """Discard all hypotheses with any of these effects."""
         self._known = {key: h for key, h in self._known.items() if not h.ids & ids}
         self._guesses = {key: guess for key, guess in self._guesses.items() if not guess.ids & ids}
 
     def will_try(self, tried: list[Effect]) -> None:
-        """Shapes without a scan that share a name: each is one of so many."""
+        """Count the unscanned shapes that share an id, for their complexity penalty."""
         self._shapes |= Counter(effect.id for effect in tried)
 
 
 def price(effect: Effect, shapes: int, odds: float | None = None) -> float:
-    """``Evidence.price`` of an effect of which so many shapes are tried; odds: of the effect, where a lot tells them.
+    """``Evidence.price`` of an effect with this number of trial shapes; odds: prior odds of the effect from a lot of units, if known.
 
-    The lot's size is not asked for here: a unit may have more of it, or less, than the others (``verdict/of_the_lot.py``).
+    The mean size in the lot is not used: a unit may have more or less of the effect than the others.
     """
     return 2 * float(np.log(SCALES / (odds or PRIOR_ODDS)) + np.log(shapes)) + effect.parameter.size
 
 
 def least_gain(effect: Effect, shapes: int) -> float:
-    """Chi-square that an effect must take up to be as probable as nothing: each parameter also pays the logarithm of its signal over its
-    noise."""
+    """Chi-square that an effect must remove to be as probable as no effect.  Each parameter also costs the logarithm of its signal-to-noise
+    ratio."""
     from scipy.optimize import brentq
 
     size = effect.parameter.size
@@ -468,8 +471,8 @@ def least_gain(effect: Effect, shapes: int) -> float:
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """The fit where a delay that all axes share stands where it can be: such a direction is hardly seen, and a search that has run far
-    along it goes on from the gauge."""
+    """Return the fit with a delay common to all axes reset to the gauge if this costs no chi-square, else refit from the gauge.  The
+    direction is hardly observable, so a search can run far along it."""
     gauged = in_gauge(twin, whiten, fit)
     if gauged.chi_square > fit.chi_square - ENOUGH:
         return replace(fit, state=gauged.state, r=gauged.r, chi_square=gauged.chi_square)

@@ -1,4 +1,4 @@
-"""What is claimed of a recording: an effect with its parameters in people's units, and how sure."""
+"""Claims about a recording: an effect with its parameters in display units, and its certainty."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from tinygc.noise.channels import TurnGravity
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import State
 
-# A measured number in print: two digits of its standard deviation, the value to the same digit; and a p-value that underflows.
+# Format a measured number: two digits of its standard deviation, the value to the same digit; and a p-value that may underflow.
 
 MOST_DECIMALS = 12
-#: a double holds no p-value much below this; what is smaller is written as this, and said to be a bound
+#: smallest p-value written; a double holds hardly less, and a smaller one is marked as an upper bound
 SMALLEST_P = 1e-300
 
 
 def measured(value: float, std: float | None = None) -> str:
-    """``0.000951 ± 0.000012``; five digits of a value whose std is not known, or nothing."""
+    """``0.000951 ± 0.000012``; five digits if the std is unknown, not finite or not positive."""
     if std is None or not isfinite(std) or std <= 0 or not isfinite(value):
         return f"{value:.5g}"
     decimals = 1 - int(f"{std:.1e}".split("e")[1])
     if decimals > MOST_DECIMALS:
         return f"{value:.5g} ± {std:.2g}"
-    if decimals < 0:  # both end in zeros
+    if decimals < 0:  # value and std both end in zeros
         return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
     return f"{value:.{decimals}f} ± {std:.{decimals}f}"
 
 
 def p_entry(name: str, p_value: float, bound: bool = False) -> dict:
-    """A p-value for JSON, with ``<name>_is_upper_bound`` where it is no more than that: smaller than any number, for readers that take
-    logarithms, or taken from the bar of a detector."""
+    """A p-value for JSON.  ``<name>_is_upper_bound`` is added if it underflows, since readers take logarithms, or if it is the threshold of
+    a detector."""
     return {name: max(p_value, SMALLEST_P), **({f"{name}_is_upper_bound": True} if bound or p_value < SMALLEST_P else {})}
 
 
@@ -47,7 +47,7 @@ def p_words(p_value: float, bound: bool = False) -> str:
     return f"{'<' if bound else '='} {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"
 
 
-# Parameters as docs/formats.md names them, in people's units, with their standard deviations.
+# Parameters as docs/formats.md names them, in display units, with their standard deviations.
 
 
 def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
@@ -65,14 +65,14 @@ def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, 
 
 
 def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
-    """theta (P,) SI of an effect with such JSON parameters: the state's own where it holds the effect, which is exact for all."""
+    """theta (P,) SI of an effect with these JSON parameters; the state's own value, which is exact, if the state holds the effect."""
     held = next((claim.theta for claim in state.claims if claim.effect.id == effect.id), None)
     if held is None and isinstance(effect.derived, Parts):
         return effect.derived.theta(parameters)
     return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held
 
 
-# What a verdict and a channel are called.
+# Display names of verdicts and channels.
 
 VERDICTS = {
     "no_mismatch": ("no mismatch: noise explains the residuals", "green"),
@@ -86,21 +86,21 @@ VERDICTS = {
 CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each still", "length": "length of gravity in each still"}
 
 
-# What is claimed of a recording: an effect with its parameters in people's units, how sure, and what could stand in for it.
+# Claims: an effect with its parameters in display units, its certainty, and its equivalents.
 
-#: of what the registers or gravity within a still show by themselves
+#: probability of what the registers, or gravity within a still, show by themselves
 CERTAIN = 0.999
-#: lever arm and offset
+#: number of fitted parameters: lever arm and offset
 OF_GRAVITY = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """One effect that is claimed: parameters and their std in the units of their JSON names, p-value, and a sentence.
+    """One claimed effect: parameters and their std in the units of their JSON names, p-value, and a sentence.
 
-    equivalent: ids of effects that could stand in for it; probability of the effect after all that was weighed; rivals: probability of
-    what was weighed in its place, by id; share of the misfit beyond noise that it takes up, None for what was found beside the fit;
-    p_is_bound: the p-value is that of a detector's bar, and what was found beyond it is less probable still.
+    equivalent: ids of effects that fit as well. probability of the effect over all hypotheses evaluated. rivals: probability of each
+    competing effect, by id. share of the chi-square beyond noise that it removes, None for what was found outside the fit. p_is_bound: the
+    p-value is the threshold of a detector, an upper bound.
     """
 
     effect: Effect
@@ -115,7 +115,7 @@ class Claim:
     rivals: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict:
-        """One of ``effects`` of ``tinygc-explain/1``."""
+        """Return one entry of ``effects`` of ``tinygc-explain/1``."""
         return {
             "id": self.effect.id,
             "equation": self.effect.equation,
@@ -131,8 +131,8 @@ class Claim:
 
 @dataclass(frozen=True)
 class Considered:
-    """A rejected candidate: id, its probability; the number of moments that a detector proposed and closure rejected, or 0, with
-    the rms tilt (rad) of their segments as they are and with these moments mended."""
+    """A rejected candidate: id and probability; the number of moments that a detector proposed and closure rejected, or 0; and the rms tilt
+    (rad) of their segments as recorded and with these moments repaired."""
 
     id: str
     probability: float
@@ -140,13 +140,13 @@ class Considered:
     closure_rad: tuple[float, float] | None = None
 
     def to_json(self) -> dict:
-        """One of ``considered`` of ``tinygc-explain/1``."""
+        """Return one entry of ``considered`` of ``tinygc-explain/1``."""
         closure = None if self.closure_rad is None else {"before": self.closure_rad[0] / DEG, "after": self.closure_rad[1] / DEG}
         return {"id": self.id, "probability": self.probability, "moments": self.moments, "closure_rms_deg": closure}
 
 
 def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Considered]:
-    """The effects and the moments that were rejected; the most probable first."""
+    """The rejected effects and moments, the most probable first."""
     found = [Considered(name, p) for name, p in chance.items()]
     for verdict in mended.verdicts:
         left = len(verdict.events) - len(verdict.accepted)
@@ -159,7 +159,7 @@ def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Con
 
 
 def repair_claims(mended: RepairedProblem) -> list[Claim]:
-    """What was found in the registers and stills."""
+    """Claims about what was found in the registers and stills."""
     claims = []
     for name, (parameters, std) in mended.found.items():
         effect = catalogue()[name]
@@ -172,19 +172,19 @@ def repair_claims(mended: RepairedProblem) -> list[Claim]:
 
 
 def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
-    """The delay between gyro and accelerometer, which closure does not see.
+    """Claim the delay between gyro and accelerometer, which closure does not observe.
 
-    Beside a named lag, or what stands in for one, it could as well be that lag's common part.
+    If a lag or its equivalent is named, the delay may as well be the common part of that lag.
     """
     if not gravity.is_offset:
         return []
     known = catalogue()
     names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
-    # An effect that delays each axis to first order: what all axes share of that is a delay of the gyro.
+    # Effects that delay each axis to first order: the part common to all axes is a delay of the gyro.
     lags = sorted(name for name in names if name in known and (gauge := known[name].gauge) is not None and gauge.delays)
     effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
-    # The sigma is from the scatter of so many turns: Student's tail, and its likelihood against the price of any name.
+    # The sigma comes from the scatter of a finite number of turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
     freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
@@ -194,7 +194,8 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
 
 
 def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:
-    """What was named and refitted, or found without a name; beyond_noise: chi-square of the first look beyond its freedom."""
+    """Claims about named and refitted effects, or shapes without a name; beyond_noise: chi-square of the first fit in excess of its degrees
+    of freedom."""
     claims = []
     numbers = {claim.effect.id: i for i, claim in enumerate(fit.state.claims)}
     for each in named:

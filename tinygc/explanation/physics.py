@@ -1,4 +1,4 @@
-"""Fit named physics together with the linear model, as methods beside the others."""
+"""Fit named physics together with the linear model, as further calibration methods."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tinygc.noise.twin import Twin
 
 
 def effect_of(twin: Twin, name: str) -> Effect:
-    """The effect of an id that was asked for.  FitError, in one line, for what cannot be fitted to this session."""
+    """Return the effect with this id.  Raises FitError, in one line, for an effect that cannot be fitted to this session."""
     known = {effect.id: effect for effect in candidates(twin)}
     if name not in catalogue():
         raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
@@ -42,14 +42,15 @@ def effect_of(twin: Twin, name: str) -> Effect:
     return known[name]
 
 
-# Named physics where the reference is a truth file: fitted to the closure between moments of truth alone, the truth's clock beside it.
+# Named physics with a truth file: fitted to the closure between moments of truth alone, together with the truth's clock.
 
-#: what a fit has left out before, as ``explain`` calls it
+#: id in ``explain`` of what a fit leaves out before it starts
 WRONG_MOMENTS = "reference.truth_jump"
 
 
 def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Callable[[str], None]) -> PhysicsFit:
-    """Fit with these effects, or with what ``explain`` names beside the truth (None).  Raises FitError for an id that cannot be fitted."""
+    """Fit with these effects, or with what ``explain`` names for a session with a truth file (None).  Raises FitError for an id that cannot
+    be fitted."""
     sound, jumps, _ = without_wrong_moments(problem)
     twin = TruthTwin(sound)
     evidence, refused = Evidence(twin), False
@@ -58,7 +59,7 @@ def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, p
         effects, refused = names.named, names.naming.refused
     else:
         effects = tuple(_effect(twin, name) for name in ids)
-    # What wanders without a name is no part of a model: it is noise here.
+    # An unnamed slow bias is not part of a model: it is noise here.
     weighed = evidence.of(effects, evidence.nothing)
     fit = beside_clock(twin, weighed.whiten, weighed.fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
@@ -73,7 +74,7 @@ def _effect(twin: Twin, name: str) -> Effect:
     return effect
 
 
-# Fit the physics that `explain` names, or that was asked for, together with the linear model.
+# Fit the physics that `explain` names, or the requested physics, together with the linear model.
 
 
 def fit_physics(
@@ -88,7 +89,7 @@ def fit_physics(
     if ids is None:
         decision = decide(twin, seed, progress, mended.reference)
         fit, whiten, refused = decision.fit, decision.whiten, decision.refused
-        if decision.beyond:  # what has no name is no part of a model
+        if decision.beyond:  # an unnamed shape is not part of a model
             fit = refit(twin, whiten, [named.effect for named in decision.named], twin.start())
     else:
         evidence = Evidence(twin)
@@ -100,7 +101,7 @@ def fit_physics(
     return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused)
 
 
-# Samples lost in a closure run.  A log's losses are mended by its own closure; a run is never fitted, and so nothing in it is mended.
+# Samples lost in a closure run.  A log's losses are repaired by its own closure; a run is never fitted, so its losses are not repaired.
 
 
 def lost_in(run: ClosureRun) -> np.ndarray:
@@ -110,7 +111,7 @@ def lost_in(run: ClosureRun) -> np.ndarray:
     return run.samples.t_s[inside] - run.samples.t_s[0]
 
 
-# ``fit --physics``: the named physics as methods beside the others, closed on segments they never saw and on the closure runs.
+# ``fit --physics``: the named physics as further methods, validated on held-out segments and on the closure runs.
 
 PHYSICS, NET = "physics", "tinygc_physics"
 
@@ -118,7 +119,7 @@ PHYSICS, NET = "physics", "tinygc_physics"
 def physics_methods(
     problem: Problem, options: FitOptions, runs: Sequence[ClosureRun], progress: Callable[[str], None] = lambda what: None
 ) -> PhysicsFit:
-    """Fit the physics of the options, and the net behind it if the net is among their methods; close both on the runs."""
+    """Fit the physics of the options, and the net after it if the net is among their methods; close both on the runs."""
     began = time.perf_counter()
     found = fit_physics(problem, None if options.physics == ("auto",) else options.physics, options.seed, progress)
     seconds = time.perf_counter() - began
@@ -146,7 +147,7 @@ def physics_methods(
         fits[NET] = MethodFit(NET, carried, closure_angles(batch, net), held_net, seconds + net_seconds)
     errors = []
     for run in runs:
-        # Physics needs the whole log, not only the turn; and with the effects known, the stills may show the Earth's heading better.
+        # Physics needs the whole log, not only the turn; with the effects known, the stills may give a better heading of the Earth rate.
         rates = {name: run.rates(fit.model) for name, fit in fits.items()}
         errors.append({name: run.with_earth(found.fit.state.earth_t, rate).errors_at(rate) for name, rate in rates.items()})
     return replace(found, methods=fits, run_errors=errors, lost_s=tuple(lost_in(run) for run in runs))
@@ -169,5 +170,5 @@ def _train(batch: Batch, sigma: np.ndarray) -> tuple[CalibrationNet, float]:
 
     began = time.perf_counter()
     net = train_second_order(batch, sigma).net
-    assert isinstance(net, CalibrationNet)  # the kind that training begins with
+    assert isinstance(net, CalibrationNet)  # training starts from this class
     return net, time.perf_counter() - began

@@ -1,4 +1,4 @@
-"""An explanation as ``tinygc-explain/1`` (docs/formats.md): where, when, residuals, what was considered, what to record next."""
+"""Write an explanation as ``tinygc-explain/1`` (docs/formats.md): location, residuals, candidates considered, what to record next."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from tinygc.explanation.unknown import lines_end_hz
 from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
 
-# The times of what was found in the registers and in the stills, in seconds of the session.
+# Times, in seconds of the session, of what was found in the registers and in the stills.
 
 
 @dataclass(frozen=True, eq=False)
 class Clipped:
-    """Readings (K,) at a level: seconds of the session, and their size, rad/s."""
+    """Readings (K,) at the clipping level: seconds of the session, and magnitude, rad/s."""
 
     t_s: np.ndarray
     magnitude: np.ndarray
 
 
 def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
-    """(K,) of an effect that has moments, at least two for a span; None for one that has not."""
+    """(K,) times of an effect that occurs at moments, at least two for a span; None for any other effect."""
     occurs = claim.effect.occurs
     if occurs is None:
         return None
@@ -54,7 +54,7 @@ def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
 
 
 def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
-    """All readings at the level of a claim that happens there."""
+    """All readings at the level of a clipping claim."""
     assert claim.effect.occurs is not None
     key = claim.effect.occurs.key
     level = claim.parameters[key] * DEG
@@ -64,23 +64,23 @@ def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
 
 
 def reading_s(e: Explanation, rows: np.ndarray) -> np.ndarray:
-    """(K,) of rows that are counted over all logs."""
+    """(K,) times of rows that are counted over all logs."""
     logs = [log.samples for log in e.session.logs]
     return np.concatenate([began + samples.t_s for began, samples in zip(start_times(logs)[:-1], logs, strict=True)])[rows]
 
 
-# Locate: the channels, axes, segments, seconds and the range of a variable in which the mismatch lives.
+# Locate: the channels, axes, segments, times and the range of a variable in which the mismatch occurs.
 
-#: a channel belongs to the mismatch at this level: 0.3 % of quiet sessions over three of them
+#: p-value below which a channel belongs to the mismatch: 0.3 % of quiet sessions over three channels
 BELONGS_P = 1e-3
-#: an axis, or a segment: two angles pass by chance once in 3000 segments
+#: sigmas for an axis or a segment: two angles exceed this by chance once in 3000 segments
 BELONGS_SIGMAS = 4.0
 MOST_SEGMENTS = 12
 NOWHERE: dict[str, Any] = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
 
 
 def where(e: Explanation) -> dict:
-    """Phases, axes, segments with their seconds, the seconds and the regime in which the mismatch lives; empty where there is none."""
+    """Phases, axes, segments with their seconds, the time span and the regime of the mismatch; empty if there is none."""
     if e.verdict == "no_mismatch":
         return dict(NOWHERE)
     told = [*e.claimed, *e.findings]
@@ -102,7 +102,7 @@ def where(e: Explanation) -> dict:
 
 
 def worst_segments(e: Explanation) -> list[int]:
-    """Numbers of the segments that close worst beyond their floor, worst first."""
+    """Numbers of the segments whose closure exceeds their floor most, worst first."""
     sigma = np.sqrt(np.trace(e.problem.floor.own, axis1=1, axis2=2))
     excess = np.linalg.norm(e.proof.before, axis=1) / sigma
     order = np.argsort(-excess)[:MOST_SEGMENTS]
@@ -110,7 +110,7 @@ def worst_segments(e: Explanation) -> list[int]:
 
 
 def _axes(e: Explanation, told: list[Claim]) -> list[str]:
-    """Body axes whose parameters stand out of their std; from the stills' residual rates where nothing is told."""
+    """Body axes whose parameters are significant; without claims, axes whose residual rates in the stills are significant."""
     weights = np.zeros(3)
     for claim in told:
         name = claim.effect.parameter.name
@@ -138,7 +138,7 @@ def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
 
 
 def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> list[float] | None:
-    """[from, to]: where the strongest effect is at least half its greatest, or from the first to the last of its moments."""
+    """[from, to]: where the strongest effect is at least half its maximum, or from its first to its last moment."""
     if claim is None:
         return [min(start for start, _ in spans), max(stop for _, stop in spans)] if spans else None
     times = moments_s(e, claim)
@@ -150,7 +150,7 @@ def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> l
 
 
 def _range(e: Explanation, claim: Claim) -> dict | None:
-    """The range of the strongest effect's variable: where it is at least half its greatest, or at its moments."""
+    """Range of the strongest effect's variable: where the effect is at least half its maximum, or at its moments."""
     regime = variable_of(claim.effect, _theta(e, claim))
     values = _values(e, claim, regime)
     if not len(values) or not np.isfinite(values).all():
@@ -167,7 +167,7 @@ def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
     if regime.variable == "attitude":
         return regime.of_stills(e.twin)
     by_log = [regime.of_samples(movement) for movement in e.twin.movements]
-    if claim.effect.kind == "motion":  # in the turns that are used, and nowhere else
+    if claim.effect.kind == "motion":  # in the used turns only
         by_log = [by_log[s.log][s.start : s.stop] for s in e.twin.segments]
     values = np.concatenate(by_log)
     strong = _where_strong(e, claim)
@@ -175,7 +175,7 @@ def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
 
 
 def _where_strong(e: Explanation, claim: Claim) -> np.ndarray | None:
-    """Samples (N,) bool at which the effect adds at least half of the most it adds; None where it adds to no rate."""
+    """Samples (N,) bool at which the effect adds at least half of its maximum; None if it adds to no rate."""
     if claim.effect.kind != "rate":
         return None
     theta = _theta(e, claim)
@@ -184,20 +184,20 @@ def _where_strong(e: Explanation, claim: Claim) -> np.ndarray | None:
 
 
 def _theta(e: Explanation, claim: Claim) -> np.ndarray | None:
-    """(P,) SI; None of what was mended in the registers."""
+    """(P,) SI; None for an effect repaired in the registers."""
     return None if claim.effect.kind == "register" else theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
-# Recorded less predicted, channel by channel: the one table that the terminal, the report and the JSON show.
+# Recorded minus predicted, channel by channel: one table for the terminal, the report and the JSON.
 
-#: what stands above it
+#: heading of the table
 HEADING = "Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)"
 
 
 @dataclass(frozen=True)
 class ChannelRms:
-    """channel: in words; values: how many; before: rms in sigmas that the linear model leaves; after: that with what is named is left,
-    None where nothing that is fitted was named, or moves the channel."""
+    """One row of the residual table.  channel: its name; values: their number; before: rms in sigmas with the linear model; after: rms with
+    the named effects, None if no fitted effect was named or none moves the channel."""
 
     channel: str
     values: int
@@ -206,14 +206,15 @@ class ChannelRms:
 
 
 def is_refitted(e: Explanation) -> bool:
-    """Whether the fit knows more than the linear model: what was mended in the registers was mended before either."""
+    """Whether the fit has effects beyond the linear model.  Register repairs do not count: they precede both fits."""
     return bool(e.naming.fit.state.claims)
 
 
 def channel_rms(e: Explanation) -> dict[str, tuple[float, float]]:
-    """Of each channel by itself, (before, after): rms in sigmas of its own noise, over the values that its own calibration leaves free.
+    """(before, after) of each channel by itself: rms in sigmas of its own noise, per degree of freedom.
 
-    Whitened together, a misfit of the closure would spread over channels that are healthy: gravity's length is the accelerometer's alone.
+    Each channel is whitened alone.  Joint whitening would spread a misfit of the closure over channels that have none, such as the length
+    of gravity, which depends on the accelerometer only.
     """
     looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
     found = {}
@@ -224,13 +225,13 @@ def channel_rms(e: Explanation) -> dict[str, tuple[float, float]]:
 
 
 def values_of(e: Explanation, name: str) -> int:
-    """How many values a channel has: rows of angles that no reference sees are none."""
+    """Number of values of a channel, without the rows of angles that no reference observes."""
     part = e.whiten.parts[name]
     return part.stop - part.start - unknown_rows(e.twin, name)
 
 
 def residual_table(e: Explanation) -> list[ChannelRms]:
-    """The table's rows: the channels that are fitted, then slope and scatter within the stills, which no effect that is fitted moves."""
+    """Rows of the table: the fitted channels, then slope and scatter within the stills, which no fitted effect changes."""
     rows = []
     for name, (before, after) in channel_rms(e).items():
         rows.append(ChannelRms(CHANNELS[name], values_of(e, name), before, after if is_refitted(e) else None))
@@ -241,7 +242,7 @@ def residual_table(e: Explanation) -> list[ChannelRms]:
 
 
 def what_next(e: Explanation) -> str | None:
-    """The movement or condition that would tell what this recording cannot; None where nothing is open."""
+    """Motion or condition that would decide what this recording cannot; None if nothing is open."""
     for claim in e.claimed:
         if claim.equivalent:
             return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.splits}"
@@ -258,20 +259,20 @@ def what_next(e: Explanation) -> str | None:
     return None
 
 
-# Rejected candidates, rivals and the noise, in words that terminal and report share.
+# Rejected candidates, competing effects and the noise, in words that terminal and report share.
 
-MOST_SAID = 6  #: of each list, on a page; the JSON has all
-#: a name that is less probable is not worth a line
+MOST_SAID = 6  #: entries of each list on a page; the JSON has all
+#: an effect with a lower probability is not listed
 LEAST_CHANCE = 0.01
 
 
 def chance_words(probability: float) -> str:
-    """``0.87``, ``> 0.999`` or ``< 0.001``."""
+    """Format a probability: ``0.87``, ``> 0.999`` or ``< 0.001``."""
     return "> 0.999" if probability > 0.999 else "< 0.001" if probability < 0.001 else f"{probability:.3g}"
 
 
 def considered_lines(e: Explanation) -> list[str]:
-    """Moments that a detector proposed and closure refuses, which have no probability of their own, then the likeliest names."""
+    """List the detected moments that closure rejects, which have no probability of their own, then the most probable rejected effects."""
     told = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
     return [_considered_lines(each) for each in sorted(told, key=lambda each: each.moments == 0)[:MOST_SAID]]
 
@@ -290,37 +291,36 @@ def _considered_lines(each: Considered) -> str:
 
 
 def rival_words(claim: Claim) -> list[str]:
-    """``gyro.bias_step (0.04)``: what was weighed in a claim's place and is worth a line, likeliest first; what could as well be the cause
-    is told apart from them."""
+    """``gyro.bias_step (0.04)``: competing effects that are probable enough to list, most probable first, without the equivalent ones."""
     rivals = sorted(claim.rivals.items(), key=lambda rival: -rival[1])
     shown = [(name, chance) for name, chance in rivals if chance >= LEAST_CHANCE and name not in claim.equivalent]
     return [f"{name} ({chance_words(chance)})" for name, chance in shown[:MOST_SAID]]
 
 
 def equivalent_words(claim: Claim) -> list[str]:
-    """``gyro.bias_step (0.4)``: what could as well be the cause, with its probability where it was weighed."""
+    """``gyro.bias_step (0.4)``: equivalent effects, each with its probability if it was evaluated."""
     return [f"{name} ({chance_words(claim.rivals[name])})" if name in claim.rivals else name for name in claim.equivalent]
 
 
 def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
-    """(name, size ± sigma with its unit, what it says) of each component of noise."""
+    """(name, size ± sigma with its unit, description) of each noise component."""
     return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["says"]) for c in e.noise.to_json()]
 
 
-# An explanation as ``tinygc-explain/1`` (docs/formats.md): what, where, how sure, and what would tell more.
+# An explanation as ``tinygc-explain/1`` (docs/formats.md): effects, location, certainty, and what to record next.
 
 SCHEMA = "tinygc-explain/1"
 
 
 def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
-    """What every explanation begins with, whatever its reference."""
+    """The entries with which every explanation begins, whatever its reference."""
     mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg, "where": place}
     head = {"schema": SCHEMA, "session": e.session.name, "verdict": e.verdict, "mismatch": mismatch}
     return head | {"effects": [claim.to_json() for claim in claims]}
 
 
 def to_json(e: Explanation) -> dict:
-    """The whole result, JSON-ready."""
+    """The complete result, JSON-ready."""
     assert e.within is not None  # an explanation that is reported is complete
     return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
@@ -360,7 +360,7 @@ def to_json(e: Explanation) -> dict:
 
 
 def truth_to_json(e: TruthExplanation) -> dict:
-    """The result beside a truth file, JSON-ready."""
+    """The result of a session with a truth file, JSON-ready."""
     expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
     lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
     place = {"phases": sorted({phase for c in e.claimed for phase in c.effect.seen_in}), "axes": [], "segments": [], "regime": None}

@@ -184,7 +184,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     lags = sorted(name for name in names if name in known and (gauge := known[name].gauge) is not None and gauge.delays)
     effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
-    # The sigma comes from the scatter of a finite number of turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
+    # The sigma comes from the scatter of these turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
     freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)

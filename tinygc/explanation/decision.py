@@ -1,4 +1,4 @@
-"""Detect, name, refuse, prove: what a recording shows, and closure on segments that the fit never saw."""
+"""Detect, select, reject and prove effects: what a recording shows, and its closure on held-out segments."""
 
 from __future__ import annotations
 
@@ -27,22 +27,23 @@ from tinygc.noise.session_noise import SessionNoise, known_whitener
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import TOGETHER, Whitener
 
-# Prove: closure on segments that the refit never saw, before, after, and the floor.
+# Prove: closure on held-out segments, before, after, and the floor.
 
 #: ten-fold cross-validation, stratified in time (Kohavi 1995)
 FOLDS = 10
-#: Gauss-Newton from the whole fit, of which a fold lacks a tenth: iterations, not a bar
+#: Gauss-Newton iterations, starting from the fit of all segments, of which a fold lacks a tenth
 FOLD_STEPS = 3
-#: times the floor's variance, below which a share of the excess is a share of noise: 80 angles know their variance to 16 %; three of that
+#: excess, in units of the floor's variance, below which a share of it is a share of noise: three sigmas of the variance of 80 angles, which
+#: is known to 16 %
 LEAST_EXCESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Held-out error angles (S, d) rad: before with the linear model alone, after with what is named; floor_rms rad of tilt; changed:
-    whether anything is mended or named between them.
+    """Held-out error angles (S, d) rad: before with the linear model alone, after with the named effects. floor_rms rad of tilt; changed:
+    whether anything is repaired or named between them.
 
-    before and after may have different segments: what cannot be mended (clipped turns) is left out of after.  Both are numbered as
+    before and after may have different segments: clipped turns, which cannot be repaired, are left out of after.  Both use the numbers of
     before.
     """
 
@@ -55,20 +56,20 @@ class Proof:
 
     @property
     def removed(self) -> float | None:
-        """Share of the excess over the floor that is gone; None where there was none to speak of, or nothing was changed.  What chance
-        leaves below the floor is no more than all of it."""
+        """Share of the excess over the floor that is removed; None if the excess is negligible or nothing was changed. Closure below the
+        floor is chance, and counts as all of it."""
         floor = self.floor_rms**2
         excess = tilt_rms(self.before) ** 2 - floor
         return None if excess < LEAST_EXCESS * floor or not self.changed else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
 
 
 def tilt_rms(angles: np.ndarray) -> float:
-    """rad."""
+    """rms tilt, rad."""
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
 def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: np.ndarray | None = None) -> Proof:
-    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: of the linear model, where it is known."""
+    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: of the linear model, if known."""
     changed = bool(fit.state.claims) or twin.problem is not original
     if changed and (before is None or twin.problem is not original):
         before = linear_held_out(original, twin, whiten)
@@ -84,7 +85,7 @@ def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: n
 
 
 def _numbers_before(original: Problem, twin: Twin) -> list[int]:
-    """Numbers that the twin's segments had before mending: a still that is none any more joins two turns, and shifts those behind it."""
+    """Numbers that the twin's segments had before the repair: rejecting a still joins two turns and shifts the numbers after it."""
 
     def middle(segment: Segment) -> float:
         return segment.start_s + segment.duration_s / 2
@@ -97,8 +98,8 @@ def _numbers_before(original: Problem, twin: Twin) -> list[int]:
 
 
 def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
-    """By the linear model: fitted to the ends alone, or to all that ``after`` is fitted to, whichever closes better; the rates of the
-    stills make any fit better, and are not to be credited to what is named."""
+    """Held-out angles of the linear model, fitted to the segment ends alone or to everything that ``after`` is fitted to, whichever closes
+    better. Adding the mean rates of the stills improves any fit, which must not be credited to the named effects."""
     if twin.problem is not original:
         twin = Twin(original)
         whiten = known_whitener(twin)
@@ -107,7 +108,7 @@ def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarr
 
 
 def _by_ends(problem: Problem) -> np.ndarray:
-    """(S, d) rad: by the model of the other folds' ends, linear around that of all, from which a fold is not far."""
+    """(S, d) rad with the model of the other folds' ends, linearized at the fit of all segments, which is close to that of a fold."""
     batch, sigma = problem.batch, problem.floor.sigma
     model = fit_least_squares(batch, sigma, problem.first).model
     angles = closure_angles(batch, model)
@@ -117,24 +118,24 @@ def _by_ends(problem: Problem) -> np.ndarray:
     found = np.zeros_like(angles)
     for held in folds_of(len(batch)):
         own = weighted[held].reshape(-1, linear.PARAMETERS)
-        # The whole fit stands where nothing pulls; without these rows it moves by what they pulled.
+        # At the fit of all segments the gradient is zero; without these rows it moves by their contribution.
         moved = np.linalg.solve(normal - own.T @ own, own.T @ (angles[held] * weight[held]).ravel())
         found[held] = angles[held] + columns[held] @ moved
     return found
 
 
 def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for."""
+    """(S, d) rad of each segment, with parameters estimated from all rows except its fold's."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
     return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
 
 
 def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """(n,) stacked: every row as the parameters predict it that the rows of other folds ask for; a still's by the last of its folds.
+    """(n,) stacked: every row predicted with parameters from the other folds' rows; a still's row by the last of its folds.
 
-    r (n,) and J (n, p) are whitened, at the fit of all rows, J in its priors' sigmas.  Leaving rows out is the same as giving each a free
-    number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside the columns; the parameters then move by what the
-    rows no longer pull.  Linear around the whole fit, from which a fold is not far.
+    r (n,) and J (n, p) are whitened, at the fit of all rows, with J in units of the prior sigmas.  Leaving rows out is equivalent to giving
+    each a free number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals given the columns. The parameters then move by
+    what these rows contributed.  Linear around the fit of all rows, which is close to that of a fold.
     """
     inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
@@ -145,18 +146,18 @@ def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.n
         across = pulled_J[rows]
         precision = whiten.precision[np.ix_(rows, rows)] - across @ inverse @ across.T
         taken = np.linalg.solve(precision, pulled_r[rows] - across @ (inverse @ gradient))
-        # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
+        # At the fit of all rows J' r is balanced by the priors, so only the contribution of the left-out rows changes it.
         found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across.T @ taken))
     return found
 
 
 def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
-    """Indices of the segments that are held out together: every so-many-th."""
+    """Indices of the segments that are held out together: every ``folds``-th."""
     return [np.arange(k, count, folds) for k in range(min(folds, count))]
 
 
 def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
-    """Rows (n,) bool of the channels that say nothing of the held-out segments: neither them nor the stills at their ends."""
+    """Rows (n,) bool of the channels without the held-out segments and without the stills at their ends."""
     d = twin.batch.angles
     still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
@@ -170,15 +171,15 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
 
 # An effect and an unnamed curve over the same variable: is the effect more than a further term of that curve?
 #
-# Where the scale bends with the rate as nothing in the catalogue does, any power of the rate makes the fit better, a named one as well as
-# another.  Such an effect shows that the curve has more terms, not that the effect's own law holds.
+# If the scale bends with the rate in a way that the catalogue lacks, any power of the rate improves the fit, named or not.  Such an effect
+# shows that the curve has more terms, not that the effect's own law holds.
 
-#: share of what a name does beside all else that further terms of the curve do as well, from which on it is one of them
+#: share of an effect's action, after projection, that further terms of the curve reproduce; above it the effect is one of them
 SAME = 0.9
 
 
 def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
-    """Whether the effect of this number does in the channels what further terms of a nameless curve in the same hypothesis do."""
+    """Whether further terms of an unnamed curve in the same hypothesis reproduce this effect in the channels."""
     own, J = best.effects[number], best.fit.J
     for other in best.effects:
         if not other.id.startswith(NAMELESS) or own.id.startswith(NAMELESS) or other.regime is None or own.regime is None:
@@ -195,14 +196,14 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
     return False
 
 
-# ``motion.undersampled``: a claim about the turns' own noise, weighed against the same noise without that cause.
+# ``motion.undersampled``: a claim about the turns' own noise, compared with the same noise without that cause.
 
 #: share of the floor's rms below which it is reported as noise and not claimed: it adds a tenth to the closure
 WORTH_SAYING = 0.5
 
 
 def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
-    """The claim, if the recording bears it out: the noise is less probable without it, whatever each turn may err by otherwise."""
+    """Claim undersampling if the noise is less probable without it, even with the turns' other noise free."""
     twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
     if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
@@ -235,18 +236,18 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
     return [Claim(effect, parameters, std, float(chdtrc(1, max(gain, 0.0))), says, probability=probability)]
 
 
-# A claim stays only if what the fit never saw improves with it by more than chance, paired by segments.
+# A claim is kept only if it improves held-out data by more than chance, paired by segments.
 #
-# Each segment is left out together with the stills at its ends; all its rows are predicted with the claim and without it, everything else
-# refitted both times.  A scanned shape (the moment of a step, the frequency of a line) is searched for again, too: one that was found
-# with the left-out rows improves them by chance.
+# Each segment is left out together with the stills at its ends; all its rows are predicted with and without the claim, with everything else
+# refitted both times.  A scanned shape (the time of a step, the frequency of a line) is searched for again, since a shape found with the
+# left-out rows improves them by chance.
 
 #: significance level of the held-out improvement
 BORNE_OUT_P = 0.05
 
 
 def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
-    """Whether a claim of a hypothesis improves what was left out."""
+    """Whether a claim of a hypothesis improves the left-out rows."""
     effect, prior = have.effects[number], evidence.prior(have.fit)
     shapes = None
     if effect.scan is not None:
@@ -257,7 +258,7 @@ def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
 def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, shapes: Iterable[np.ndarray] | None = None) -> float:
     """Probability that chance improves the left-out segments as much as a claim does (Wilcoxon's signed ranks, one-sided).
 
-    prior (p,): of all parameters of the hypothesis.  shapes: whitened columns (n, P) of every shape that the claim might have had.
+    prior (p,): sigmas of all parameters of the hypothesis.  shapes: whitened columns (n, P) of every shape that the claim could have had.
     """
     whiten, fit = have.whiten, have.fit
     part = claim_slice(fit.state.claims, number)
@@ -276,7 +277,7 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
 
 
 def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
-    """(n,) stacked, as ``left_out``, with columns J (n, p) and that one of the shapes, each (n, P), that the seen rows ask for most."""
+    """(n,) stacked, as ``left_out``, with columns J (n, p) and the one of the shapes, each (n, P), that fits the seen rows best."""
     folds = [_Fold(twin, whiten, r, J, held) for held in folds_of(len(twin.segments))]
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
     shapes = iter(shapes)
@@ -292,8 +293,8 @@ def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.nd
 
 
 class _Fold:
-    """What the rows that one fold sees ask for: theta_J (p,) of the columns J, and of_shape (k,), the best shape so far in the k rows that
-    it does not see, stacked."""
+    """Estimates from the rows that one fold sees: theta_J (p,) of the columns J, and of_shape (k,), the best shape so far in the k rows
+    that it does not see, stacked."""
 
     def __init__(self, twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, held: np.ndarray):
         self.rows = rows = np.flatnonzero(~fold_rows(twin, whiten, held))
@@ -307,7 +308,7 @@ class _Fold:
         self.theta_J, self.of_shape, self._least = self._inverse @ self._right_J, np.zeros(len(rows)), 0.0
 
     def try_shapes(self, columns: np.ndarray, pulled: np.ndarray, stacked: np.ndarray, size: int) -> None:
-        """Whitened columns (n, V size) of V shapes, pulled and stacked: whether one is asked for more than those before."""
+        """Test V shapes with whitened columns (n, V size), pulled and stacked, and keep one that fits better than those before."""
         pulled, free = pulled[self.rows], np.linalg.solve(self._precision, pulled[self.rows])
         common = self._J.T @ columns - self._pulled_J.T @ free
         right = columns.T @ self._r - pulled.T @ self._free_r
@@ -324,7 +325,7 @@ class _Fold:
 
 
 def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
-    """(S,) squares of left-out rows (n,) in their sigmas, of each segment with the still that it begins at."""
+    """(S,) sums of squares of left-out rows (n,), in sigmas, for each segment and the still at which it begins."""
     square = np.nan_to_num((rows / have.whiten.sigma) ** 2)
     closure, still, length = (square[part] for part in have.whiten.parts.values())
     total = closure.reshape(len(twin.segments), -1).sum(axis=1)
@@ -337,21 +338,21 @@ def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
 
 #: an effect is reported if its probability, together with its equivalents, exceeds one half
 SAID = 0.5
-#: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
+#: -2 log evidence within which a single unnamed shape is evaluated in place of all names: a second shape may add to it
 INSTEAD = 60.0
-#: false alarms of noise that is no sensor's: a fifth of what the shapes are allowed (benchmarks/null_sessions.py)
+#: false-alarm rate for noise unlike a sensor's: a fifth of that for the shapes (benchmarks/null_sessions.py)
 UNUSUAL_P = 0.01
-MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
+MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
 
 
 @dataclass(frozen=True, eq=False)
 class Naming:
-    """What a recording shows.
+    """The effects selected for a recording.
 
-    first: the fit without any effect, and first_p its family-wise p-value; fit: with all that is kept; named, strongest first; beyond:
-    shapes without a name; whiten and noise: the covariance of all that; considered: names that were weighed and rejected, with their
-    probability; p_value of the detection; undersampled: the claim about the turns' own noise; unusual: whether the rest of that noise is
-    no sensor's; before (S, d) rad: the linear model's held-out angles, where anything is kept.
+    first: the fit without any effect, and first_p its family-wise p-value. fit: with all effects that are kept. named: strongest first.
+    beyond: shapes without a name. whiten and noise: the covariance used. considered: rejected effects with their probability. p_value of
+    the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's. before
+    (S, d) rad: the linear model's held-out angles, if any effect is kept.
     """
 
     first: Refit
@@ -369,7 +370,7 @@ class Naming:
 
     @property
     def refused(self) -> bool:
-        """There is a mismatch, and no name for it."""
+        """Whether there is a mismatch that no effect explains."""
         return not self.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
 
 
@@ -380,9 +381,9 @@ def decide(
     begin: tuple[Effect, ...] = (),
     odds: Mapping[str, float] | None = None,
 ) -> Naming:
-    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
+    """Compare the catalogue's effects with each other, with unnamed shapes, and with no effect.
 
-    begin: effects that a part of the recording has asked for already, where the search may begin; odds: of those that a lot has, by id.
+    begin: effects found in a part of the recording, from which the search may start; odds: prior odds of effects known from a lot, by id.
     """
     evidence, tried = Evidence(twin, odds), candidates(twin)
     progress("detecting")
@@ -397,8 +398,8 @@ def decide(
 
 
 def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
-    """Shapes without a name, beside the names and in their place; the lines among them, of which there are hundreds, only where something
-    is left that nothing else takes up."""
+    """Search unnamed shapes, in addition to the named effects and in their place.  Lines, of which there are hundreds, are tried only if
+    something remains that no other candidate explains."""
     shapes = slow_candidates(evidence.twin)
     ahead = search(evidence, shapes, best, most=MOST_FINDINGS)
     if best.effects and any(g.score < ahead.score + INSTEAD for g in guesses(evidence, shapes, evidence.nothing)[:1]):
@@ -406,13 +407,13 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
     if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
         ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
     if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
-        # A name that stood for a part of what the shape describes may go, another come.
+        # An effect that stood for a part of what the shape describes may be removed, and another may enter.
         ahead = exchanged(evidence, tried, search(evidence, tried, exchanged(evidence, tried, ahead), most=MOST_FINDINGS))
     return ahead
 
 
 def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> Naming:
-    """What of the best hypothesis is reported."""
+    """Select which effects of the best hypothesis are reported."""
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
@@ -427,7 +428,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
     if before is not None:
         kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
-    if not kept:  # the noise is then that of no effect at all
+    if not kept:  # then use the noise of the hypothesis without effects
         best, fit, before = evidence.nothing, evidence.nothing.fit, None
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
@@ -449,9 +450,8 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
 
 
 def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
-    """What closes the segments that the fit never saw no worse than the linear model does, ``before`` rad; what takes up
-    least goes first."""
-    # An effect of the stills alone is tested there.
+    """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad."""
+    # Effects seen in stills only are tested there.
     while turning := [n for n in kept if "turn" in n.effect.seen_in]:
         if tilt_rms(held_out(twin, best.whiten, fit)) <= before:
             break

@@ -16,18 +16,18 @@ from tinygc.noise.whitening import TOGETHER, Whitener
 
 # The search for the hypothesis with the most evidence: forward, with elimination and exchange after every step, and a beam.
 #
-# Candidates are ranked by a linear approximation, under the noise as it was known beforehand and as the present hypothesis has estimated
-# it: what a noise component has absorbed shows under the former, a weak effect under the latter.  The best are refitted exactly.
+# Candidates are ranked by a linear approximation under two noise estimates: the prior one and that of the present hypothesis. The former
+# shows what a noise component has absorbed, the latter a weak effect.  The best are refitted exactly.
 
 MOST_EFFECTS = 5  #: one more than `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
-#: candidates that are weighed in each round, of either ranking
+#: candidates evaluated in each round, from either ranking
 MOST_TRIALS = 3
-#: -2 log evidence within which a hypothesis is worth going on from, and a rival worth weighing
+#: -2 log evidence within which a hypothesis is extended further, and a competing effect is evaluated
 WITHIN = 12.0
 BEAM = 2
-#: of -2 log evidence, by which linear columns may misjudge a hypothesis; how many are weighed exactly in a round
+#: error of -2 log evidence from linear columns; hypotheses evaluated exactly in a round
 NEAR, MOST_EXACT = 8.0, 3
-#: linear columns promise an exact fit's gain to this share; rivals that are weighed in an effect's place
+#: relative error of a gain from linear columns; competing effects evaluated in place of an effect
 LINEAR_SHARE, MOST_LOOKALIKES = 0.1, 4
 
 
@@ -38,7 +38,7 @@ def search(
     most: int = MOST_EFFECTS,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Hypothesis:
-    """The hypothesis with the most evidence that can be reached from ``begin``."""
+    """Find the hypothesis with the most evidence that can be reached from ``begin``."""
     evidence.will_try(tried)
     best, beam = begin, [begin]
     for number in range(most):
@@ -56,7 +56,7 @@ def search(
 
 
 def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Effect]:
-    """Candidates worth weighing beside a hypothesis, each effect once, at its best shape."""
+    """Candidates to add to a hypothesis, each effect once, at its best shape."""
     rest = [effect for effect in tried if effect.id not in have.ids]
     found: dict[str, Effect] = {}
     replay = Replay(evidence.twin, have.fit)
@@ -75,7 +75,7 @@ def _most_promising(
     most: int,
     known: Mapping[str, Effect],
 ) -> dict[str, Effect]:
-    """Of the candidates with the greatest promise, at least so much, so many that are not known yet; each once, at its best shape."""
+    """Up to ``most`` new candidates with the greatest promise, each at least ``least``; each once, at its best shape."""
     found: dict[str, Effect] = {}
     for number in np.argsort(-promise):
         if promise[number] < least or len(found) >= most:
@@ -89,8 +89,8 @@ def _most_promising(
 
 
 def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list[Effect]) -> np.ndarray:
-    """(len(looks), len(rest)) twice the logarithm of the evidence that each candidate would add by its linear columns, beside each fit as
-    it is whitened, the noise as it is.  One after the other, their columns made once for all."""
+    """(len(looks), len(rest)) twice the log evidence that each candidate would add by its linear columns, for each fit and its whitening,
+    with the noise fixed.  Columns are computed once for all fits."""
     found = np.empty((len(looks), len(rest)))
     beside = []
     for _, fit in looks:
@@ -103,20 +103,20 @@ def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list
             for number, (effect, columns) in enumerate(zip(some, whiten.each(stacked), strict=True), first):
                 basis = left_of(q, columns)
                 gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
-                # The parameters' scale at its best: each pays the logarithm of its signal over its noise.
+                # With the best scale, each parameter costs the logarithm of its signal-to-noise ratio.
                 found[look, number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)
     return found
 
 
 def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
-    """The fit of a hypothesis as another covariance sees it."""
+    """The fit of a hypothesis whitened with another covariance."""
     if whiten is have.whiten:
         return have.fit
     return replace(have.fit, r=whiten(have.whiten.back(have.fit.r)), J=whiten(have.whiten.back(have.fit.J)))
 
 
 def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:
-    """The best hypotheses with one more effect: the likeliest by its linear columns, and those near it, weighed exactly."""
+    """The best hypotheses with one more effect: the best by linear columns and those near it, evaluated exactly."""
     found = guesses(evidence, tried, have)
     near = [g for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
     if any(_delays(g.effects[-1]) for g in near):
@@ -125,20 +125,20 @@ def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) ->
 
 
 def _delays(effect: Effect) -> bool:
-    """Of delays linear columns say little: of a long one they miss what bends, and between two they see no difference."""
+    """Whether an effect is a delay, which linear columns rank poorly: they miss the curvature of a long delay and cannot separate two."""
     return effect.gauge is not None
 
 
 def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
-    """What linear columns promise of every candidate worth weighing beside a hypothesis, the best first."""
+    """Approximate hypotheses with each ranked candidate added, by linear columns, the best first."""
     evidence.will_try(tried)
     return sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
 
 
 def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
-    """Without those effects that others have made needless."""
+    """Remove effects that others have made redundant."""
     while len(best.effects) > 1:
-        several = sum(map(_delays, best.effects)) > 1  # they stand for one another
+        several = sum(map(_delays, best.effects)) > 1  # delays can replace one another
         without = [(effect, evidence.guess(best, without=effect)) for effect in best.effects]
         fewer = [
             evidence.of(guess.effects, best)
@@ -153,7 +153,7 @@ def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
 
 
 def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypothesis:
-    """Each effect against the others that could take its place; an effect that was named while others were still in the way may go."""
+    """Try to replace each effect by others that fit in its place; an effect named before others were found may thus be removed."""
     for _ in range(MOST_EFFECTS):
         trials = []
         for effect in best.effects:
@@ -170,7 +170,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
 
 
 def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
-    """Candidates whose linear columns take up nearly what an effect does that is worth ``own`` in -2 log evidence."""
+    """Candidates whose linear columns remove nearly as much as an effect worth ``own`` in -2 log evidence."""
     whiten, number = best.whiten, next(i for i, e in enumerate(best.effects) if e is effect)
     part = claim_slice(best.fit.state.claims, number)
     r = best.fit.r - best.fit.J[:, part] @ best.fit.state.claims[number].theta
@@ -183,14 +183,15 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     return list(_most_promising(evidence, (whiten, fit, replay), rest, promise, least, MOST_LOOKALIKES, {}).values())
 
 
-# Detection limits: from what size on each effect would have been found in this recording.
+# Detection limits: the size from which each effect would have been detected in this recording.
 
 
 def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
-    """Effect id -> the size, in the parameter's unit, from which half of its directions are said; inf where no plausible one would be.
+    """Effect id -> detection limit in the parameter's unit, for half of the effect's directions; inf if no plausible size would be
+    detected.
 
-    Said is what is more probable than nothing (``evidence.least_gain``).  An effect whose shape is scanned (a step) is taken at the moment
-    that shows it best.  Linear, beside all that ``fit`` has.
+    An effect is detected if it is more probable than no effect (``evidence.least_gain``).  An effect with a scanned shape (a step) is taken
+    at the value that shows it best.  Linear, in addition to everything in ``fit``.
     """
     q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
     sizes: dict[str, float] = {}
@@ -199,7 +200,7 @@ def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     for effect in tried:
         columns = whiten(replay.columns(effect).stacked())
         left, plausible = columns - q @ (q.T @ columns), effect.parameter.plausible
-        # The median: of a delay, what all axes have in common is the clock's and hardly shows, whatever the recording.
+        # Use the median: the part of a delay common to all axes belongs to the clock and is hardly observable in any recording.
         strength = float(np.median(np.linalg.svd(left * plausible, compute_uv=False)))
         sigmas = float(np.sqrt(least_gain(effect, shapes[effect.id])))
         size = sigmas / strength * plausible / effect.parameter.si if strength > sigmas else np.inf
@@ -208,7 +209,7 @@ def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
 
 
 def in_words(sizes: dict[str, float]) -> list[str]:
-    """Two lines at most: the detection limit of each effect, and the effects that this recording cannot show."""
+    """At most two lines: the detection limit of each effect, and the effects that this recording cannot show."""
     known = catalogue()
     shown = ", ".join(f"{name} {size:.2g} {known[name].parameter.unit}" for name, size in sizes.items() if np.isfinite(size))
     blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
@@ -216,16 +217,16 @@ def in_words(sizes: dict[str, float]) -> list[str]:
     return lines + ([f"not observable in this recording: {blind}"] if blind else [])
 
 
-# The probability of each effect and of its rivals.
+# The probability of each effect and of its competitors.
 
-#: -2 log evidence by which a stand-in may be worse and still be said: beyond it evidence is "very strong" (Kass & Raftery 1995)
+#: -2 log evidence by which an equivalent may be worse and still be listed: beyond it evidence is "very strong" (Kass & Raftery 1995)
 STAND_IN = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """One effect with its family-wise p-value, the chi-square it takes up, its probability, the effects that could stand in for it, and
-    the probability of every rival that was weighed, by id."""
+    """One effect with its family-wise p-value, the chi-square it removes, its probability, its equivalents, and the probability of every
+    competing effect that was evaluated, by id."""
 
     effect: Effect
     p_value: float
@@ -236,7 +237,7 @@ class NamedEffect:
 
 
 def probabilities(weighed: Sequence[Guess]) -> dict[str, float]:
-    """Posterior probability of each id, over all hypotheses that were weighed; "" for nothing at all."""
+    """Posterior probability of each id, over all evaluated hypotheses; "" for no effect."""
     scores = np.array([h.score for h in weighed])
     weight = np.exp(-(scores - scores.min()) / 2)
     weight /= weight.sum()
@@ -248,7 +249,7 @@ def probabilities(weighed: Sequence[Guess]) -> dict[str, float]:
 
 
 def rivals_of(weighed: Sequence[Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
-    """Of every effect that was weighed in an effect's place, -2 log evidence by which it is worse, by id."""
+    """-2 log evidence by which each effect that was evaluated in place of this one is worse, by id."""
     others = best.ids - {effect.id}
     found: dict[str, float] = {}
     for h in weighed:

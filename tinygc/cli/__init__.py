@@ -1,1 +1,1 @@
-"""The command line: arguments, and a file for each command."""
+"""The command line: arguments, and one file for each command."""

@@ -1,4 +1,4 @@
-"""The command line's arguments and paths.  Imports nothing heavy: --help is instant."""
+"""Arguments and paths of the command line.  Imports nothing heavy, so that --help is instant."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from tinygc.cli.commands import COMMANDS, command_module, present_commands
 from tinygc.cli.extensions import add_annex_arguments
 from tinygc.estimation.options import CHOSEN
 
-# Paths as arguments: each says whether it is read or written, and what is written never takes the place of what is read or recorded.
+# Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
 #
-# ``type=path_read``, ``file_written`` or ``folder_written`` is all that a command says.  ``refuse_overwriting`` then holds every output
+# A command only declares ``type=path_read``, ``file_written`` or ``folder_written``.  ``refuse_overwriting`` then checks every output
 # against every input, and against the files of every session, before the command begins.
 
 #: stands for standard input or output
 STANDARD = "-"
-#: names that the system has for standard output
+#: names of standard output
 STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
-#: in a folder that is read: what is not recorded, and what other commands read all the same
+#: files in an input folder that are not recorded, but that other commands read
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
-#: of a command: the one of these that it writes itself, in the same words as its JSON
+#: command -> the one of these files that it writes itself, with the content of its JSON
 OWN = {"fit": "fit.json", "explain": "explain.json"}
 
 
@@ -54,24 +54,24 @@ def folder_written(text: str) -> Path:
 
 
 def is_standard_output(path: Path | None) -> bool:
-    """Whether that is where the page for people goes, too."""
+    """Whether the path is standard output."""
     return str(path) in STANDARD_OUTPUT
 
 
 def _path(text: str) -> Path:
-    """A file or folder.  An empty one would be the folder that one happens to stand in: a variable of the shell that was never set."""
+    """Parse a file or folder.  An empty path is refused: it would be the current folder, from an unset shell variable."""
     if not text.strip():
         raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
     return Path(text)
 
 
 for kind in (path_read, file_written, log_written, folder_written):
-    kind.__name__ = "path"  # argparse says "invalid path value"
+    kind.__name__ = "path"  # for argparse's message "invalid path value"
 
 
 @dataclass(frozen=True)
 class Paths:
-    """Of a command: its name, and the destinations of its arguments that hold outputs, with the option as a person writes it."""
+    """name: of the command; the destinations of its arguments that hold outputs, with the option as written."""
 
     command: str
     files: dict[str, str]
@@ -80,7 +80,7 @@ class Paths:
 
     @classmethod
     def of(cls, command: argparse.ArgumentParser) -> Paths:
-        """Those of a command's parser."""
+        """Return the paths of a command's parser."""
         of_kind = {
             kind: {action.dest: (action.option_strings or [action.dest])[-1] for action in command._actions if action.type is kind}
             for kind in (file_written, log_written, folder_written)
@@ -89,9 +89,9 @@ class Paths:
 
 
 def refuse_overwriting(args: argparse.Namespace) -> None:
-    """CalibrationError where an output is an input, a recording's own file, or another output; nothing has been changed by then.
+    """Raise CalibrationError where an output is an input, a recording's own file, or another output, before anything is changed.
 
-    A path counts as what it leads to: through links of either kind, ``..``, ``/dev/fd`` and another case of its letters.
+    Paths are compared by their targets: through links of either kind, ``..``, ``/dev/fd`` and another case of their letters.
     """
     paths: Paths = args.paths
     for option, path in _given(args, paths.folders):
@@ -126,7 +126,7 @@ def _given(args: argparse.Namespace, options: dict[str, str]) -> Iterator[tuple[
 
 
 def _read(args: argparse.Namespace, written: set[str]) -> Iterator[Path]:
-    """Whatever of the other arguments is there as a file or folder; a name of a model may be a file, too."""
+    """Yield the other arguments that exist as a file or folder, including names of models."""
     for dest, value in vars(args).items():
         for each in value if isinstance(value, (list, tuple)) else [value]:
             if dest not in written and isinstance(each, (str, Path)) and str(each) not in ("", STANDARD):
@@ -136,7 +136,7 @@ def _read(args: argparse.Namespace, written: set[str]) -> Iterator[Path]:
 
 
 def _files_of(paths: Iterable[Path], but: str) -> dict[tuple[int, int], Path]:
-    """The files that must stay as they are, by what a file system knows them by: those paths, and of folders what is read there."""
+    """Return the files that must not change, by their identity in the file system: those paths, and the inputs in folders."""
     known: dict[tuple[int, int], Path] = {}
     for path in paths:
         inside: Iterable[Path] = [path]
@@ -164,23 +164,23 @@ def _status(path: Path | int) -> os.stat_result | None:
 
 
 def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
-    """Of a regular file; devices, pipes and terminals may be read and written at once."""
+    """Return the identity of a regular file; devices, pipes and terminals may be read and written at once."""
     return None if status is None or not stat.S_ISREG(status.st_mode) else (status.st_dev, status.st_ino)
 
 
 def _entry(path: Path) -> Path:
-    """The path with its folder's links followed, and not its own."""
+    """Return the path with links in its folder resolved, but not the last one."""
     return Path(os.path.realpath(path.parent)) / path.name
 
 
-# The command line's arguments.  Imports nothing heavy: --help is instant.
+# Parsers of the command line.  Imports nothing heavy, so that --help is instant.
 
 METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
-MOST = 10**9  #: of anything that is counted
-LARGEST_SEED = 2**63 - 1  #: that every random generator takes
-FASTEST_DPS = 1e5  #: the largest full scale that session.toml may have
+MOST = 10**9  #: of any count
+LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
+FASTEST_DPS = 1e5  #: the largest full scale in session.toml
 SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S = 5.0, 3600.0
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
@@ -189,14 +189,14 @@ explain and report, each with the session's folder.  {program} COMMAND --help sa
 
 
 class _Parser(argparse.ArgumentParser):
-    """Bad usage is said in one line, like every other error."""
+    """A parser that reports wrong usage in one line, like every other error."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
-    """The whole command line: every command of ``tinygc.cli.commands``; for words that begin with one, that one, which is all they ask."""
+    """Return the parser of every command of ``tinygc.cli.commands``, or of the single command that ``words`` begins with."""
     whole = _Parser(
         prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
     )
@@ -223,7 +223,7 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
 
 
 def add_field_arguments(command: argparse._ActionsContainer, flags: Mapping[str, tuple[str, Field]]) -> None:
-    """An option for each field of a dataclass: flag -> (destination, field), whose metadata has its meaning; None where it is not given."""
+    """Add an option for each field of a dataclass: flag -> (destination, field); help comes from the metadata; None where not given."""
     for word, (name, field) in flags.items():
         help_text = field.metadata["help"].replace("%", "%%") + ("" if field.default in (None, False) else f" ({field.default})")
         if isinstance(field.default, bool):
@@ -237,20 +237,20 @@ def add_field_arguments(command: argparse._ActionsContainer, flags: Mapping[str,
 
 
 def given_fields(args: argparse.Namespace, options: type, prefix: str = "") -> dict[str, Any]:
-    """Field -> value of the options of a dataclass that were given; prefix of their destinations."""
+    """Return field -> value of the given options of a dataclass; prefix: of their destinations."""
     values = {field.name: getattr(args, prefix + field.name) for field in fields(options)}
     return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items() if value is not None}
 
 
 def filled(text: str) -> str:
-    """Any text that is not empty."""
+    """Parse any text that is not empty."""
     if not text.strip():
         raise argparse.ArgumentTypeError("an empty name")
     return text
 
 
 def methods(text: str) -> list[str]:
-    """Names of methods, with commas."""
+    """Parse names of methods, separated by commas."""
     known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
     for name in chosen:
         if name not in known:
@@ -261,7 +261,7 @@ def methods(text: str) -> list[str]:
 
 
 def conditions(text: str) -> tuple[str, ...]:
-    """What a net is told beside the rate, with commas."""
+    """Parse a net's inputs besides the rate, separated by commas."""
     known, chosen = ("temperature", "force"), tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not chosen or not set(chosen) <= set(known):
         raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(known)}")
@@ -269,7 +269,7 @@ def conditions(text: str) -> tuple[str, ...]:
 
 
 def count(least: int, most: int = MOST) -> Callable[[str], int]:
-    """A parser of whole numbers of at least so many, and no more than anything can use."""
+    """Return a parser of whole numbers from ``least`` to ``most``."""
 
     def parse(text: str) -> int:
         value = int(text)
@@ -284,7 +284,7 @@ def count(least: int, most: int = MOST) -> Callable[[str], int]:
 
 
 def segment_numbers(text: str) -> list[int]:
-    """Numbers of segments, with commas."""
+    """Parse numbers of segments, separated by commas."""
     words = [word.strip() for word in text.split(",")]
     if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
         raise argparse.ArgumentTypeError(f"{text!r} is no list of segment numbers such as 3,17")
@@ -292,18 +292,18 @@ def segment_numbers(text: str) -> list[int]:
 
 
 def positive(text: str) -> float:
-    """A number above zero."""
+    """Parse a number above zero."""
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is no positive number")
     return value
 
 
-positive.__name__ = "number"  # argparse says "invalid number value"
+positive.__name__ = "number"  # for argparse's message "invalid number value"
 
 
 def within(low: float, high: float, what: str = "number", unit: str = "") -> Callable[[str], float]:
-    """A parser of numbers of that range; what they are, and their unit, for the complaint."""
+    """Return a parser of numbers in a range; what and unit: for the error message."""
 
     def parse(text: str) -> float:
         value = float(text)
@@ -315,14 +315,14 @@ def within(low: float, high: float, what: str = "number", unit: str = "") -> Cal
     return parse
 
 
-#: what session.toml may say of a sensor (docs/formats.md)
+#: ranges of a sensor's values in session.toml (docs/formats.md)
 data_rate, gyro_full_scale, accel_full_scale = within(0.1, 50_000), within(1, FASTEST_DPS), within(0.1, 1000)
-#: a time that a program can wait for and a counter can hold: up to 30 years; how long a closure run turns
+#: times: up to 30 years, which a program can wait for and a counter can hold; duration of a closure run
 seconds, closure_seconds = within(0, LONGEST_S, "time", " s"), within(SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S, "time", " s")
 
 
 def note(text: str) -> tuple[str, str]:
-    """``KEY=TEXT``."""
+    """Parse ``KEY=TEXT``."""
     key, sign, value = text.partition("=")
     if not sign or not key.strip() or not value.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is no KEY=TEXT such as operator=Mara")
@@ -330,7 +330,7 @@ def note(text: str) -> tuple[str, str]:
 
 
 def effect_parameters(text: str) -> tuple[str, dict]:
-    """``ID=JSON``, an effect's parameters by their names."""
+    """Parse ``ID=JSON``, an effect's parameters by their names."""
     from session.io.errors import FormatError
     from session.io.results import read_json_text
 
@@ -350,7 +350,7 @@ def effect_parameters(text: str) -> tuple[str, dict]:
 
 
 def stream_header(text: str) -> str:
-    """A text stream's header line."""
+    """Parse a text stream's header line."""
     from session.bench.events import parse_header
 
     if parse_header(text.encode()) is None:
@@ -360,7 +360,7 @@ def stream_header(text: str) -> str:
 
 
 def three(text: str) -> list[float]:
-    """Three rates in dps, with commas, that a gyroscope can read."""
+    """Parse three rates in dps, separated by commas, within a gyroscope's range."""
     values = [float(word) for word in text.split(",")]
     if len(values) != 3 or not all(abs(value) <= FASTEST_DPS for value in values):
         raise argparse.ArgumentTypeError(f"{text!r} is no triple of numbers within ±{FASTEST_DPS:g}, such as 0.5,-0.3,0.6")

@@ -1,7 +1,7 @@
-"""Shell scripts that complete the command line, made from its parser: nothing of Python runs when somebody presses Tab.
+"""Shell scripts that complete the command line, generated from its parser: no Python runs when the user presses Tab.
 
-bash has a function of cases; zsh takes the same through its ``bashcompinit``; fish has a line for each option.  A word without
-completions of its own is a file, unless the option takes a number or a name that nobody can guess.
+bash gets a function of cases; zsh uses the same through its ``bashcompinit``; fish gets a line for each option.  An argument without
+completions of its own is a file, unless the option takes a number or a free name.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from tinygc.cli.arguments import file_written, folder_written, log_written, path_read
 
 SHELLS = ("bash", "zsh", "fish")
-#: what a person may have called
+#: possible names of the program
 NAMES = ("calibrate", "calibrate.py")
 PATHS = (file_written, folder_written, log_written, path_read)
 #: paths, though their type is text: a serial port
@@ -42,7 +42,7 @@ complete -o default -o bashdefault -F _calibrate_complete {called}
 
 
 def script(shell: str, whole: argparse.ArgumentParser) -> str:
-    """Of ``SHELLS``."""
+    """Return the script of a shell among ``SHELLS``."""
     if shell == "fish":
         return "\n".join(_fish(whole)) + "\n"
     text = _bash(whole)
@@ -50,7 +50,7 @@ def script(shell: str, whole: argparse.ArgumentParser) -> str:
 
 
 def commands_of(whole: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """Name -> parser."""
+    """Return name -> parser."""
     (group,) = (action for action in whole._actions if isinstance(action, argparse._SubParsersAction))
     return dict(group.choices)
 

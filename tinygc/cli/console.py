@@ -1,4 +1,4 @@
-"""Where results and progress go: results to standard output, progress to standard error, plain text where no terminal is."""
+"""Output of results to standard output and of progress to standard error, as plain text where there is no terminal."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from session.bench.console import PlainConsole
 
-#: columns of a table that is piped: wide enough that no cell wraps
+#: columns of a table in a pipe: wide enough that no cell wraps
 PIPED_WIDTH = 160
 
 
 class _Output(PlainConsole):
-    """rich leaves with exit code 1 when the reader has gone, which here means a failed limit; the command line knows better."""
+    """A console that raises on a broken pipe: rich would exit with code 1, which here means a failed limit."""
 
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
@@ -25,18 +25,18 @@ class _Output(PlainConsole):
         try:
             super().print(*objects, **settings)
         except OSError as error:
-            error.filename = "standard output"  # a stream's errors lack the name
+            error.filename = "standard output"  # errors of a stream have no file name
             raise
 
 
 def output(quiet: bool = False) -> PlainConsole:
-    """Standard output; silent when quiet."""
+    """Return standard output; silent when quiet."""
     return _Output(quiet=quiet, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 @contextmanager
 def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
-    """A callback ``(what, done, of)`` that draws a bar on standard error; on no terminal it says each new step in a line."""
+    """Yield a callback ``(what, done, of)`` that draws a bar on standard error; without a terminal it prints one line per step."""
     if quiet:
         yield lambda what, done, of: None
         return
@@ -51,7 +51,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
 
 
 class _Lines:
-    """One line per step, not per update."""
+    """Progress as one line per step, not per update."""
 
     def __init__(self, console: PlainConsole):
         self._console, self._last = console, ""

@@ -1,8 +1,8 @@
-"""A person's own defaults, from a file in their home: what one sets once for a bench, and would else type each time.
+"""A user's defaults, from a file in the home folder: settings of a bench that would otherwise be typed each time.
 
-What is given on the command line wins, then what a session's own session.toml says, then this file.  A command that takes something from
-it says so, in a line and in its JSON.  The file never changes how a session that is there is read: what it says of the bench goes into
-the session.toml that ``record`` writes, so that the folder gives the same answer everywhere.  Python programs do not read it.
+The command line has priority, then a session's own session.toml, then this file.  A command that uses a value from it reports that in a
+line and in its JSON.  The file never changes how an existing session is read: its values for the bench are copied into the session.toml
+that ``record`` writes, so that the folder gives the same result everywhere.  Python programs do not read it.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ ENVIRONMENT = "TINYGC_DEFAULTS"
 
 @dataclass(frozen=True)
 class Defaults:
-    """path of the file; used: key -> value of what the command has taken from it."""
+    """path: the file; used: key -> value that the command has used."""
 
     path: Path
     used: dict[str, Any]
 
     def to_json(self) -> dict:
-        """``defaults`` of a command's JSON."""
+        """Return ``defaults`` of a command's JSON."""
         table: dict[str, Any] = {"file": str(self.path)}
         for key, value in self.used.items():
             section, name = key.split(".")
@@ -40,7 +40,7 @@ class Defaults:
 
 
 def place() -> Path | None:
-    """Where the file is looked for; None where the environment says that there is none."""
+    """Return the path of the file; None where the environment disables it."""
     named = os.environ.get(ENVIRONMENT)
     if named is not None:
         return Path(named) if named.strip() else None
@@ -53,10 +53,10 @@ def place() -> Path | None:
 
 
 def take_defaults(args: argparse.Namespace) -> None:
-    """Fill in what the command line has left open, of what its command takes (``DEFAULTS``: destination -> key; of these,
-    ``args.takes_defaults``, a function of the arguments and the file's keys, has those that count now), and say so.
+    """Fill in arguments missing from the command line, and report them.
 
-    ``args.defaults`` is then what was taken, or None.  FormatError, which names file and key, for a file that is not sound.
+    ``DEFAULTS`` of the command maps destination -> key; ``args.takes_defaults``, a function of the arguments and the file's keys, returns
+    those that apply.  ``args.defaults`` becomes the values used, or None.  Raises FormatError, with file and key, for an invalid file.
     """
     args.defaults = None
     takes = getattr(args, "takes_defaults", None)
@@ -80,17 +80,17 @@ def take_defaults(args: argparse.Namespace) -> None:
 
 
 def defaults_json(args: argparse.Namespace) -> dict:
-    """What a command adds to its JSON where it took something."""
+    """Return the command's JSON entry for defaults, empty where none was used."""
     return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
 
 
 def whose_limit(args: argparse.Namespace) -> str:
-    """``--limit``, and where it is from if not from the command line."""
+    """Return ``--limit``, and its source if that is not the command line."""
     return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults.path})")
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Key -> value, of the keys that are there."""
+    """Return key -> value of the keys that are present."""
     from session.io.results import Keys, Number, Text, require, unknown_keys
     from session.io.toml import read_toml
 

@@ -1,7 +1,7 @@
-"""What annexes add to commands of the core: options, and jobs that they take.
+"""Extensions of core commands by annexes: options, and the work behind them.
 
-An annex' module has ``add_NAME_arguments(command)`` for each command that it extends.  Where the annex is not there, the options that ask
-for it say so.
+An annex module has ``add_NAME_arguments(command)`` for each command that it extends.  Where the annex is not installed, its options
+report that it is missing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from types import ModuleType
 
 from session.io.annexes import find, need
 
-#: command -> service of an annex that extends it -> options that say, where the annex is not there, that they need it
+#: command -> service of an annex that extends it -> options that report a missing annex
 EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "board": {"the emulated board": ("--firmware",)},
     "fit": {"rest logs and temperature": ("--temperature", "--temperature-order")},
@@ -21,12 +21,12 @@ EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 def extensions(name: str) -> Iterator[ModuleType]:
-    """The modules of the annexes that extend a command and are there."""
+    """Return the modules of installed annexes that extend a command."""
     return (module for service in EXTENSIONS.get(name, ()) if (module := find(service)) is not None)
 
 
 def add_annex_arguments(name: str, command: argparse.ArgumentParser) -> None:
-    """The options that annexes add to a command, by the function ``add_NAME_arguments`` of their modules."""
+    """Add the options of annexes to a command, by the function ``add_NAME_arguments`` of their modules."""
     for service, options in EXTENSIONS.get(name, {}).items():
         module = find(service)
         if module is not None:
@@ -37,7 +37,7 @@ def add_annex_arguments(name: str, command: argparse.ArgumentParser) -> None:
 
 
 class _MissingOption(argparse.Action):
-    """An option of an annex that is not there; ``const`` is what it asks of the registry."""
+    """An option of an annex that is not installed; ``const`` names the service in the registry."""
 
     def __call__(self, *_: object) -> None:
         need(str(self.const))

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from tinygc.estimation.options import FitOptions
 
 
-# The options of a fit, which ``fit`` and ``report`` share: a report can take again what fit has saved only if they are the same.
+# Options of a fit, the same for ``fit`` and ``report``, so that a report can use the saved fit.
 
-#: where a fit takes its bias from
+#: sources of a fit's bias
 BIASES = ("auto", "ends", "stills")
-#: what is believed of the accelerometer's calibration
+#: treatment of the accelerometer's calibration
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
-#: methods that a fit with a lot's prior compares, where none are named: of those that are fitted, least squares knows of it
+#: default methods of a fit with a lot's prior; of the fitted methods, only least squares uses the prior
 WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
 
 
 def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
-    """What decides a fit's numbers; of_day: further sources of a bias, for a stored calibration."""
+    """Add the options that affect a fit's numbers; of_day: further sources of a bias, for a stored calibration."""
     command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
     command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
     command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
@@ -79,7 +79,7 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
 
 
 def fit_options(args: argparse.Namespace) -> FitOptions:
-    """From the parsed arguments; without physics."""
+    """Return the fit's options from the parsed arguments, without physics."""
     from tinygc.estimation.options import DenoiseOptions, FitOptions
 
     chosen = tuple(args.methods)
@@ -106,18 +106,18 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
 
 
 def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
-    """Options of a fit that were asked for otherwise than by default, as a person writes them; ``but`` those that are heeded."""
+    """Return the options of a fit that differ from their defaults, as written, apart from ``but``, which are used."""
     parser = argparse.ArgumentParser(add_help=False)
     add_fit_arguments(parser)
     usual = {**vars(parser.parse_args([])), "resume": False, "physics": None}
     return [f"--{name.replace('_', '-')}" for name, value in usual.items() if name not in but and getattr(args, name) != value]
 
 
-# What a log may not tell, as options: the same wherever a foreign log is read.
+# Options for what a foreign log may not contain, the same wherever one is read.
 
 
 def add_log_options(command: argparse.ArgumentParser) -> None:
-    """``--odr``, ``--gyro-fs``, … in a group of their own."""
+    """Add ``--odr``, ``--gyro-fs``, … in a group of their own."""
     asked = command.add_argument_group("what a log may not tell")
     asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (the command sensors lists those known)")
     asked.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate")
@@ -134,7 +134,7 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
 
 
 def answers_of(args: argparse.Namespace) -> Answers:
-    """``session.io.dialects.Answers`` of the options."""
+    """Return ``session.io.dialects.Answers`` of the options."""
     from session.io.dialects import Answers
 
     return Answers(

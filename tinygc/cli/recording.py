@@ -1,4 +1,4 @@
-"""What ``record`` is made of: views, series of boards, the page after the end, the coach."""
+"""Parts of ``record``: views, series of boards, the page after the end, the coach."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from tinygc.planning.coach import Coach
 
 
-# What ``record`` takes of a person's own defaults: the port, and what a session.toml that it writes is to say of the bench.
+# Defaults that ``record`` uses: the port, and the bench's entries in a session.toml that it writes.
 
 PORT, LIKE = {"port": "record.port"}, {"like": "record.like"}
 SITE = {"latitude_deg": "site.latitude_deg", "gravity_mps2": "site.gravity_mps2"}
@@ -40,9 +40,9 @@ DEFAULTS = PORT | LIKE | SITE
 
 
 def takes(args: argparse.Namespace, known: Mapping[str, object]) -> dict[str, str]:
-    """Destination -> key of what counts for this recording; known: the keys that the file has.
+    """Return destination -> key of the defaults that apply to this recording; known: the keys of the file.
 
-    A folder's own session.toml says all of it already; another one that the recording is to be like says where the table stands.
+    The folder's own session.toml overrides all but the port; a session.toml given by ``--like`` already contains the site.
     """
     if args.out is not None and (args.out / "session.toml").exists():
         return PORT
@@ -52,19 +52,19 @@ def takes(args: argparse.Namespace, known: Mapping[str, object]) -> dict[str, st
 
 
 def bench(args: argparse.Namespace) -> Site:
-    """Where the table stands, by these defaults."""
+    """Return the site of the table from these defaults."""
     from session.io.config import Site
 
     return Site(args.latitude_deg, args.gravity_mps2)
 
 
-# What a recording is looked at with: a live screen in a terminal, lines elsewhere, and a page where one was asked for.
+# Views of a recording: a live screen in a terminal, lines elsewhere, and a web page on request.
 
 LOOPBACK = "127.0.0.1:0"
 
 
 def page_address(text: str) -> tuple[str, int]:
-    """``HOST:PORT`` or ``HOST``, an IPv4 address; port 0: any that is free."""
+    """Parse ``HOST:PORT`` or ``HOST``, an IPv4 address; port 0: any free port."""
     host, _, port = text.partition(":")
     try:
         address, number = ipaddress.IPv4Address(host), int(port or 0)
@@ -79,7 +79,7 @@ def page_address(text: str) -> tuple[str, int]:
 
 @contextlib.contextmanager
 def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
-    """The page's server, where a page was asked for.  What ends the recording is said on the page, too."""
+    """Start the page's server if requested.  The page also shows the error that ends a recording."""
     if args.view is None:
         yield None
         return
@@ -88,7 +88,7 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
 
     server = PageServer(*args.view)
     server.start()
-    print(f"look at the recording: {server.address}", file=sys.stderr, flush=True)  # also where quiet: it is what was asked for
+    print(f"look at the recording: {server.address}", file=sys.stderr, flush=True)  # also when quiet: it was requested
     try:
         yield server
     except CalibrationError as error:
@@ -100,7 +100,7 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
 
 @contextlib.contextmanager
 def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
-    """What is told of the recording, and what is shown its samples."""
+    """Yield the view of the recording, and the receiver of its samples."""
     with _screen(args, title) as screen:
         if server is None:
             yield screen, None
@@ -112,7 +112,7 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 
 
 def _screen(args: argparse.Namespace, title: str) -> contextlib.AbstractContextManager[LiveScreen | PlainLines]:
-    """The live screen in a terminal, lines elsewhere, nothing where quiet."""
+    """Return the live screen in a terminal, lines elsewhere, nothing when quiet."""
     from session.bench.console import PlainConsole
     from session.bench.screen import LiveScreen, PlainLines
 
@@ -120,25 +120,25 @@ def _screen(args: argparse.Namespace, title: str) -> contextlib.AbstractContextM
     return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
-# What was recorded, in lines and as JSON.
+# The recorded data, in lines and as JSON.
 
-MOST_NAMED = 3  #: logs
+MOST_NAMED = 3  #: most logs that are named
 
 
 def so_far(guide: Guide, recorder: Recorder) -> str:
-    """What there is: segments and files."""
+    """Count segments and files."""
     names = [path.name for path in recorder.logs.paths] or ["no log yet"]
     logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
     return f"{counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
 
 
 def counted(guide: Guide, recorder: Recorder) -> str:
-    """Segments and samples."""
+    """Count segments and samples."""
     return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
 
 
 def left_out(recorder: Recorder) -> Iterator[str]:
-    """What is in the raw bytes and in no log, or may be in one and wrong."""
+    """Yield data that is in the raw bytes but in no log, or that may be wrong in one."""
     from session.bench.frames import cannot_be_told
     from session.bench.logwriter import said_not_logged
 
@@ -152,16 +152,16 @@ def left_out(recorder: Recorder) -> Iterator[str]:
 
 
 def missing(guide: Guide) -> str:
-    """What the coach would still ask for."""
+    """Return what the coach still recommends."""
     if guide.advice is None or not guide.advice.missing:
         return ""
     return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
 
 
 def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
-    """The result as JSON."""
+    """Return the result as JSON."""
     health = guide.health
-    troubles = health.troubles  # before the port was closed, which tears the last frame
+    troubles = health.troubles  # counted before the port was closed, which truncates the last frame
     return {
         "schema": "tinygc-record/1",
         "session": str(folder),
@@ -182,7 +182,7 @@ def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
 
 
 def _accelerometer(guide: Guide) -> dict | None:
-    """What the stills make of an accelerometer that nobody has calibrated."""
+    """Return the accelerometer calibration estimated from the stills, for an uncalibrated accelerometer."""
     if guide.taken.own is None:
         return None
     before, after = guide.taken.own.spread_mg
@@ -190,27 +190,27 @@ def _accelerometer(guide: Guide) -> dict | None:
     return {"stills": stills, "attitudes": guide.taken.own.attitudes, "spread_mg": {"before": before, "after": after}}
 
 
-# The page behind the end of a recording, whose files are closed by then: it stays while somebody looks at it, and has the report made
-# by a process of its own where that is asked for.
+# The page after the end of a recording, when all files are closed: it stays while a browser shows it, and makes the report in a separate
+# process on request.
 
-GONE_S = 5.0  #: without a browser: one that reloads the page is back by then
+GONE_S = 5.0  #: without a browser: time to reload the page
 LOOK_EVERY_S = 0.1
 CALIBRATE = Path(__file__).resolve().parents[2] / "calibrate.py"
 MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration that fails
 
 
 def say_interrupted(server: PageServer, command: str) -> None:
-    """Say on the page how it goes on."""
+    """Show on the page how to continue."""
     server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": command, "report": "none"})
 
 
 def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
-    """While somebody looks at the page, and nobody wants it to end."""
+    """Keep the page while a browser shows it, until an interruption."""
     _Finished(server, folder).stay(wanted)
 
 
 class _Finished:
-    """A recording that is finished, on the page."""
+    """A finished recording on the page."""
 
     def __init__(self, server: PageServer, folder: Path):
         self._server, self._path = server, folder / "report.html"
@@ -220,7 +220,7 @@ class _Finished:
         self._say("offered", "The files are closed.")
 
     def stay(self, wanted: Callable[[], bool]) -> None:
-        """Whoever reloads the page, or has a phone that sleeps, is awaited; where nobody ever looked, it ends at once."""
+        """Wait for a reload or a sleeping phone; end at once where no browser has opened the page."""
         seen_s = time.monotonic()
         if self._server.visited:
             print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
@@ -269,15 +269,15 @@ def _last_line(said: IO[bytes]) -> str:
     return lines[-1] if lines else ""
 
 
-# ``record --series``: a row of boards at one bench; unplug, plug in the next, and it begins.
+# ``record --series``: several boards in sequence at one bench; each recording begins when a board is plugged in.
 
-#: of ``record``: leads one recording to its end, None where it has to begin again; says what was recorded, and whether it was interrupted
+#: functions of ``record``: lead one recording to its end (None: start again); report what was recorded, return whether interrupted
 Led = Callable[..., Any]
 Tell = Callable[..., bool]
 
 
 def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
-    """Board after board until Ctrl-C, which keeps all; the list is ``series.json`` and the JSON.  130 where a board was cut short."""
+    """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board was interrupted."""
     from session.bench.series import SCHEMA, BoardListener, BoardSeries
     from session.io.errors import CalibrationError, StorageError
 
@@ -287,7 +287,7 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
         )
     series = BoardSeries(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
     listener, last, code = BoardListener(lambda: _port(args), args.baud, args.header), None, 0
-    with page_server(args) as page, Interruption() as wanted:  # one for the whole row: none of its moments may miss a Ctrl-C
+    with page_server(args) as page, Interruption() as wanted:  # one for the whole series, so that no Ctrl-C is missed
         while not wanted():
             _say(args, "plug in the next board" if last is None else "unplug it, plug in the next board; Ctrl-C ends the row", ring=True)
             serial = listener.next_board(last, wanted)
@@ -329,12 +329,12 @@ def _one(
     led: Led,
     tell: Tell,
 ) -> bool:
-    """One board's session; whether it was interrupted."""
+    """Record one board's session; return whether it was interrupted."""
     from session.bench.series import SeriesEntry
 
     of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
     while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
-        pass  # it began again without another board's bytes
+        pass  # the recording began again, without the bytes of another board
     interrupted = tell(of_one, folder, port, *found)
     guide = found[0]
     ended = datetime.now().astimezone().isoformat(timespec="seconds")
@@ -343,7 +343,7 @@ def _one(
 
 
 def _port(args: argparse.Namespace) -> str | None:
-    """The one that was asked for, or the only one that can be the board; None while there is none, or more than one."""
+    """Return the requested port, or the only possible one; None while there is none, or more than one."""
     from session.bench.port import only_candidate
     from session.io.errors import DeviceError
 
@@ -356,7 +356,7 @@ def _port(args: argparse.Namespace) -> str | None:
 
 
 def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
-    """A line, and a bell where somebody sits at a terminal."""
+    """Print a line, with a bell on a terminal."""
     bell = "\a" if ring and not args.mute and sys.stderr.isatty() else ""
     if not args.quiet:
         print(f"{bell}{printable(words)}", file=sys.stderr, flush=True)
@@ -364,11 +364,11 @@ def _say(args: argparse.Namespace, words: str, ring: bool = False) -> None:
         print(bell, end="", file=sys.stderr, flush=True)
 
 
-# The coach of a recording, and the lot that it may know of.
+# The coach of a recording, and the lot that it may use as a prior.
 
 
 def lot_of(args: argparse.Namespace) -> Any:
-    """Read before the port is opened: nobody turns a board for a lot that is none."""
+    """Read the lot before the port is opened, so that an invalid lot stops the recording early."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
 
@@ -381,7 +381,7 @@ def lot_of(args: argparse.Namespace) -> Any:
 
 
 def of_the_model(args: argparse.Namespace, config: Config) -> Config:
-    """The configuration, where the board is of the lot's model; CalibrationError where it is of another."""
+    """Return the configuration of a board of the lot's model.  Raises CalibrationError for another model."""
     from session.io.errors import CalibrationError
 
     if config.sensor.model != args.lot_read.sensor:
@@ -390,7 +390,7 @@ def of_the_model(args: argparse.Namespace, config: Config) -> Config:
 
 
 def coach_of(lot: Any) -> Callable[[Progress], Advice]:
-    """The coach; its modules are loaded in its own thread, not before the recording starts."""
+    """Return the coach; its modules are loaded in its own thread, not before the recording starts."""
     coach: Coach | None = None
 
     def advise(progress: Progress) -> Advice:

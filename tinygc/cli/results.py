@@ -1,4 +1,4 @@
-"""What every command does with its results: print, write JSON, stop on a signal, go on with the next folder."""
+"""Results of a command: print them, write JSON, stop on a signal, continue with the next folder."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ if TYPE_CHECKING:
     from session.bench.console import PlainConsole
 
 
-# What ends a command: Ctrl-C, the end of the system's patience (SIGTERM), a terminal that goes (SIGHUP); in a recording at a good
-# moment, between two steps of its loop and not in the middle of what one of them does.
+# Signals that end a command: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.  A recording ends between two steps of its loop, not
+# within one.
 #
-# A hang-up that was ignored from the start stays so: ``nohup`` asks for that.  An interrupt that was ignored, as by a shell that started us
-# in the background, still ends what runs at a port until it is told to end.
+# A SIGHUP that was ignored from the start stays ignored, as ``nohup`` requires.  A SIGINT that was ignored, as by a shell that started the
+# program in the background, still ends a command that runs at a port.
 
 HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)  # Windows has none
-PATIENCE = 3  #: who asks so often is obeyed at once
+PATIENCE = 3  #: this many signals end the command at once
 
 
 class Interruption:
-    """A context.  Call it: whether somebody wants to end."""
+    """A context that records signals; calling it returns whether one has requested the end."""
 
     def __init__(self) -> None:
         self._asked = 0
         self._handled = contextlib.ExitStack()
 
     def __call__(self) -> bool:
-        """Whether somebody wants to end."""
+        """Whether the end was requested."""
         return self._asked > 0
 
     def __enter__(self) -> Interruption:
@@ -65,7 +65,7 @@ class Interruption:
 
 
 def ended_by_signals(ignored_interrupt: bool = False) -> contextlib.AbstractContextManager[None]:
-    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; and SIGINT too, where it was ignored and that does not count."""
+    """Return a context in which SIGTERM and SIGHUP act like Ctrl-C, and on request SIGINT too where it was ignored."""
     return _handled(_end, *([signal.SIGINT] if ignored_interrupt else []))
 
 
@@ -77,8 +77,8 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 @contextlib.contextmanager
 def _handled(handler: Callable[[int, FrameType | None], Any], *more: signal.Signals) -> Iterator[None]:
-    before: dict[signal.Signals, Any] = {}  # what a signal did before: a function, or the system's own number for it
-    with contextlib.suppress(ValueError):  # not the main thread: nobody interrupts it
+    before: dict[signal.Signals, Any] = {}  # previous handler of a signal: a function, or the system's own number
+    with contextlib.suppress(ValueError):  # outside the main thread no signal arrives
         for number in (*more, signal.SIGTERM, *([HANG_UP] if HANG_UP is not None else [])):
             if number != HANG_UP or signal.getsignal(number) != signal.SIG_IGN:
                 before[number] = signal.signal(number, handler)
@@ -90,7 +90,7 @@ def _handled(handler: Callable[[int, FrameType | None], Any], *more: signal.Sign
 
 
 def _let_go() -> None:
-    """Write nowhere what was for a terminal that has gone: the last words must not fail."""
+    """Redirect the output for a closed terminal to the null device, so that the last lines cannot fail."""
     for file in (1, 2):
         with contextlib.suppress(OSError, AttributeError):
             poll = select.poll()
@@ -101,24 +101,24 @@ def _let_go() -> None:
                 os.close(nowhere)
 
 
-# What every command does with its results: print them, write them as JSON, refuse in time what cannot be written.
+# Results of every command: print them, write them as JSON, fail early if outputs cannot be written.
 
 
 def output(args: argparse.Namespace) -> PlainConsole:
-    """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
+    """Return standard output for text; silent when quiet, and where the JSON uses standard output."""
     from tinygc.cli import console
 
     return console.output(args.quiet or is_standard_output(args.json))
 
 
 def print_commands(args: argparse.Namespace, introduction: str, *commands: str) -> None:
-    """Commands for the reader to run, each alone on its line."""
+    """Print commands for the user to run, each alone on its line."""
     for line in (introduction, *(f"  {command}" for command in commands)):
         output(args).print(line, soft_wrap=True, markup=False)
 
 
 def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> None:
-    """What is said of a log that was written: on standard error where the log itself goes to standard output."""
+    """Print lines about a log that was written: on standard error where the log itself goes to standard output."""
     for line in lines:
         if not to_stdout:
             output(args).print(line, soft_wrap=True)
@@ -127,8 +127,8 @@ def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> N
 
 
 def verdict(args: argparse.Namespace, line: RenderableType) -> None:
-    """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already,
-    and of several folders a table says it."""
+    """Print the one-line result of a command with ``--quiet``; otherwise it is already in the output.  For several folders a table
+    contains it."""
     from tinygc.cli import console
 
     if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
@@ -136,19 +136,19 @@ def verdict(args: argparse.Namespace, line: RenderableType) -> None:
 
 
 def complain(line: str) -> None:
-    """One line on standard error, whatever file or folder it quotes."""
+    """Print one line on standard error, whatever file or folder it quotes."""
     print(f"calibrate: {printable(line)}", file=sys.stderr)
 
 
 def try_destinations(args: argparse.Namespace, default: str) -> None:
-    """Refuse before the work, not after it, what cannot be written: make the folder, write there, and take both away again."""
+    """Fail early if outputs cannot be written: create the folder, write a file, and remove both."""
     if args.out is None and not args.folder.is_dir():
-        return  # the reading of the session has more to say
+        return  # the reading of the session reports the error
     _try_folder(args.out or args.folder / default, args, "another folder")
 
 
 def try_file(args: argparse.Namespace, path: Path) -> None:
-    """The same where the result is one file."""
+    """Fail early if a single output file cannot be written."""
     if args.out is None and not args.folder.is_dir():
         return
     if path.is_dir():
@@ -173,7 +173,7 @@ def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
 
 
 def write_json(path: Path | None, table: dict) -> None:
-    """Where ``--json`` says: nowhere, standard output (-), or a file."""
+    """Write the JSON where ``--json`` says: nowhere, standard output (-), or a file."""
     if path is None:
         return
     if is_standard_output(path):
@@ -190,7 +190,7 @@ def write_json(path: Path | None, table: dict) -> None:
 
 
 def write_files(args: argparse.Namespace, folder: Path, files: dict[str, str], notes: list[str]) -> None:
-    """The files of an export, each named on the page, and the JSON."""
+    """Write the files of an export, print their names, and write the JSON."""
     from session.io.files import result_folder
     from session.io.results import write_text_whole
 
@@ -202,7 +202,7 @@ def write_files(args: argparse.Namespace, folder: Path, files: dict[str, str], n
 
 
 def _try_json(path: Path) -> None:
-    if is_stream(path) or _is_the_systems(path):  # which is not opened twice
+    if is_stream(path) or _is_the_systems(path):  # a stream of the system is not opened twice
         return
     try:
         if path.is_dir():
@@ -213,12 +213,12 @@ def _try_json(path: Path) -> None:
 
 
 def _place(path: Path) -> Path:
-    """Where a link leads, so that it stays one."""
+    """Return the target of a link, so that the link is kept."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 def _is_the_systems(path: Path) -> bool:
-    """Whether the name is one that the system shows, such as /dev/stdout: nothing can be put in its place."""
+    """Whether the name is one of the system's, such as /dev/stdout, which cannot be replaced."""
     name = Path(os.path.normpath(path))
     return name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or name == Path("/dev/stderr")
 
@@ -229,7 +229,7 @@ def _no_json(path: Path, error: OSError) -> CalibrationError:
 
 @contextlib.contextmanager
 def standard_output() -> Iterator[None]:
-    """Give a failure to write its name, which a stream's errors lack."""
+    """Add the stream's name to a failed write, since errors of streams lack it."""
     try:
         yield
     except OSError as error:
@@ -237,13 +237,13 @@ def standard_output() -> Iterator[None]:
         raise
 
 
-# Several session folders for one command: each is done by itself, one that fails does not stop the others, and a table ends it all.
+# Several session folders for one command: each is processed separately, a failure does not stop the others, and a table ends the output.
 
 
 @dataclass(frozen=True)
 class Done:
-    """code: for the exit; table: the command's JSON; says: its verdict in a few words; held_out, floor, runs: of the calibration that it
-    is about, degrees, None and none where there is no such figure."""
+    """code: exit code; table: the command's JSON; says: its result in a few words; held_out, floor, runs: figures of the calibration in
+    degrees, None and none where there is no such figure."""
 
     code: int
     table: dict
@@ -254,14 +254,14 @@ class Done:
 
 
 def folders_of(args: argparse.Namespace) -> list[Path]:
-    """Each once, in the order of the command line."""
+    """Return each folder once, in the order of the command line."""
     return list(dict.fromkeys([args.folder, *args.more]))
 
 
 def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done], schema: str, title: str) -> int:
-    """``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
+    """Run ``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
 
-    CalibrationError, before any work, where two results would have one place.
+    Raises CalibrationError, before any work, where two results would have the same path.
     """
     folders, entries, rows, worst = folders_of(args), [], [], 0
     places = _places(args, folders)
@@ -313,4 +313,4 @@ def _print(args: argparse.Namespace, title: str, rows: list[tuple[str, str, str,
         table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
     for row in rows:
         table.add_row(*map(printable, row))
-    console.output(is_standard_output(args.json)).print(table)  # the verdict, with --quiet too
+    console.output(is_standard_output(args.json)).print(table)  # also with --quiet

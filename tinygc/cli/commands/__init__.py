@@ -1,12 +1,12 @@
-"""The commands of ``calibrate.py``, a file each, in the order of ``--help``.
+"""The commands of ``calibrate.py``, one file each, in the order of ``--help``.
 
 A command's file has ``SUMMARY`` (one line), ``add_arguments(command)`` and ``run(args)``, which returns the exit code.  It imports
-nothing heavy at its top: ``--help`` is instant.  ``USES_EFFECTS = True`` gives it ``--effects DIR``; ``DEFAULTS`` says which of
-its arguments, left open, a person's own file fills in (``tinygc/cli/defaults.py``).  A new command is a new file, named
+nothing heavy at its top, so that ``--help`` is instant.  ``USES_EFFECTS = True`` adds ``--effects DIR``; ``DEFAULTS`` lists the
+arguments that a user's defaults file may fill in (``tinygc/cli/defaults.py``).  To add a command, add a file and its name
 below.
 
-A command of an annex stands there by its name in ``session/io/annexes.py``; ``tinygc/cli/extensions.py`` has what annexes add to commands
-of the core.
+A command of an annex is listed by its name in ``session/io/annexes.py``; ``tinygc/cli/extensions.py`` has the extensions of core commands
+by annexes.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ COMMANDS = {
 
 
 def command_module(name: str) -> ModuleType:
-    """The module of a command.  Raises MissingAnnexError where it is an annex's, and that is not there."""
+    """Return the module of a command.  Raises MissingAnnexError where its annex is not installed."""
     return need(name) if name in SERVICES else importlib.import_module(COMMANDS[name])
 
 
 def present_commands() -> Iterator[str]:
-    """The commands without those of annexes that are not there."""
+    """Yield the commands, except those of annexes that are not installed."""
     return (name for name in COMMANDS if name not in SERVICES or find(name) is not None)

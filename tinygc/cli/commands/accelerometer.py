@@ -1,4 +1,4 @@
-"""``accelerometer``: its calibration alone, from gravity's length in the stills, written into a copy of the session."""
+"""``accelerometer``: calibrate it alone, from gravity's magnitude in the stills, and write a copy of the session with the result."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ SUMMARY = "calibrate the accelerometer alone, from the stills of a session, into
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder; what its session.toml says of the accelerometer is not used")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="the copy with [accelerometer] (FOLDER_calibrated); -: none")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Nine numbers, or as many as the attitudes tell, and a copy that has them."""
+    """Estimate nine parameters, or as many as the attitudes determine, and write a copy with them."""
     from dataclasses import replace
 
     from session.detect.accelerometer import why_not, write_calibrated_copy

@@ -1,4 +1,4 @@
-"""``apply``: a log with calibrated rates and specific force."""
+"""``apply``: write a log with calibrated rates and specific force."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("model", type=path_read, help="model file, such as fit/model_least_squares.json of a session")
     command.add_argument("log", type=path_read, help="any log that replay reads; -: standard input; of an array's model the array's folder")
     command.add_argument(
@@ -33,7 +33,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """A log with calibrated rates and specific force."""
+    """Write a log with calibrated rates and specific force."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
     from tinygc.cli.console import progress_bar

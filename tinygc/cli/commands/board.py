@@ -1,4 +1,4 @@
-"""``board``: a virtual board, to try the recorder without hardware."""
+"""``board``: run a virtual board, to try the recorder without hardware."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, nargs="?", help="session folder to stream (a simulated one)")
     command.add_argument("--rate", type=data_rate, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
     command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
@@ -85,7 +85,7 @@ _speed.__name__ = "number"
 
 
 def run(args: argparse.Namespace) -> int:
-    """A virtual board, until Ctrl-C or the end of ``--tail``; its port's link goes with it."""
+    """Run a virtual board until Ctrl-C or the end of ``--tail``, then remove its port's link."""
     with ended_by_signals(ignored_interrupt=True):
         return _board(args)
 
@@ -114,7 +114,7 @@ def _board(args: argparse.Namespace) -> int:
     elif args.speed == math.inf:
         raise CalibrationError("board: --speed max: only with --firmware, whose time is its own")
     faults = LineFaults() if args.firmware else LineFaults.parse(args.faults)
-    # A faster board must hold back more, for a host that is as fast as ever.
+    # A faster board needs a larger buffer, because the host is no faster.
     hurry = max(1.0, args.speed) if args.speed < math.inf else 1.0
     terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * hurry))
     try:
@@ -153,7 +153,7 @@ def _board(args: argparse.Namespace) -> int:
 
 
 def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> BoardSource:
-    """What the sensor reads: the folder's session, or a simulated one that no board at this link has streamed."""
+    """Return the sensor's data: the folder's session, or a simulated one that no board at this link has streamed yet."""
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 
@@ -162,7 +162,7 @@ def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) ->
     odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
     ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
     options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
-    if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
+    if raw := args.raw_accelerometer:  # its scale and axes have typical errors, but the session.toml contains no calibration
         options = replace(options, accel_bias_mg=raw)
     take = args.take or next_take(link, args.seed)
     again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"

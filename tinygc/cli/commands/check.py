@@ -1,4 +1,4 @@
-"""``check``: the first look at a session."""
+"""``check``: a first examination of a session."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or an array's")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The first look at a session."""
+    """Print a first examination of a session."""
     from session.detect.findings import worst
     from tinygc.library.sessions import check
     from tinygc.reporting.tables import findings_table, next_line, unit_lines, verdict_line
@@ -30,13 +30,13 @@ def run(args: argparse.Namespace) -> int:
         *unit_lines(findings),
         verdict_line(findings),
         next_line(args.folder, findings),
-    ):  # each one line, however long, for who reads them by program
+    ):  # one line each, for readers by program
         console.print(line, soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
     write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
     if worst(findings) == "error":
-        if output(args).quiet:  # whoever sees no table is told at least what stops the calibration
+        if output(args).quiet:  # without the table, print at least what prevents a calibration
             errors = [finding for finding in findings if finding.level == "error"]
             complain(errors[0].line + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
         return 2

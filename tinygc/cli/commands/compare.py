@@ -1,4 +1,4 @@
-"""``compare``: sessions of one sensor side by side."""
+"""``compare``: compare sessions of one sensor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folders", type=path_read, nargs="+", metavar="DIR", help="session folders that were fitted, two or more")
     command.add_argument("--bias", action="store_true", help="the bias counts, too: the sensor was never switched off in between")
     command.add_argument("--strict", action="store_true", help="exit 1 if they differ (p < 0.01)")
@@ -20,7 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Sessions of one sensor side by side."""
+    """Compare sessions of one sensor."""
     from session.io.errors import CalibrationError
     from tinygc.estimation.compare import DIFFERS_P, compare, read_calibrated, to_json
     from tinygc.reporting.tables import comparison_page

@@ -1,4 +1,4 @@
-"""``completion``: what a shell needs to complete commands and options with the Tab key."""
+"""``completion``: print a shell's script for completing commands and options with the Tab key."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ fish: calibrate.py completion fish > ~/.config/fish/completions/calibrate.fish. 
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.epilog = EPILOG
     command.add_argument("shell", choices=SHELLS, help="which one")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The script, on standard output."""
+    """Print the script on standard output."""
     from tinygc.cli.arguments import parser
 
     text = script(args.shell, parser())

@@ -1,4 +1,4 @@
-"""``explain``: why recording and simulation differ."""
+"""``explain``: explain differences between recording and simulation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or one of an array")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     lot = "effects of a production lot (lot.json): how probable each is in this unit, and its usual size"
@@ -31,7 +31,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Why recording and simulation differ; of an array, what is whose."""
+    """Explain differences between recording and simulation; for an array, also which are common to its sensors."""
     if is_array(args.folder):
         return need("commands on arrays").explain(args)
     from tinygc.cli.console import progress_bar
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _try_effects(folder: Path) -> None:
-    """Refuse before the search a place for the laws' files that is none."""
+    """Fail before the search if the laws' files cannot be written."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise CalibrationError(f"{folder}: that is no folder, and the laws that are found go into one; move it away, or give --out another")
     if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
@@ -63,7 +63,7 @@ def _try_effects(folder: Path) -> None:
 
 
 def _with_pictures(args: argparse.Namespace) -> bool:
-    """Whether they are wanted and can be drawn; says so where they cannot."""
+    """Whether pictures are wanted and can be drawn; reports where they cannot."""
     from tinygc.reporting.pictures.canvas import can_draw
 
     if not args.no_pictures and not can_draw():

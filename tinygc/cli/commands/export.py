@@ -1,4 +1,4 @@
-"""``export``: a calibration in another program's words."""
+"""``export``: write a calibration in another program's format."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder that was fitted, or an array's model file")
     command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
@@ -22,7 +22,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """A calibration in another program's words."""
+    """Write a calibration in another program's format."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
     from session.io.names import is_array

@@ -14,9 +14,9 @@ from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.options import add_fit_arguments, fit_options, given
 from tinygc.cli.results import Done, complain, output, run_each, try_destinations, write_json
 
-#: what a bias of the day heeds of a fit's arguments
+#: arguments of a fit that also apply when the bias is re-estimated
 HONOURED = ("exclude", "no_earth", "bias")
-#: what a stored calibration's bias of the day may come from
+#: sources of a re-estimated bias of a stored calibration
 OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 USES_EFFECTS = True
@@ -24,7 +24,7 @@ DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=path_read, help="session folder, or one of an array; several are fitted one by one")
     more = "further folders; with --temperature, of the same sensor"
@@ -39,7 +39,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """From a session to models and closure figures; of several sessions, each by itself."""
+    """Fit models to a session and report closure figures; several sessions are fitted separately."""
     if args.temperature or (args.more and _has_only_rests(args.folder)):
         done = need("rest logs and temperature").fit(args)
     elif rests := [folder for folder in args.more if _has_only_rests(folder)]:
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace) -> Done:
-    """One session, one array, or one folder of rest logs."""
+    """Fit one session, one array, or one folder of rest logs."""
     if is_array(args.folder):
         return need("commands on arrays").fit(args)
     if _has_only_rests(args.folder):
@@ -77,7 +77,7 @@ def _fit(args: argparse.Namespace) -> Done:
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
     table = result.to_json() | defaults_json(args)
-    # The results first: a terminal that fails must not cost them.
+    # Save the results first: a failing terminal must not lose them.
     folder = result.save(args.out)
     forget(checkpoints)
     output(args).print(result.page)
@@ -94,12 +94,12 @@ def _fit(args: argparse.Namespace) -> Done:
 
 
 def _has_only_rests(folder: Path) -> bool:
-    """Whether a folder holds rest logs and no log in which anything was turned."""
+    """Whether a folder holds rest logs and no log with turns."""
     return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
 
 
 def _done(code: int, table: dict, method: str | None, says: str) -> Done:
-    """With the figures of one method."""
+    """Return the result with the figures of one method."""
     if method is None:
         return Done(code, table, says)
     runs = tuple(run[method]["rmse_deg"] for run in table["closure_runs"] if method in run)
@@ -108,7 +108,7 @@ def _done(code: int, table: dict, method: str | None, says: str) -> Done:
 
 
 def _physics(words: str) -> tuple[str, ...]:
-    """Ids, or ``auto``; what is in no catalogue is said before anything is read."""
+    """Parse effect ids or ``auto``; unknown ids are reported before anything is read."""
     from session.io.errors import FitError
     from tinygc.effects import catalogue
 
@@ -121,14 +121,14 @@ def _physics(words: str) -> tuple[str, ...]:
 
 
 def _resumable(args: argparse.Namespace) -> bool:
-    """Whether anything of the fit is trained by adamw."""
+    """Whether any part of the fit is trained by adamw."""
     from tinygc.estimation.options import METHODS
 
     return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 
 def _rebias(args: argparse.Namespace) -> Done:
-    """A stored calibration with the bias of the day."""
+    """Re-estimate the bias of a stored calibration."""
     if args.model is None or args.bias not in OF_DAY or (args.bias == "given") != (args.bias_dps is not None):
         raise CalibrationError(
             "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
@@ -164,7 +164,7 @@ def _rebias(args: argparse.Namespace) -> Done:
 
 
 def _above(table: dict, limit_deg: float) -> list[str]:
-    """The figures of a fit that ``--limit`` refuses: the best held-out tilt, and each closure run's best RMSE."""
+    """Return the figures of a fit above ``--limit``: the best held-out tilt, and each closure run's best RMSE."""
     tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
     figures = [("the best held-out tilt", tilts)]
     for run in table["closure_runs"]:

@@ -1,4 +1,4 @@
-"""``list``: the sessions of a folder, and what was last said of each."""
+"""``list``: list the sessions of a folder, with the last result of each."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SUMMARY = "list the sessions of a folder: date, sensor, closure, verdict"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, nargs="?", default=Path("."), help="where to look, three folders deep (this one)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The sessions of a folder; one that cannot be read is listed with the reason."""
+    """List the sessions of a folder; one that cannot be read is listed with the reason."""
     from tinygc.estimation.listing import list_sessions
     from tinygc.reporting.tables import sessions_table
 

@@ -1,4 +1,4 @@
-"""``plan``: what to record next."""
+"""``plan``: recommend what to record next."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder")
     lot = "prior from a production lot (lot.json): fewer turns are enough"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
@@ -20,7 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """What to record next."""
+    """Recommend what to record next."""
     from tinygc.planning.proposals import propose
 
     plan = propose(args.folder, args.count, args.lot)

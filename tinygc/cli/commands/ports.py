@@ -1,4 +1,4 @@
-"""``ports``: the serial ports, and which of them is likely the board."""
+"""``ports``: list the serial ports, likely boards first."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ SUMMARY = "list the serial ports, and say which may be the board"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """None but the common ones."""
+    """Add no arguments but the common ones."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """The serial ports, candidates first."""
+    """List the serial ports, candidates first."""
     from session.bench.port import known_ports
 
     ports = known_ports()

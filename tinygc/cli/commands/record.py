@@ -1,4 +1,4 @@
-"""``record``: lead one person at the table through a session, and lose nothing of it."""
+"""``record``: guide the operator at the table through a session, without losing data."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ and Enter says that the table stands on its index mark.  Where standard input is
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.epilog = EPILOG
     command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
@@ -103,7 +103,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Lead one person at the table through a session, and lose nothing of it."""
+    """Guide the operator at the table through a session, without losing data."""
     from session.bench.port import only_candidate
 
     if args.lot is not None:
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
         with Interruption() as wanted:
             told = _say_what_was_asked
             while (led := _led(args, folder, port, wanted, told, page)) is None:
-                told = _nothing  # the recording began again without another board's bytes
+                told = _nothing  # the recording began again, without the bytes of another board
         interrupted = _tell(args, folder, port, *led)
         if page is not None:
             _end_page(page, args, folder, port, interrupted)
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: str, interrupted: bool) -> None:
-    """All is written: what the page says and offers now."""
+    """Show the end of the recording and the next steps on the page, when all files are written."""
     from tinygc.cli.recording import say_interrupted, stay
 
     if interrupted:
@@ -138,7 +138,7 @@ def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: st
 
 
 def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
-    """The command that goes on."""
+    """Return the command that resumes the recording."""
     words: list[object] = ["record", "--resume", "--out", folder, "--port", port]
     words += [] if args.segments == USUAL_SEGMENTS else ["--segments", args.segments]
     words += [] if args.view is None else ["--view"]
@@ -150,7 +150,7 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
 def _tell(
     args: argparse.Namespace, folder: Path, port: str, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
 ) -> bool:
-    """What was recorded; returns interrupted."""
+    """Report what was recorded; return interrupted."""
     from session.bench.session_file import ASSUMED
 
     console = output(args)
@@ -186,8 +186,8 @@ def _led(
     tell: Callable[[argparse.Namespace, Path], None],
     page: PageServer | None,
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
-    """One recording to its end; whether it was interrupted.  None: it has to begin again, since it held another board's bytes, which
-    are apart now."""
+    """Lead one recording to its end; return its parts and whether it was interrupted, or None where it must begin again: it held another
+    board's bytes, which are now in a separate file."""
     from session.bench.guide import Guide
     from session.bench.guided_session import GuidedRecording
     from session.bench.operator import Keyboard
@@ -228,18 +228,18 @@ def _led(
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
-        counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # which names its files itself
+        counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # it names its files itself
         raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted
 
 
 def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError | None:
-    """End it; what was wrong in doing so."""
+    """Close the recorder; return the error of doing so."""
     from session.io.errors import StorageError
 
     try:
         recorder.close()
-    except StorageError as error:  # a full disk has more than one thing to say
+    except StorageError as error:  # a full disk causes more than one error
         return error
     finally:
         if recorder.raw.saved is not None:
@@ -249,16 +249,16 @@ def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError |
 
 
 def _nothing(args: argparse.Namespace, folder: Path) -> None:
-    """It has been said."""
+    """Report nothing: it was reported already."""
 
 
 def _next_folder() -> Path:
-    """The first ``data/sessionN`` that is not there yet."""
+    """Return the first ``data/sessionN`` that does not exist."""
     return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
 
 
 def _require_place(folder: Path, resume: bool) -> None:
-    """A recording is never overwritten; one is resumed only where there is one."""
+    """Require a new folder, or with ``resume`` an existing recording; a recording is never overwritten."""
     from session.bench.rawfile import IN_USE, RAW, is_locked
     from session.io.errors import FormatError
     from session.io.names import log_paths
@@ -276,14 +276,14 @@ def _require_place(folder: Path, resume: bool) -> None:
 
 
 def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
-    """What `explain` wants to see of this sensor: of this session when it is resumed, or of the one that it is like."""
+    """Print what `explain` recommends for this sensor: in the resumed session, or in the one given by ``--like``."""
     from session.io.errors import FormatError
     from tinygc.planning.proposals import requested_by_explain
 
     for place in (folder, args.like.parent if args.like else None):
         try:
             words = requested_by_explain(place) if place else None
-        except FormatError as error:  # nobody at the table waits for an old explanation
+        except FormatError as error:  # an old explanation must not stop a recording
             complain(str(error))
             continue
         if words and not args.quiet:

@@ -1,4 +1,4 @@
-"""``replay``: what is on the card, or what a port gave, becomes a session folder."""
+"""``replay``: convert the content of a card, or bytes captured from a port, to a session folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SUMMARY = "make a session folder of what a logger wrote to its card, or of a rec
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument(
         "logs", type=path_read, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
     )
@@ -28,7 +28,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """What is on the card becomes a session folder."""
+    """Convert the content of a card to a session folder."""
     from session.replay.convert import convert, convert_raw, is_raw
 
     if len(args.logs) == 1 and is_raw(args.logs[0]):

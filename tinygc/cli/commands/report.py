@@ -1,4 +1,4 @@
-"""``report``: the calibration as one HTML file."""
+"""``report``: write the calibration as one HTML file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not"
     command.add_argument("folder", type=path_read, help="session folder; of several, each gets a report of its own")
     command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
@@ -27,7 +27,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The calibration as one HTML file; of several sessions, each gets its own."""
+    """Write the calibration as one HTML file, for several sessions one each."""
     if not args.more:
         done = _report(args)
         write_json(args.json, done.table)

@@ -1,4 +1,4 @@
-"""``sensors``: what is known of which sensor."""
+"""``sensors``: list the known sensors and their data."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from session.io.sensors.profile import Figure, Profile
 
 SUMMARY = "list the sensors that are known, or all that is known of one"
-#: of each figure: its name for a person, and its unit
+#: figure -> its name for the user, and its unit
 FIGURES = {
     "gyro_noise_mdps_rthz": ("gyroscope noise", "mdps/√Hz"),
     "accel_noise_ug_rthz": ("accelerometer noise", "ug/√Hz"),
@@ -23,12 +23,12 @@ FIGURES = {
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     command.add_argument("name", nargs="?", metavar="NAME", help="as in session.toml or --sensor, such as mpu9250 (all)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """One line for each sensor, or some for one."""
+    """Print one line for each sensor, or several for one."""
     from session.io.errors import CalibrationError
     from session.io.registers import PROFILES, nearest_name, profile_of
 

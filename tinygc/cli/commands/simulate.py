@@ -1,4 +1,4 @@
-"""``simulate``: a session that the rest of the tool cannot tell from a recorded one."""
+"""``simulate``: write a simulated session that the other commands treat like a recorded one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's arguments."""
     from tinygc.simulation.options import SimulationOptions, flag
 
     command.add_argument("--out", type=folder_written, required=True, metavar="DIR", help="folder to write")
@@ -25,7 +25,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """A session that the rest of the tool cannot tell from a recorded one."""
+    """Write a simulated session that the other commands treat like a recorded one."""
     from tinygc.library.sessions import simulate
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.write import check_folder
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _effects(args: argparse.Namespace) -> dict[str, dict]:
-    """Parameters of each effect that is to be hidden, by id.  CalibrationError for one that is given twice, and where nothing is turned."""
+    """Return the parameters of each injected effect, by id.  Raises CalibrationError for a repeated effect, and where nothing is turned."""
     from session.io.errors import CalibrationError
 
     effects = dict(args.effect)

@@ -277,7 +277,7 @@ Tell = Callable[..., bool]
 
 
 def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
-    """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board was interrupted."""
+    """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board interrupted."""
     from session.bench.series import SCHEMA, BoardListener, BoardSeries
     from session.io.errors import CalibrationError, StorageError
 

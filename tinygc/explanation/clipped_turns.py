@@ -21,24 +21,24 @@ from tinygc.noise.refit import refit
 from tinygc.noise.session_noise import known_whitener
 from tinygc.noise.twin import Twin
 
-# Rates that stand at a level below what the register can hold: the sensor clips early.
+# Rates that stay at a level below the register's range: the sensor clips early.
 
-#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
+#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times the band it stays within (2 steps)
 CORNER_CHI2 = 3 * 9 * 2
-#: share of full scale, below which no ceiling is looked for: 25 dps of 500, slower than a turn
+#: share of full scale below which no ceiling is searched for: 25 dps of 500, slower than a turn
 LEAST_CEILING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class ReachedCeiling:
-    """A level that a rate does not leave: rad/s, and the mask (N,) of the samples at it."""
+    """A level that a rate does not exceed: rad/s, and the mask (N,) of the samples at it."""
 
     level: float
     mask: np.ndarray
 
 
 def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
-    """A rate below the register's end that an axis reaches again and again, and never passes."""
+    """Find a rate below the register's range that an axis reaches repeatedly and never exceeds."""
     found = []
     for axis in range(3):
         readings = samples.gyro[:, axis]
@@ -59,7 +59,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """Start and stop of it."""
+    """Start and stop of the longest run."""
     starts, stops = runs_of(mask)
     longest = int(np.argmax(stops - starts))
     return int(starts[longest]), int(stops[longest])
@@ -70,27 +70,26 @@ def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
     return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)
 
 
-# A rate that is clipped before the registers: noise, misalignment and a filter lie on its plateaus, so that no register value repeats.
+# A rate clipped before the registers: noise, misalignment and a filter act on its plateaus, so that no register value repeats.
 #
-# A hand's strokes have peaks of every height, each round; clipped ones are flat, end in corners, and are all of one height, which no
-# stroke passes.  A motor makes such strokes, too: only segments that do not close tell (``mending``).
+# A hand's strokes have round peaks of different heights; clipped ones are flat, end in corners, and have one height, which no stroke
+# exceeds.  A motor makes such strokes, too: only the closure of the segments can decide (``find_clipping``).
 
-#: a plateau stays within this share of its level (the linear errors that came after it: a data sheet's 1 % and a little), or so many times
-#: the readings' noise (once in 10^9)
+#: a plateau stays within this share of its level (the linear errors that act after clipping: a data sheet's 1 % and a little), or this many
+#: times the noise (exceeded once in 10^9)
 FLAT, NOISES = 0.012, 6.0
-#: as far beyond its ends as it is long, a round peak has fallen by 9 times what it stays within; a plateau's stroke by more than this
+#: as far beyond its ends as it is long, a round peak has fallen by 9 times the band it stays within; a clipped stroke by more than this
 CORNER = 18.0
-#: strokes of one height, within this share (twice those linear errors), and the least a plateau lasts
-#: (not critical: benchmarks/thresholds.py)
+#: strokes of one height, within this share (twice those linear errors), and the shortest plateau (not critical: benchmarks/thresholds.py)
 FEWEST, SAME, SHORTEST_S = 3, 0.02, 0.05
-#: what is clipped is a turn: share of full scale, 25 dps of 500
+#: least clipped rate, which is a turn: share of full scale, 25 dps of 500
 LEAST = 0.05
-#: shares: of a plateau's readings that are flat; of the plateaus that are of one height (not critical: benchmarks/thresholds.py)
+#: shares: of a plateau's readings that are flat; of the plateaus that have one height (not critical: benchmarks/thresholds.py)
 WHOLE, ALIKE = 0.9, 0.6
 
 
 def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
-    """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
+    """The level of rates that were clipped before misalignment, filter and noise; the same for all axes."""
     levels, masks, peak = [], [], 0.0
     for axis in range(3):
         readings = samples.gyro[:, axis]
@@ -133,21 +132,21 @@ def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -
     return found
 
 
-# Turns in which a rate stood at a level are left out, if they close worse than the others: what was clipped is lost.
+# Turns in which a rate reached a level are left out if they close worse than the others: the clipped part is lost.
 
-#: segments without a loss from which a linear model can be had: twice as many angles as it has parameters
+#: least number of unclipped segments for a linear model: twice as many angles as it has parameters
 FEWEST_WHOLE = 12
-#: share to which a level in the registers is known: three steps of 17.5 mdps at the least ceiling that is looked for, 25 dps
+#: share to which a level in the registers is known: three steps of 17.5 mdps at the lowest ceiling, 25 dps
 LEVEL_KNOWN = 0.002
-#: segments with plateaus that miss by so many times what the others do were clipped: a tenth of a degree of a turn is enough
-#: (not critical: benchmarks/thresholds.py); at a level of the registers, which no other cause makes, twice is enough
+#: closure of the segments at a level, over that of the others, above which they were clipped. Plateaus: a tenth of a degree of a turn is
+#: enough (not critical: benchmarks/thresholds.py); a level in the registers has no other cause, so twice is enough
 PLATEAU_EXCESS, CEILING_EXCESS = 10.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Clipping:
-    """level and known_to, rad/s; numbers of the segments that reach it; chance: bound of the chance that noise alone makes such a level;
-    borne_out: whether these segments close worse than the others; excess: by how many times."""
+    """level and known_to, rad/s; numbers of the segments that reach it; chance: bound of the probability that noise alone makes such a
+    level; excess: ratio of these segments' closure to the others'; borne_out: whether the excess confirms the clipping."""
 
     level: float
     known_to: float
@@ -158,12 +157,12 @@ class Clipping:
 
 
 def find_clipping(problem: Problem) -> Clipping | None:
-    """In the registers, or as plateaus that were clipped before noise came on top; None where no level is reached."""
+    """Find clipping in the registers, or plateaus clipped before noise was added; None if no level is reached."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
     ceilings: list[ReachedCeiling | None] = [find_ceiling(log.samples, full_scale) for log in problem.logs]
     known_to, chance, bar = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM, CEILING_EXCESS
     if not any(ceilings):
-        known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors came after
+        known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors act after clipping
         misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
         chance = float(chdtrc(int(problem.batch.known.sum()), misfit))
         ceilings = [find_plateaus(log.samples, full_scale) for log in problem.logs]
@@ -181,10 +180,10 @@ def find_clipping(problem: Problem) -> Clipping | None:
 
 
 def _excess(problem: Problem, numbers: list[int]) -> float:
-    """By how many times these segments close worse than the others, by the linear model of the others (or of all, where those are few)."""
+    """Ratio of these segments' closure to that of the others, by the linear model of the others (or of all, if those are few)."""
     hit = np.isin([segment.number for segment in problem.used], numbers)
     if not hit.any():
-        return np.nan  # nothing of them is used, and nothing can be said
+        return np.nan  # none of them is used
     own = ~hit if (~hit).sum() >= FEWEST_WHOLE else np.ones_like(hit)
     sigma = problem.floor.sigma
     model = fit_least_squares(problem.batch.pick(own), sigma[own], problem.first).model
@@ -192,22 +191,22 @@ def _excess(problem: Problem, numbers: list[int]) -> float:
     return float(np.median(excess[hit]) / (1 if own.all() else max(1.0, np.median(excess[~hit]))))
 
 
-# Stills that are none: gravity moves in them, or they turn about the vertical, which only the gyro sees.
+# Stills that move: gravity moves in them, or they turn about the vertical, which only the gyro observes.
 
-#: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
-#: (not critical: benchmarks/thresholds.py)
+#: a still that turns about the vertical shows only in the gyro: outlier threshold of its rate against stills that agree (not critical:
+#: benchmarks/thresholds.py)
 OUTLIER_SIGMAS = 10.0
-#: and lie within 18 degrees of it
+#: ratio of vertical to horizontal rate: the axis lies within 18 degrees of the vertical
 VERTICAL = 3.0
 
 
 def chance_of_creep(problem: Problem) -> float:
-    """Bound of the chance that noise alone makes one of the stills seem to creep."""
+    """Bound of the probability that noise alone makes one of the stills seem to creep."""
     return min(1.0, len(problem.stills) * float(chdtrc(3, CREEP_SIGMAS**2)))
 
 
 def about_the_vertical(problem: Problem) -> list[int]:
-    """Numbers of the stills whose rate stands out from the others', along gravity."""
+    """Numbers of the stills whose rate is an outlier, along gravity."""
     twin = Twin(problem)
     whiten = known_whitener(twin)
     reference = [i for i, still in enumerate(problem.stills) if still.problem is None]

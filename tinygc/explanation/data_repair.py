@@ -1,4 +1,4 @@
-"""Data repair: what the detectors propose is decided by the closure of the segments in which it lives."""
+"""Data repair: detectors propose events, and the closure of the segments concerned decides which are repaired."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from tinygc.noise.session_noise import first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
-# Events of one turn are tested jointly: of two that both are false, neither closes the turn alone.
+# Events of one turn are tested jointly: if two are false, repairing either one alone does not close the turn.
 
-#: events in one turn of which every choice is tried, sixty-four in all; of more, those are tried that a search goes through
+#: events in one turn of which every combination is tried, sixty-four in all; with more, only those that a search visits
 EVERY_CHOICE = 6
 
-#: which of a turn's events are repaired
+#: the events of a turn that are repaired
 Choice = frozenset[int]
 
 
 def choices(count: int, value: Callable[[Choice], tuple[float, float]]) -> dict[Choice, float]:
-    """Log-likelihood of every choice among ``count`` events that is worth a thought.
+    """Log-likelihood of every admissible choice among ``count`` events.
 
-    value(choice) -> its log-likelihood, and how far the turn misses.  A choice of which a part misses no more is none: what is allowed for
-    across a gap makes nothing of what is missed less of a miss.
+    value(choice) -> its log-likelihood, and the misfit of the turn's closure.  A choice is inadmissible if a part of it fits as well: the
+    allowance for the bridged gaps raises the likelihood without reducing the misfit.
     """
     seen: dict[Choice, tuple[float, float]] = {}
 
@@ -65,7 +65,7 @@ def choices(count: int, value: Callable[[Choice], tuple[float, float]]) -> dict[
 
 
 def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, float]]) -> list[Choice]:
-    """From one choice on by the best change of one event or two, as long as there is a better one; all that it goes through."""
+    """Hill climbing by the best change of one or two events, until none is better; returns every choice visited."""
     changes = [frozenset(some) for size in (1, 2) for some in combinations(range(count), size)]
     passed = [begin]
     while True:
@@ -76,7 +76,7 @@ def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, flo
 
 
 def chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -> np.ndarray:
-    """(count,) posterior probability of each event, where such a share of all events is true beforehand."""
+    """(count,) posterior probability of each event, given the prior share of true events."""
     weight = np.array([L + len(c) * np.log(share) + (count - len(c)) * np.log1p(-share) for c, L in likelihood.items()])
     weight = np.exp(weight - weight.max())
     held = np.array([[one in choice for one in range(count)] for choice in likelihood], dtype=float)
@@ -85,24 +85,24 @@ def chance_of_each(count: int, likelihood: dict[Choice, float], share: float) ->
 
 # Each proposed event is tested by the closure of the segment in which it lies.
 #
-# A false reading was not turned, a real knock was; a loss hides a turn, a jerk does not.  The gravity at a segment's end says which, by the
-# physics that the segments without any event ask for, with the noise as it is.  Where many events of one kind are accepted, one that
-# closure cannot decide is likelier to be one of them: the share of true events is estimated with them (a mixture's EM).
+# A false reading was not a rotation, a real knock was; a loss hides rotation, a jerk does not.  The gravity at the segment's ends decides,
+# with the effects fitted to the segments without any event and the estimated noise.  If many events of one kind are accepted, one that
+# closure cannot decide is more likely to be true: the share of true events is estimated with them (EM of a mixture).
 
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
-#: log of the likelihood ratio of a row that no sensor gives: it needs no closure
+#: log-likelihood ratio of a row that no sensor can output, which needs no closure
 CERTAIN = 20.0
-#: samples around a false reading over which an effect with a memory spreads it: a cubic spline forgets one by a factor of 3.7 with each
+#: samples around a false reading over which an effect with memory spreads it: a cubic spline decays by a factor of 3.7 per sample
 SMEARED = 10
-#: passes over the events: their share settles in a few
+#: passes over the events: their share converges in a few
 PASSES = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Of one id: events with the probability (E,) that each is what it looks like; probability that there are any; length of a loss, or
-    0; before and tried, rms rad of tilt of the segments in which they live, as they are and
-    with all of them mended; log_ratio: logarithm of the likelihood ratio of all."""
+    """The test result for one id: events with the probability (E,) that each is real; probability that there are any; length of a loss, or
+    0; before_rad and tried_rad, rms rad of tilt of the segments concerned, as recorded and with all events repaired; log_ratio:
+    log-likelihood ratio of all."""
 
     id: str
     events: list[RegisterFault]
@@ -115,22 +115,22 @@ class Verdict:
 
     @property
     def accepted(self) -> list[RegisterFault]:
-        """The events that are likelier than not, if there are any of this kind at all."""
+        """The events with a probability above one half, if this kind of event is present at all."""
         return [event for event, chance in zip(self.events, self.chance, strict=True) if chance > 0.5] if self.probability > 0.5 else []
 
 
 class ClosureTrial:
-    """Segments as they close with any of the events mended.
+    """Closure of segments with any of the events repaired.
 
-    problem: as it was recorded; hypothesis: the physics, of a twin that has seen no event; quiet: the same problem with all false readings
-    bridged, whose turns say what their undersampling is.
+    problem: as recorded; hypothesis: the effects, fitted without the events; quiet: the same problem with all false readings bridged, whose
+    turns give the undersampling.
     """
 
     def __init__(self, problem: Problem, hypothesis: Hypothesis, quiet: Problem):
         self.twin = twin = Twin(problem)
         self.state = hypothesis.fit.state
         self.rates = twin.rates(self.state)
-        # Bridged as readings: what undoes a delay smears a false reading over its neighbours.
+        # Bridge the raw readings: undoing a delay spreads a false reading over its neighbours.
         calm = Twin(quiet)
         self._calm, self._bridged = calm, calm.rates(self.state)
         self._smeared = SMEARED if any(claim.effect.reach for claim in self.state.claims) else 0
@@ -147,14 +147,14 @@ class ClosureTrial:
         self._period_s = float(np.median([movement.dt_s for movement in twin.movements]))
 
     def segment_of(self, event: RegisterFault) -> int | None:
-        """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
+        """Index of an event's segment among the used ones; None in a rest or a rejected turn."""
         for i, segment in enumerate(self.twin.problem.used):
             if segment.log == event.log and segment.start + bridging.SIDE <= event.row < segment.stop - bridging.SIDE:
                 return i
         return None
 
     def angles(self, i: int, mended: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int) -> np.ndarray:
-        """(d,) rad that segment i misses with these of its events mended."""
+        """(d,) rad closure of segment i with these of its events repaired."""
         segment, batch, seen = self.twin.problem.used[i], self._batch, self.twin.segments[i]
         count = segment.stop - segment.start
         rate, dt, earth = self.rates[seen.log][seen.start : seen.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
@@ -173,7 +173,7 @@ class ClosureTrial:
     def _choices(
         self, i: int, own: list[RegisterFault], others: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int
     ) -> dict[Choice, float]:
-        """Log-likelihood of each choice of segment i's own events, with ``others`` mended in any case."""
+        """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired."""
 
         def value(choice: Choice) -> tuple[float, float]:
             mended = [*others, *(own[k] for k in choice)]
@@ -186,10 +186,10 @@ class ClosureTrial:
         return choices(len(own), value)
 
     def lost_each_time(self, losses: list[RegisterFault]) -> int:
-        """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
+        """Number of samples missing after each event, common to all: the one that closes most segments best; 0 for none.
 
-        For this search a loss is one long step, and each segment has one at the most, at any of its events, or has none: one without a
-        loss must not decide for the others.
+        For this search a loss is one long step, and each segment has at most one, at any of its events. A segment may have none, so that
+        one without a loss does not decide for the others.
         """
         inside: dict[int, list[int]] = {}
         for event in losses:
@@ -218,12 +218,12 @@ class ClosureTrial:
         return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
 
     def _tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
-        """rad, of segments with these of their events mended."""
+        """rms tilt, rad, of segments with these of their events repaired."""
         squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     def test(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
-        """Events of one id, with ``others``, of another id, mended already."""
+        """Test the events of one id, with ``others``, of another id, already repaired."""
         length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
         crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
@@ -236,7 +236,7 @@ class ClosureTrial:
                 likely[i] = self._choices(i, [events[k] for k in own], beside, cross, length)
         share, chance = 0.5, np.zeros(len(events))
         for _ in range(PASSES if can_be else 0):
-            # Where no closure decides it is what the others are, but for a row that no sensor gives.
+            # An event that closure cannot decide gets the share of the others, except a row that no sensor can output.
             before, chance = chance, np.array([1.0 if event.accel else share for event in events])
             for i, own in inside.items():
                 chance[own] = chance_of_each(len(own), likely[i], share)
@@ -247,7 +247,7 @@ class ClosureTrial:
         best = {i: frozenset(n for n, k in enumerate(own) if chance[k] > 0.5) for i, own in inside.items()}
         nothing: Choice = frozenset()
         closed = sum(likely[i].get(best[i], likely[i][nothing]) - likely[i][nothing] for i in likely)
-        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1  # of lengths, one was the best
+        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1  # lengths tried, of which the best was taken
         in_rests = CERTAIN * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
         log_ratio = float(closed) + in_rests - np.log(tries)
         touched = list(inside)
@@ -261,7 +261,7 @@ class ClosureTrial:
 
 
 def lowest(cost: Callable[[int], float], most: int) -> int:
-    """The count of 0 … most with the lowest cost, a valley: coarse steps first, then all between."""
+    """Minimize a unimodal cost over the counts 0 … most: coarse steps first, then every count between."""
     step = max(1, most // 16)
     costs = {count: cost(count) for count in range(0, most + 1, step)}
     best = min(costs, key=costs.__getitem__)
@@ -269,11 +269,11 @@ def lowest(cost: Callable[[int], float], most: int) -> int:
     return min(costs, key=costs.__getitem__)
 
 
-# How many samples were lost each time, where hardly a turn is without a loss: each count with the linear model that suits it best.
+# Number of samples lost each time, when nearly every turn has a loss: each count is fitted with its own linear model.
 
 
 def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
-    """Samples missing after each of the events, the same for all, by the closure of all segments.
+    """Number of samples missing after each event, common to all, by the closure of all segments.
 
     For this search a loss is one long step.
     """
@@ -299,17 +299,17 @@ def common_count(problem: Problem, losses: list[RegisterFault]) -> int:
     return lowest(cost, round(LONGEST_LOSS_S / period_s)) if any(steps) else 0
 
 
-# Turns with an event that do not close as most others do: the physics that events are tested with is not taken from them.
+# Turns with an event that close much worse than most are left out of the fit with which events are tested.
 #
-# Least trimmed squares (Rousseeuw 1984): the fit of those segments that close best, found by concentration (Rousseeuw and Van Driessen
-# 1999): fit, keep those that close best by this fit, and so on.
+# Least trimmed squares (Rousseeuw 1984): fit the segments that close best, found by concentration steps (Rousseeuw and Van Driessen 1999):
+# fit, keep the segments that close best with this fit, and repeat.
 
-#: times the typical size of a closure; noise alone, by a fit to the few that suit it best, is beyond 3.5 in one turn of fifty and not
-#: beyond this (tests/test_left_open.py)
+#: times the typical closure; with noise alone, and a fit to the few best segments, one turn in fifty exceeds 3.5 and none this
+#: (tests/test_left_open.py)
 OPEN = 5.0
-#: share of the segments that is kept at first, and of a normal law's closures the typical size among these over that of all
+#: share of the segments kept at first, and the ratio of the typical closure among these to that of all, for normal errors
 KEPT, SIZE_OF_KEPT = 0.6, 0.71
-#: of concentration, which settles in a few
+#: concentration steps, which converge in a few
 ROUNDS = 12
 
 
@@ -320,12 +320,12 @@ def left_open(problem: Problem, touched: np.ndarray) -> np.ndarray:
     sizes = [_concentrated(problem, start, count) for start in starts if len(start) >= count or start is starts[0]]
     size = min(sizes, key=lambda each: np.sum(np.sort(each)[:count] ** 2))
     found = touched & (size > OPEN * np.median(np.sort(size)[:count]) / SIZE_OF_KEPT)
-    size = _closure(problem, np.flatnonzero(~found))  # so few as were kept are easily fitted too well
+    size = _closure(problem, np.flatnonzero(~found))  # refit with more: the few kept segments are easily overfitted
     return found & (size > OPEN * np.median(size[~found]))
 
 
 def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
-    """(S,) ``_closure`` by the fit of the ``count`` that close best, found from those that are kept first."""
+    """(S,) ``_closure`` by the fit of the ``count`` segments that close best, starting from ``kept``."""
     size = np.zeros(len(problem.batch))
     for _ in range(ROUNDS):
         size = _closure(problem, kept)
@@ -337,7 +337,7 @@ def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
 
 
 def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
-    """(S,) of each segment over its floor, by the fit of those that are kept."""
+    """(S,) closure of each segment over its floor, by the fit of the kept segments."""
     batch, sigma = problem.batch, problem.floor.sigma
     model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
     return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
@@ -345,17 +345,17 @@ def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
 
 # Detectors propose repairs of registers and stills; the closure of the segments concerned decides.
 
-#: found by a detector, which gives the chance of its bar and no smaller one
+#: effects found by a detector, whose p-value is that of its threshold
 FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedProblem:
-    """What was repaired.
+    """The result of data repair.
 
-    problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
-    id -> upper bound of the chance that noise alone does it in this recording; reference: effects that the segments without any event
-    show; verdicts on what was proposed, accepted or not; clipping likewise.
+    problem: the repaired problem, to be explained. found: effect id -> parameters for the JSON, with their std, in display units. p_value:
+    effect id -> upper bound of the probability that noise alone causes it in this recording. reference: effects found in the segments
+    without any event. verdicts: on all proposed events, accepted or not; clipping likewise.
     """
 
     problem: Problem
@@ -368,7 +368,7 @@ class RepairedProblem:
 
 @dataclass(frozen=True)
 class Gap:
-    """Where samples were put back: log, row of the first, and the rotation (rad per axis) that nobody can know."""
+    """Where samples were inserted: log, row of the first, and the unknown rotation (rad per axis)."""
 
     log: int
     row: int
@@ -376,7 +376,8 @@ class Gap:
 
 
 def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> RepairedProblem:
-    """Clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired where closure accepts it."""
+    """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
+    it."""
     found: dict[str, tuple[dict, dict]] = {}
     chances: dict[str, float] = {}
     progress("registers")
@@ -384,7 +385,7 @@ def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None
     if clipping is not None and clipping.borne_out:
         found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
         chances["gyro.saturation"] = clipping.chance
-        with suppress(CalibrationError):  # too few are left: they stay, and are known to be clipped
+        with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
             problem = _again(problem, problem.session, clipped=tuple(clipping.numbers))
     verdicts, reference = _tried(problem, clipping, progress)
     problem, gaps = _with_accepted(problem, verdicts, found, chances)
@@ -394,8 +395,7 @@ def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None
 
 
 def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
-    """Verdicts on false readings and losses, in this order; of events in turns that are clipped nothing can be said; and
-    the effects of the physics that they were tested with."""
+    """Verdicts on false readings and losses, in this order, and the effects used in the tests.  Events in clipped turns are not tested."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]
     if not events:
@@ -412,13 +412,14 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
 
 
 def _reference(problem: Problem, quiet: Problem, false: list[RegisterFault], lost: list[RegisterFault]) -> Hypothesis:
-    """The physics that events are tested with: of the segments that close, with or without any.  Where those are few, or do not close as a
-    sensor's do, also of all, as they are and with everything mended; whichever has the greater evidence for each of its values."""
+    """The effects with which events are tested, from the segments that close, with or without an event.  If those are few, or their noise
+    is unlike a sensor's, all segments are tried as well, as recorded and with everything repaired; the fit with the greatest evidence per
+    value is used."""
     inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
     touched = {number for numbers in inside.values() for number in numbers}
     in_rests = [e for e in false if not inside[e]]
     tried = []
-    with suppress(CalibrationError):  # what is left does not hold together
+    with suppress(CalibrationError):  # the remaining segments cannot be fitted
         is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
         if (~is_open).sum() >= FEWEST_WHOLE:
             open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
@@ -437,13 +438,13 @@ def _searched(problem: Problem) -> Hypothesis:
 
 
 def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
-    """The problem with what was accepted repaired, and where samples were put back."""
+    """The problem with the accepted events repaired, and where samples were inserted."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
         return problem, []
     if false:
         at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
-        found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # counted, not measured: no std
+        found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # a count has no std
     gaps: list[Gap] = []
     session = bridged(problem.session, false)
     if lost:
@@ -452,8 +453,8 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
         for number, log in enumerate(problem.session.logs):
             rows = [e.row for e in lost if e.log == number]
             times += [began + float(log.samples.t_s[row]) + i * length * log.samples.period_s for i, row in enumerate(rows)]
-            began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # with what was put back
-        found[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a step
+            began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # including inserted samples
+        found[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a sample
         session, gaps = _with_lost(session, lost, length)
     for v in verdicts:
         if v.accepted:
@@ -462,7 +463,7 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
 
 
 def _with_lost(session: Session, lost: list[RegisterFault], length: int) -> tuple[Session, list[Gap]]:
-    """The session with ``length`` samples put back after each of the events."""
+    """The session with ``length`` samples inserted after each of the events."""
     logs, gaps = [], []
     for number, log in enumerate(session.logs):
         rows = np.array([e.row for e in lost if e.log == number], dtype=int)
@@ -478,10 +479,10 @@ def _with_lost(session: Session, lost: list[RegisterFault], length: int) -> tupl
 def _again(
     problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = (), left_out: tuple[int, ...] = ()
 ) -> Problem:
-    """The problem of a mended session, or with clipped segments or moving stills, without what was left out before."""
+    """Rebuild the problem for a repaired session, or with clipped segments or moving stills, keeping earlier exclusions."""
     out = {why: [segment for segment in problem.segments if segment.problem == why] for why in (LEFT_OUT, CLIPPED)}
     found = SessionStills(session, problem.found)
-    if moving:  # a still less joins two turns, and shifts the numbers behind it
+    if moving:  # rejecting a still joins two turns and shifts the numbers after it
         segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
         out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
     asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
@@ -494,7 +495,7 @@ def _inside(old: Segment, new: Segment) -> bool:
 
 
 def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
-    """The floor of each segment, wider by what its gaps may hide."""
+    """Widen the floor of each segment by the unknown rotation in its gaps."""
     if not gaps:
         return problem
     added = [sum(gap.missed_rad**2 for gap in gaps if gap.log == s.log and s.start <= gap.row < s.stop) for s in problem.used]
@@ -503,7 +504,8 @@ def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
 
 
 def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
-    """Stills in which gravity moves were found by the detector; those that turn about the vertical stand out by their rate."""
+    """Reject creeping stills: the detector found those in which gravity moves; those that turn about the vertical show in the gyro's
+    rate."""
     numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
     if not numbers:
         return problem

@@ -17,15 +17,15 @@ from session.io.numeric import runs_of, sigma_of
 from session.io.samples import Samples, replaced
 from session.io.units import NS_PER_S
 
-# A long log is read in parts: a detector that needs a few tenths of a second around each reading need not hold a day in memory.
+# A long log is read in parts: detectors need only a few tenths of a second around each reading, so a day need not be in memory.
 
-#: rows from which on a log is parted, more than an hour at 208 Hz; of a part; and on either side that go with it: many times what any
-#: detector looks at around a reading
+#: rows above which a log is split, more than an hour at 208 Hz; rows of a part; rows of margin on either side, many times what any detector
+#: needs around a reading
 LONG, AT_ONCE, BESIDE = 1 << 20, 1 << 18, 1 << 12
 
 
 def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
-    """(row of the part's first, its own rows of the log, its samples) of each; one part of all where they are no more than ``LONG``."""
+    """(first row of the part, its own rows of the log, its samples) of each part; a single part for up to ``LONG`` rows."""
     count = len(samples)
     if count <= LONG:
         yield 0, range(count), samples
@@ -38,38 +38,38 @@ def in_parts(samples: Samples) -> Iterator[tuple[int, range, Samples]]:
         yield first, own, part
 
 
-# The registers themselves: samples that were lost while the stamps closed up, levels that are not left.
+# Samples that were lost although the stamps are continuous.
 #
-# A hand moves smoothly, and the sensor's filter smooths it further: the third difference of the readings holds noise and little else.
-# A jump stands out there by its own size.  A loss jumps once, for good, in gyro and accelerometer together (a false reading jumps away
-# and back: ``false_readings``).  What is found can be repaired, so that the rest of the recording is still worth explaining.
+# A hand moves smoothly, and the sensor's filter smooths it further: the third difference of the readings holds noise and little else. A
+# jump exceeds that noise by its size.  A loss jumps once and permanently, in gyro and accelerometer together (a false reading jumps away
+# and back: ``find_glitches``).  What is found can be repaired, so that the rest of the recording can still be explained.
 
-#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
-#: (benchmarks/thresholds.py: half of it gives false names)
+#: third differences of this many times the local scatter (all six channels together) are a jump (benchmarks/thresholds.py: half of it gives
+#: false names)
 JUMP = 12.0
-#: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it; a step's second peak is
-#: half of its first, and a corner has nothing beyond: the bars are between
+#: the two peaks of a short false reading are of similar size, and each has at least a third of itself, reversed, beyond it; a step's second
+#: peak is half of its first, and a corner has nothing beyond: the thresholds lie between
 SPIKE, FLANK = 0.75, 0.2
-#: s: where that scatter is taken (not critical: benchmarks/thresholds.py), and what a sensor's filter takes to start
+#: s: window of that scatter (not critical: benchmarks/thresholds.py), and settling time of a sensor's filter
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
-NEIGHBOURHOOD = 32  #: samples of it at least: the third differences of the longest false reading, eleven, are not half of them
+NEIGHBOURHOOD = 32  #: least samples of the window, so that the eleven third differences of the longest false reading are less than half
 ALONE = 8  #: samples on either side of a loss without another, or without a greater jump: as long as the longest false reading
-#: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
+#: a loss shows in the accelerometer, too: the median over all is at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
-#: losses and false readings are rare: more than one a second is another thing
+#: losses and false readings are rare: more than one per second has another cause
 PER_SECOND = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Jumps:
-    """Steps between rows[i] and rows[i] + 1; size (J, 6) of each in every channel, signed, in the neighbourhood's own scatter."""
+    """Steps between rows[i] and rows[i] + 1; size (J, 6) of each in every channel, signed, in units of the local scatter."""
 
     rows: np.ndarray
     size: np.ndarray
 
 
 def find_jumps(samples: Samples) -> Jumps:
-    """All steps that a smooth movement does not make, within a period's time."""
+    """All steps within one sample period that a smooth movement cannot make."""
     rows, sizes = [np.zeros(0, dtype=int)], [np.zeros((0, 6))]
     for first, own, part in in_parts(samples):
         found = _jumps_of(part)
@@ -92,12 +92,12 @@ def _jumps_of(samples: Samples) -> Jumps:
 
 
 def open_gaps(samples: Samples) -> np.ndarray:
-    """(N - 1,) bool: whether the stamps say that samples are missing between a row and the next: nothing is lost unseen there."""
+    """(N - 1,) bool: whether the stamps show missing samples between a row and the next, so that no loss is hidden there."""
     return pace_of(samples.t_ns).periods(samples.dt_s) > 1
 
 
 def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Third differences (N - 3, 6) of gyro and accelerometer in their neighbourhood's own scatter, and that scatter (N - 3, 6)."""
+    """Third differences (N - 3, 6) of gyro and accelerometer in units of the local scatter, and that scatter (N - 3, 6)."""
     third = np.diff(np.concatenate([samples.gyro, samples.accel], axis=1), 3, axis=0)
     scatter = _neighbourhood(np.abs(third), samples.period_s)
     size = third / scatter
@@ -106,7 +106,7 @@ def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Row and size of each step in a peak: one, unless it looks like one false sample, 1, -3, 3, -1, or two of them, 1, -2, 0, 2, -1.
+    """Row and size of each step in a peak: one, unless it matches one false sample, 1, -3, 3, -1, or two of them, 1, -2, 0, 2, -1.
 
     A corner of the rate, 0, -1, 1, 0, has no flanks.
     """
@@ -121,7 +121,7 @@ def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np
 
 
 def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
-    """Scatter around each row, from medians: a jump does not hide itself, and a turn's beginning is not one."""
+    """Local scatter around each row, from medians, which a jump does not inflate and the start of a turn does not trigger."""
     step = max(round(NEIGHBOURHOOD_S / period_s), NEIGHBOURHOOD)
     count = len(absolute) // step
     if count < 5:
@@ -132,7 +132,7 @@ def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
 
 
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
-    """Rows (L,) after which samples are missing, by the registers alone: steps that stay, in gyro and accelerometer alike."""
+    """Rows (L,) after which samples are missing, by the registers alone: permanent steps in gyro and accelerometer together."""
     alone = np.array([np.sum(np.abs(jumps.rows - row) <= ALONE) == 1 for row in jumps.rows], dtype=bool)
     rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
     if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
@@ -141,7 +141,7 @@ def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
 
 
 def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
-    """Rows (L,) after which samples may be missing, where closure decides (``trial``): the greatest steps around that stay."""
+    """Rows (L,) after which samples may be missing, for closure to decide (``ClosureTrial``): the greatest permanent steps nearby."""
     if not len(jumps.rows):
         return jumps.rows
     size = np.zeros(int(jumps.rows.max()) + 1)
@@ -151,13 +151,13 @@ def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
 
 
 def register_step(values: np.ndarray) -> float:
-    """The smallest step between readings (N,); 0 where there is none."""
+    """The smallest step between readings (N,); 0 if there is none."""
     distinct = np.unique(np.abs(np.diff(values[:20000])))
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
 
 
 def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
-    """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on.
+    """Insert ``count`` samples after each of the rows, by a polynomial through their neighbours, and shift the later stamps.
 
     orders: of the polynomials, one for each row or for all.
     """
@@ -181,35 +181,35 @@ def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray
     return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))
 
 
-# False readings: some samples in a row that the sensor cannot have felt, between neighbours that agree across them.
+# False readings: consecutive samples that the sensor cannot have measured, between neighbours that agree across them.
 #
-# Two kinds.  Rows that no noisy sensor gives: all channels at one value (0 or -1 of an interface that answered nothing), or the row before
-# once more, digit for digit.  And excursions of the gyro alone that begin and end in jumps: a cubic through the readings on either side
-# fits these as well as ever, and misses what lies between.
+# There are two kinds.  The first is rows that no noisy sensor outputs: all channels at one value (0 or -1 of an interface that did not
+# answer), or an exact repetition of the row before.  The second is excursions of the gyro alone that begin and end in jumps: a cubic
+# through the readings on either side fits these as well as usual, and misses the readings between.
 
 LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
 SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients
-#: an excursion is false where it is beyond the cubic by this many times the readings' own scatter (three axes: once in 10^13)
+#: an excursion is false if it deviates from the cubic by this many times the readings' scatter (three axes: once in 10^13)
 BEYOND = 8.0
-#: the cubic may miss the readings that carry it by this share of the excursion; one that does not come back is missed by half of it
+#: the cubic may miss its supporting readings by this share of the excursion; it misses those of an excursion that does not return by half
 #: (benchmarks/thresholds.py: double of it gives false names)
 CAME_BACK = 0.12
-#: an excursion is off the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives
-#: false names)
+#: an excursion deviates from the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives false
+#: names)
 SHARE = 0.5
-#: a cubic misses the readings that carry it by this many times their scatter at most, if nothing but noise is in them
-#: (not critical: benchmarks/thresholds.py)
+#: with noise alone, a cubic misses its supporting readings by at most this many times their scatter (not critical:
+#: benchmarks/thresholds.py)
 NOISE_MISSES = 2.5
 #: standard deviation of a third difference of white noise
 THIRD = np.sqrt(20.0)
-#: a row that repeats says nothing where the noise is this small, in registers; with more, six channels repeat once in 10^5 rows, and
-#: twice running once in 10^10
+#: least noise, in registers, at which a repeated row is suspicious: six channels then repeat once in 10^5 rows, and twice in succession
+#: once in 10^10
 LEAST_NOISE_LSB = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Glitches:
-    """False readings: rows where each begins, samples, how many each lasts, and whether the accelerometer's are false, too."""
+    """False readings: first rows; samples, the length of each; accel, whether the accelerometer's readings are false, too."""
 
     rows: np.ndarray
     samples: np.ndarray
@@ -217,7 +217,7 @@ class Glitches:
 
 
 def find_glitches(samples: Samples) -> Glitches | None:
-    """All false readings; None where there are none, or so many that they are another thing."""
+    """All false readings; None if there are none, or so many that they have another cause."""
     found = [
         (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
     ]
@@ -233,7 +233,7 @@ def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
     size, scatter = third_differences(cleaned)
     high = np.flatnonzero(np.linalg.norm(size, axis=1) > JUMP)
     clusters = np.split(high, np.flatnonzero(np.diff(high) > LONGEST) + 1) if len(high) else []
-    # Where samples are missing the readings step, and the stamps have said why.
+    # At a gap that the stamps show, a step of the readings is expected.
     missing = open_gaps(cleaned)
     whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
     excursions = [run for first, last in whole if (run := _excursion(values, scatter, first, last)) is not None]
@@ -247,30 +247,31 @@ def _glitches(runs: list[tuple[int, int, bool]]) -> Glitches:
 
 
 def _impossible(samples: Samples) -> list[tuple[int, int, bool]]:
-    """(first row, samples, True) of runs of rows that no sensor gives."""
+    """(first row, samples, True) of runs of rows that no sensor outputs."""
     values = np.concatenate([samples.gyro, samples.accel], axis=1)
     lsb = np.array([register_step(column) for column in values.T])
     if not (lsb > 0).all():
         return []
-    # Gravity has a length: a gyro may read nearly nothing in all axes, an accelerometer that is not falling never does.
+    # A gyro may read nearly zero in all axes; an accelerometer that is not in free fall never does.
     empty = (np.abs(np.rint(values / lsb)) <= 1).all(axis=1)
     same = np.zeros(len(values), dtype=bool)
     difference = np.diff(values, axis=0)
     if (np.median(np.abs(difference), axis=0) >= LEAST_NOISE_LSB * lsb).all():
         same[1:] = (difference == 0).all(axis=1)
-    # One repetition happens by chance once in many sessions, and does no harm.
+    # A single repetition occurs by chance once in many sessions, and is harmless.
     return [*_runs(empty, 1), *_runs(same & ~empty, 2)]
 
 
 def _runs(mask: np.ndarray, fewest: int) -> list[tuple[int, int, bool]]:
-    """(first row, samples, True) of each run of at least ``fewest``, of those that are short enough and have neighbours."""
+    """(first row, samples, True) of each run of at least ``fewest`` rows that is short enough and has neighbours."""
     starts, stops = runs_of(mask)
     runs = zip(starts.tolist(), (stops - starts).tolist(), strict=True)
     return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
 
 
 def _excursion(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> tuple[int, int, bool] | None:
-    """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if the gyro came back, alone."""
+    """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if only the gyro deviates, and
+    returns."""
     start, stop = first + 1, last + 3
     if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
         return None
@@ -284,16 +285,16 @@ def _excursion(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -
         return None
     excursion = beyond[np.argmax(away), :3] / away.max()
     if _off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
-        return None  # a corner, as where a rate is clipped: each reading continues one side or the other
+        return None  # a corner, as of clipping: each reading continues one of the sides
     count = int(false[-1] - false[0]) + 1
     came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
     return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
 
 
 def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
-    """The farthest that a gyro reading in start:stop is, ``along`` a direction (3,), from the straight lines of both sides.
+    """The greatest deviation of a gyro reading in start:stop, ``along`` a direction (3,), from the straight lines of both sides.
 
-    Along the excursion alone: a turn that bends about another axis leaves its straight lines, too.
+    Only the excursion's direction counts: a turn that bends about another axis deviates from its straight lines, too.
     """
     off = []
     for at in (np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)):
@@ -304,7 +305,7 @@ def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray
 
 
 def _cubic(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """The cubic through ``SIDE`` rows on either side of start:stop, at the rows between and at those beside."""
+    """The cubic through ``SIDE`` rows on either side of start:stop, evaluated at the rows between and at the supporting rows."""
     at = np.concatenate([np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)])
     middle = (start + stop - 1) / 2
     fit = np.polynomial.polynomial.polyfit(at - middle, values[at], 3)
@@ -313,7 +314,7 @@ def _cubic(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.nd
 
 
 def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
-    """False readings replaced by what their neighbours say."""
+    """Replace false readings by interpolation from their neighbours."""
     mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
     orders = {count: bridging.best_order(samples, glitches.rows, count)[0] for count in set(glitches.samples.tolist())}
     for row, count, both in zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel, strict=True):
@@ -339,8 +340,8 @@ FALSE, LOST = "data.glitches", "timing.dropped_samples"
 
 @dataclass(frozen=True)
 class RegisterFault:
-    """id, ``FALSE`` or ``LOST``; log; row of the first false reading, or after which samples may be missing; samples that are false; accel:
-    whether the accelerometer's are false, too, as in rows that no sensor gives."""
+    """A possible fault.  id, ``FALSE`` or ``LOST``; log; row of the first false reading, or after which samples may be missing; samples,
+    the number of false ones; accel: whether the accelerometer's readings are false, too, as in rows that no sensor outputs."""
 
     id: str
     log: int
@@ -350,7 +351,7 @@ class RegisterFault:
 
 
 def proposed(session: Session) -> list[RegisterFault]:
-    """False readings of every log, then losses in what is left with these bridged."""
+    """False readings of every log, then possible losses once these are bridged."""
     events: list[RegisterFault] = []
     for number, log in enumerate(session.logs):
         samples = log.samples
@@ -365,7 +366,7 @@ def proposed(session: Session) -> list[RegisterFault]:
 
 
 def _in_bridge(session: Session, event: RegisterFault) -> bool:
-    """Whether an event is where readings were put in: what looks wrong there is no reading's, and the stamps have told the loss."""
+    """Whether an event lies in a bridged gap, where the samples are interpolated and the stamps already show the loss."""
     first, last = event.row, event.row + max(event.samples, 1)
     bridges = session.logs[event.log].bridges
     gaps = [each for each in bridges if each.what == GAP]
@@ -373,7 +374,7 @@ def _in_bridge(session: Session, event: RegisterFault) -> bool:
 
 
 def bridged(session: Session, events: list[RegisterFault]) -> Session:
-    """The session with false readings replaced by what their neighbours say; losses are left as they are."""
+    """The session with false readings interpolated from their neighbours; losses are unchanged."""
     logs = []
     for number, log in enumerate(session.logs):
         mine = [event for event in events if event.id == FALSE and event.log == number]
@@ -386,12 +387,12 @@ def bridged(session: Session, events: list[RegisterFault]) -> Session:
 
 @dataclass(frozen=True)
 class Crossing:
-    """How a gap is crossed: order of the polynomial, and the rotation, rad rms per axis, that it misses."""
+    """How a gap is bridged: order of the polynomial, and its error in rotation, rad rms per axis."""
 
     order: int
     missed_rad: float
 
 
 def crossing(samples: Samples, event: RegisterFault, length: int) -> Crossing:
-    """Of an event; length: how many samples each loss has, where it is one."""
+    """The best crossing of an event; length: samples lost each time, for a loss."""
     return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))

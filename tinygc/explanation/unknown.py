@@ -1,7 +1,7 @@
 """Beyond the catalogue: shapes without a physical cause.
 
-Each finding is a family of columns like an effect's, but with a shape and no physics: a line in time, a direction fixed in the world, a
-smooth curve over attitude, time, temperature or rate, two axes that move together.  It shows where the misfit lies, never why.
+Each finding is a family of columns like an effect's, but without physics: a line in time, a direction fixed in the world, a smooth curve
+over attitude, time, temperature or rate, two axes that move together.  It shows where the misfit occurs, not its cause.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
 from tinygc.noise.twin import Twin
 
-#: ids of shapes without a name begin so
+#: prefix of the ids of shapes without a name
 NAMELESS = "unknown."
 #: orders of the smooth curves
 ORDERS = (2, 3, 4, 5)
-#: time constants of a settling that are tried: neighbours differ by half of themselves or so, and are sharpened
+#: number of settling time constants tried: neighbours differ by about half of their value, and are refined
 WARM_UPS = 10
-#: powers of the rate, each whether it changes sign with the rate
+#: powers of the rate, each with whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
-#: in the equation of those that do
+#: marks those that do in the equation
 SIGNED = "sign(ω_i)"
-#: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
+#: scale of a prior, not a limit: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
-#: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
+#: degC, least change of temperature: at a data sheet's 0.005 dps/degC it gives 2.5 mdps, the noise of one still
 LEAST_CHANGE_C = 0.5
-#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this: 15 deg/h, seen through a
-#: bias that wanders by 3
+#: a rate fixed in the world is the Earth's, at another latitude, if its sum with the assumed Earth rate has the Earth's magnitude within
+#: this share: 15 deg/h, measured with a bias that wanders by 3
 LIKE_THE_EARTH = 0.25
-#: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
-#: to 7 degrees rms (benchmarks/closure_table.py)
+#: and if the latitude differs by more than the stills of a usual session can resolve: directions of the Earth's rate are good to 7 degrees
+#: rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
-#: lines above the stills' rate, times rows of the session as the twin sees it: some minutes of computing.  28 minutes at 208 Hz have room
-#: for all lines up to ``HIGHEST_HZ``; a day, whose lines are a day's width apart, for one in a hundred of its quarter of a million
+#: limit on the number of lines above the stills' rate, times rows of the session in the twin: some minutes of computing. It admits all
+#: lines up to ``HIGHEST_HZ`` for 28 minutes at 208 Hz; for a day, with a quarter of a million lines, one in a hundred
 MOST_LINE_ROWS = 2e9
-#: of a line that is looked for
+#: highest frequency of a line that is searched for
 HIGHEST_HZ = 3.0
-#: a hand's mean of the force
+#: reach of the force averaged over a hand's movement
 HAND_REACH = Reach.around(samples=2, seconds=HAND_S / 2)
 
 
@@ -54,25 +54,25 @@ OfMovement = Callable[[Movement], np.ndarray]
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
     """Shapes to try on this recording."""
-    # Within the sampling of the stills a line above their rate shows folded; the segments still see it.
+    # In the stills a line above their rate is aliased; the segments still observe it.
     return slow_candidates(twin) + _lines(line_frequencies(twin))
 
 
 def line_frequencies(twin: Twin) -> np.ndarray:
-    """(K,) Hz, rising from the stills' rate, as close to each other as the session tells them apart; in a long session the slowest."""
+    """(K,) Hz, increasing from the stills' rate, spaced at the session's resolution; a long session has only the slowest."""
     rows = sum(len(movement.t_s) for movement in twin.movements)
     found = np.arange(0.5 / _interval(twin), HIGHEST_HZ, 1 / twin.movements[0].duration_s)
     return found[: max(int(MOST_LINE_ROWS / rows), 1)]
 
 
 def lines_end_hz(twin: Twin) -> float | None:
-    """The highest line that is looked for, where a long session leaves no time for all up to ``HIGHEST_HZ``; None where it does."""
+    """Highest line that is searched for, if a long session cannot be searched up to ``HIGHEST_HZ``; None if it can."""
     highest, apart = float(line_frequencies(twin)[-1]), 1 / twin.movements[0].duration_s
     return highest if highest + apart < HIGHEST_HZ else None
 
 
 def slow_candidates(twin: Twin) -> list[Effect]:
-    """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
+    """Shapes that follow a slow variable or the movement: all except the hundreds of lines above the stills' rate."""
     duration = twin.movements[0].duration_s
     found = _lines(1 / np.geomspace(duration, 2.2 * _interval(twin), 40))
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
@@ -84,13 +84,13 @@ def slow_candidates(twin: Twin) -> list[Effect]:
         found += _warm_ups(np.geomspace(2 * _interval(twin), duration, WARM_UPS))
     found += [_attitude(order) for order in (2, 3)]
     found += [_products(), _field(twin)]
-    if twin.problem.earth.source != "none":  # the Earth itself has a name where its rate is not known
+    if twin.problem.earth.source != "none":  # without a known Earth rate the catalogue has an effect for it
         found.append(_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg))
     return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
 
 
 def curves_like(twin: Twin, shape: Effect) -> list[Effect]:
-    """Further terms of the smooth curve that a shape is one of, itself among them; none where it is no such curve."""
+    """All terms of the smooth curve to which a shape belongs, including itself; none if the shape is not such a curve."""
     if "curve_over_" not in shape.id:
         return []
     return [other for other in slow_candidates(twin) if other.id == shape.id and (SIGNED in other.equation) == (SIGNED in shape.equation)]
@@ -113,8 +113,8 @@ def _finding(
     inputs: tuple[str, ...] = (),
     reach: Reach = NOWHERE,
 ) -> Effect:
-    """``columns`` (N, 3, size), or the curves (N, K) of a ``basis``, which each axis follows with coefficients of its own; inputs and
-    reach as an ``Effect`` declares them."""
+    """Build a shape from its ``columns`` (N, 3, size), or from the curves (N, K) of a ``basis``, for which each axis has its own
+    coefficients; inputs and reach as an ``Effect`` declares them."""
     if columns is None:
         assert basis is not None
         columns = per_axis(basis)
@@ -134,7 +134,7 @@ def _finding(
 
 
 def _lines(frequencies_hz: np.ndarray) -> list[Effect]:
-    """Lines at these frequencies, rising; between them they can be sharpened."""
+    """Lines at these frequencies, increasing; they can be refined between them."""
     scan = Scan("frequency_hz", "Hz", make=_periodic, grid=lambda movements: frequencies_hz)
     return replace(_periodic(float(frequencies_hz[0])), scan=scan).variants(frequencies_hz) if len(frequencies_hz) else []
 
@@ -150,7 +150,7 @@ def _periodic(frequency_hz: float) -> Effect:
 
 
 def _warm_ups(seconds: np.ndarray) -> list[Effect]:
-    """The zero settles as a body does that warms up, with these time constants, rising; where no temperature was logged, nobody knows."""
+    """The zero-rate offset settles like a body that warms up, with these time constants, increasing; for logs without temperature."""
     scan = Scan("time_constant_s", "s", make=_warm_up, grid=lambda movements: seconds)
     return replace(_warm_up(float(seconds[0])), scan=scan).variants(seconds)
 
@@ -180,10 +180,10 @@ def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
 
 
 def _attitude(order: int) -> Effect:
-    powers = [p for n in range(2, order + 1) for p in _powers(n)]  # what is linear has a name: g-sensitivity
+    powers = [p for n in range(2, order + 1) for p in _powers(n)]  # the linear term is g-sensitivity
 
     def basis(movement: Movement) -> np.ndarray:
-        down = without_vibration(movement.force_g, movement.dt_s)  # whose square is a matter of vibration, not of attitude
+        down = without_vibration(movement.force_g, movement.dt_s)  # the square of vibration does not depend on attitude
         to_the = [np.ones_like(down)]
         for _ in range(order):
             to_the.append(to_the[-1] * down)
@@ -232,7 +232,8 @@ def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
 
 
 def _field(twin: Twin) -> Effect:
-    """A field fixed in the world, as a magnet's, seen by each axis in its own way; what is vertical of it is g-sensitivity's."""
+    """A field fixed in the world, such as a magnet's, to which each axis responds differently; its vertical part looks like
+    g-sensitivity."""
     began = {float(movement.t_s[0]): number for number, movement in enumerate(twin.movements)}
 
     def basis(movement: Movement) -> np.ndarray:

@@ -187,7 +187,7 @@ def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray
 # answer), or an exact repetition of the row before.  The second is excursions of the gyro alone that begin and end in jumps: a cubic
 # through the readings on either side fits these as well as usual, and misses the readings between.
 
-LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
+LONGEST = 8  #: samples that the cubic may bridge: twice its supporting readings on a side
 SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients
 #: an excursion is false if it deviates from the cubic by this many times the readings' scatter (three axes: once in 10^13)
 BEYOND = 8.0

@@ -42,21 +42,22 @@ from tinygc.explanation.truth_names import (
 )
 from tinygc.noise.refit import refit
 
-# Single attitudes of a truth file that are wrong: the segment before misses by what the segment after makes good.
+# Single wrong attitudes of a truth file: the segments before and after miss by opposite rotations.
 
-#: both its segments miss by this many times what is usual (normal errors: less than 1e-7 a moment by ``chance_of``), in opposite
-#: directions: misses of five times the noise point apart by 180 degrees less 16 or so, and 45 are allowed
+#: both segments at a wrong moment miss by this many times the median (normal errors: less than 1e-7 a moment by ``chance_of``), in opposite
+#: directions: misses of five times the noise are within about 16 degrees of opposite, and 45 are allowed
 JUMP = 5.0
 OPPOSITE = -0.7
 
 
-#: median length of a vector of three normal deviates; and how many squares a scale from a median of N such lengths is worth, over N
+#: median length of a vector of three normal deviates; and the effective number of squares in a scale from the median of N such lengths,
+#: over N
 MEDIAN_LENGTH, FREEDOM_SHARE = float(np.sqrt(2 * gammaincinv(1.5, 0.5))), 1.58
 
 
 def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, float]], float]:
-    """The problem without the segments at both sides of a wrong moment of truth, log and s of each such moment, and an upper bound of the
-    chance that noise alone makes one as large as the largest; 1 where there is none."""
+    """The problem without the segments on both sides of a wrong moment of truth, log and s of each such moment, and an upper bound of the
+    probability that noise alone makes one as large as the largest; 1 if there is none."""
     model = problem.first
     keep = np.ones(len(problem.batch), dtype=bool)
     for _ in range(3):
@@ -78,7 +79,7 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     wider = None if problem.floor.wider is None else problem.floor.wider[keep]
     floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
     kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
-    # What two neighbours share is kept where both are.
+    # The covariance that two neighbours share is kept if both are kept.
     both = np.flatnonzero(keep[:-1] & keep[1:])
     new = np.cumsum(keep) - 1
     floor.shared[new[both]] = problem.floor.shared[both]
@@ -86,21 +87,22 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
 
 
 def chance_of(times_usual: float, pairs: int, segments: int) -> float:
-    """Upper bound of the chance that normal errors, of the scale that the median length of ``segments`` of them tells, miss on both sides
-    of one of ``pairs`` moments by so many times that length: that one side of one does, over all moments (Bonferroni)."""
+    """Upper bound of the probability that normal errors miss on both sides of one of ``pairs`` moments by this many times the median
+    length. The scale of the errors is estimated from the median length of ``segments`` of them.  The bound is the probability that one side
+    of one moment does, over all moments (Bonferroni)."""
     ratio = (times_usual * MEDIAN_LENGTH) ** 2 / 3
     return float(min(1.0, pairs * fdtrc(3, FREEDOM_SHARE * segments, ratio)))
 
 
-# The truth's clock as it was recorded: found before anything was fitted, or beside a delay of the gyro's axes; a claim like the others.
+# The truth's clock as recorded: an offset found before any fit, or together with a delay of the gyro's axes, is a claim like any other.
 
-#: a clock that stands beside a delay, unasked, is said where it is as sure as this: by chance once in 370
+#: sigmas above which a clock offset fitted only because of a delay is reported: exceeded by chance once in 370
 SAID_SIGMAS = 3.0
 
 
 def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
-    """The same with the whole offset of the clock among the claims; if one was found beforehand, before is what the recording has with the
-    clock set back."""
+    """Put the whole clock offset among the claims.  If an offset was found before the fit, "before" is the recording with the clock set
+    back."""
     alignment = names.session.alignment
     found_s = alignment.reading.offset_s if alignment is not None and alignment.source["offset_s"] == FOUND else 0.0
     named = next((claim for claim in names.claimed if claim.effect.id == OFFSET.id), None)
@@ -126,7 +128,7 @@ def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
 
 
 def _left(names: TruthExplanation) -> tuple[float, float]:
-    """s that the last fit has of the clock, and its sigma; nan where the clock is none of its claims."""
+    """Clock offset (s) in the last fit, and its sigma; 0 and nan if the clock is not one of its claims."""
     for number, claim in enumerate(names.fit.state.claims):
         if claim.effect is OFFSET:
             return float(claim.theta[0]), float(np.sqrt(names.fit.theta_covariance(number)[0, 0]))
@@ -134,7 +136,7 @@ def _left(names: TruthExplanation) -> tuple[float, float]:
 
 
 def _set_back(names: TruthExplanation, found_s: float) -> tuple[float, TruthExplanation]:
-    """The share of chi-square that a clock that was found takes up, and the names with what there was before it did."""
+    """The share of chi-square that a clock offset found before the fit removes, and the names with the state before that correction."""
     problem, whiten = names.problem, names.naming.whiten
     twin = TruthTwin(problem)
     start = twin.start()
@@ -150,20 +152,21 @@ def _set_back(names: TruthExplanation, found_s: float) -> tuple[float, TruthExpl
     )
 
 
-# ``explain`` where the reference is a truth file: what is wrong with the sensor, what with the truth, what with their clocks.
+# ``explain`` with a truth file: errors of the sensor, of the truth, and of their clocks.
 #
-# A table's twin rests on stills; a vehicle has hardly any, but its attitude is known at any two moments, all three angles of it.  So one
-# channel, the closure between moments of truth (``truth_twin.py``), is looked at in five ways:
+# A table's twin rests on stills; a vehicle has hardly any, but its attitude, with all three angles, is known at any two moments.  So one
+# channel, the closure between moments of truth (``TruthTwin``), is analysed in five ways:
 #
-# - its columns: the catalogue's rate effects and the truth's clock, weighed as for any recording (``names.py``);
-# - its growth: closure against length tells the truth's own noise (constant) from the gyro's (root of time) and from a bias (time);
-# - its neighbours: a wrong moment of truth is missed by the segment before it and made good by the one after;
-# - its clock and its frame, as they were found before anything was fitted (``truth_alignment.py``): a rotation between gyro and truth that
-#   a gyro may have itself is the truth's where the accelerometer asks for the same one;
-# - its bias: in motion, against the mean rate at rest, which the truth is not needed for.
+# - its columns: the catalogue's rate effects and the truth's clock, selected as for any recording (``name_beside_truth``);
+# - its growth: closure against length separates the truth's noise (constant) from the gyro's (root of time) and from a bias (time);
+# - its neighbours: a wrong moment of truth makes the segments before and after it miss by opposite rotations;
+# - its clock and its frame, found before any fit: a rotation between gyro and truth that could be the gyro's own misalignment is attributed
+#   to the truth if the accelerometer shows the same rotation;
+# - its bias: in motion, compared with the mean rate at rest, which does not need the truth.
 
-#: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
-#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (not critical: as above)
+#: a rotation of the frame is claimed if it is this large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
+#: could confirm less), this significant (by chance once in 60 000), and leaves at most this share of the accelerometer's bias (not
+#: critical: as above)
 FRAME_RAD, FRAME_SIGMAS, FRAME_LEAVES = 0.5 * DEG, 5.0, 0.7
 
 
@@ -175,7 +178,7 @@ def explain_truth(
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
 ) -> TruthExplanation:
-    """Explain a session with a truth file.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    """Explain a session with a truth file.  prepared: the session, if it has been prepared already.  Raises what ``prepare`` raises."""
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
     problem = prepared.problem
     progress("moments of truth", 1, 5)
@@ -213,7 +216,7 @@ def explain_truth(
 
 
 def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
-    """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem reckons with."""
+    """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem already includes."""
     if alignment is None or not np.isfinite(alignment.turned).all():
         return np.zeros(3)
     from scipy.spatial.transform import Rotation
@@ -222,7 +225,8 @@ def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
 
 
 def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np.ndarray]:
-    """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without a mounting that was found, and as the gyro asks."""
+    """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without an estimated mounting, and with the rotation
+    estimated from the gyro."""
     from scipy.spatial.transform import Rotation
 
     asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
@@ -232,8 +236,8 @@ def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np
 
 
 def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[TruthClaim]:
-    """The truth's frame is turned if the gyro says so by more than it can be misaligned, or the accelerometer's apparent bias becomes less
-    with it."""
+    """Claim a rotation of the truth's frame if the gyro shows more than its misalignment can be, or if the rotation reduces the
+    accelerometer's apparent bias."""
     if alignment is None or not np.isfinite([alignment.turned, alignment.turned_sigma]).all():
         return []
     turned, sigma = _not_taken_off(alignment), alignment.turned_sigma

@@ -29,18 +29,19 @@ from tinygc.models.linear import LinearModel
 from tinygc.noise.refit import Refit
 from tinygc.noise.session_noise import SessionNoise
 
-# Evidence of a truth file: how the closure grows, how neighbours go together, the accelerometer, the rests.
+# Evidence of a truth file: growth of the closure, correlation of neighbours, the accelerometer, the rests.
 
 #: segment lengths of the closure's growth, s
 LENGTHS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-#: of the specific force, over which a vehicle's own acceleration averages out: what stays below 0.5 m/s has a mean of 5 mg at most
+#: averaging window of the specific force, over which a vehicle's own acceleration averages out: a change of speed below 0.5 m/s has a mean
+#: of 5 mg at most
 FORCE_WINDOW_S = 20.0
 
 
 @dataclass(frozen=True, eq=False)
 class Rests:
-    """seconds at rest; difference (3,) rad/s of the zero there from the one in motion, with its scatter sigma (3,); vibration_g2 at rest
-    and in motion."""
+    """The zero-rate level at rest.  seconds at rest; difference (3,) rad/s of the zero at rest from that in motion, with its scatter sigma
+    (3,); vibration_g2 at rest and in motion."""
 
     seconds: float
     difference: np.ndarray
@@ -50,8 +51,8 @@ class Rests:
 
 @dataclass(frozen=True, eq=False)
 class Force:
-    """Apparent bias (3,) m/s^2 of the accelerometer against the truth's attitude, as it stands and with the truth's frame turned by the
-    gyro's rotation; sigma (3,)."""
+    """Apparent bias (3,) m/s^2 of the accelerometer against the truth's attitude, with the truth's frame as recorded and rotated as the
+    gyro shows; sigma (3,)."""
 
     bias: np.ndarray
     turned: np.ndarray
@@ -59,12 +60,12 @@ class Force:
 
 
 def error_angles(batch: Batch, model: RateMap) -> np.ndarray:
-    """(S, 3) rad: what a model leaves of each segment's rotation, about the truth's axes."""
+    """(S, 3) rad: residual rotation of each segment with a model, about the truth's axes."""
     return closure.error_angles(closure.segment_residuals(batch, model(batch.rate)))
 
 
 def neighbours(problem: Problem) -> np.ndarray:
-    """(P,) numbers of used segments whose successor begins where they end."""
+    """(P,) indices of used segments whose successor begins where they end."""
     used = problem.used
     return np.array(
         [i for i in range(len(used) - 1) if used[i].log == used[i + 1].log and used[i].stop - 1 == used[i + 1].start], dtype=int
@@ -72,17 +73,18 @@ def neighbours(problem: Problem) -> np.ndarray:
 
 
 def offset_columns(batch: Batch, model: RateMap) -> np.ndarray:
-    """(S, 3) rad/s: how the residual turns with the truth's clock.  Truth that is late by s shows what was s before."""
+    """(S, 3) rad/s: derivative of the residual with respect to the truth's clock offset.  Truth stamped s late shows the attitude of s
+    earlier."""
     rate = model(batch.rate) - batch.earth
     counts = np.sum(batch.dt > 0, axis=1)
     last = np.take_along_axis(rate, counts[:, None, None], axis=1)[:, 0]
     ends = [np.einsum("sij,sj->si", rotation.matrix(q), w) for q, w in ((batch.start, rate[:, 0]), (batch.end, last))]
-    # The truth's attitude is the one at t + s: taken back to t, the start turns back by s w_start, and so does the end.
+    # The truth's attitude is that at t + s: taken back to t, the start turns back by s w_start, and so does the end.
     return ends[1] - ends[0]
 
 
 def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, TruthEnds]]:
-    """The same session cut at another length, within what is used."""
+    """Cut the same session at another segment length, within the used segments."""
     session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
     cut = []
     for number, (log, truth) in enumerate(zip(problem.logs, session.truths or (), strict=True)):
@@ -95,7 +97,7 @@ def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, TruthEnds]
 
 
 def _joined(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Spans that follow one another, as one."""
+    """Merge consecutive spans."""
     joined: list[tuple[int, int]] = []
     for a, b in spans:
         if joined and joined[-1][1] - 1 >= a:
@@ -110,7 +112,7 @@ def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray
     lengths, closures = [], []
     for length in LENGTHS_S:
         cut = _again(problem, length)
-        # A median of fewer is not known to 40 %; a tenth in length is a twentieth in the noise's growth.
+        # With fewer segments the scatter is not known to 40 %; a tenth in length is a twentieth in the noise's growth.
         if len(cut) < 8 or abs(np.median([s.duration_s for s, _ in cut]) / length - 1) > 0.1:
             continue
         batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
@@ -133,8 +135,8 @@ def noises(lengths: np.ndarray, closures: np.ndarray) -> tuple[float, float]:
 
 
 def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
-    """Correlation of neighbouring segments' errors (S, 3): -1/2 if moments of truth are wrong, 0 if the gyro is noisy, more if its
-    bias wanders."""
+    """Correlation of neighbouring segments' errors (S, 3): -1/2 if moments of truth are wrong, 0 if the gyro is noisy, more if its bias
+    drifts."""
     at = neighbours(problem)
     if len(at) < 5:
         return float("nan")
@@ -144,8 +146,8 @@ def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
 
 
 def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray) -> Force | None:
-    """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out; stands, turned
-    (3, 3): from the sensor's axes to those that the problem's attitudes are of, by the truth as it stands and turned as the gyro asks."""
+    """Compare the mean specific force with the truth's vertical in long windows, over which a vehicle's acceleration averages out. stands,
+    turned (3, 3): from the sensor's axes to those of the problem's attitudes, with the truth as recorded and rotated as the gyro shows."""
     rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     g = problem.session.config.site.expected_gravity_mps2
@@ -172,7 +174,7 @@ def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray
         return None
     found = []
     for design, value in zip(rows, values, strict=True):
-        # A bias in the body, and a tilt of the truth's world.
+        # The unknowns are a bias in the body frame, and a tilt of the truth's world frame.
         tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(design), 1, 1))
         A = np.concatenate([np.array(design), tilt], axis=2).reshape(-1, 5)
         y = np.array(value).ravel()
@@ -185,7 +187,7 @@ def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray
 
 
 def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
-    """The zero at rest against the one in motion, by the gyro's own readings."""
+    """The zero-rate level at rest compared with that in motion, from the gyro's own readings."""
     rates, weights, quiet, shaken = [], [], [], []
     for log in problem.logs:
         movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
@@ -205,28 +207,28 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     return Rests(float(seconds), mean, scatter, (float(np.average(quiet, weights=weights)), float(np.mean(shaken))))
 
 
-# What is found beside a truth file.
+# Claims and result of a session with a truth file.
 
-IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, no gyroscope has that (benchmarks/thresholds.py: double lets false names in)
-SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``: impossible for a gyroscope (benchmarks/thresholds.py: double lets false names in)
+SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, where noise gives 0 or less
 
 LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
 @dataclass(frozen=True, eq=False)
 class TruthClaim(Claim):
-    """A claim with its parameters theta (P,) in SI and their sigma, None of moments, which are stamps."""
+    """A claim with its parameters theta (P,) in SI and their sigma, None for moments, which are stamps."""
 
     theta: np.ndarray = field(kw_only=True)
     sigma: np.ndarray | None = field(kw_only=True)
 
     @property
     def implausible(self) -> bool:
-        """Whether no gyroscope has so much of it."""
+        """Whether the effect is larger than any gyroscope has."""
         return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
 
     def to_json(self) -> dict:
-        """With the share of chi-square that it takes up."""
+        """Return the claim's entry with the share of chi-square that it removes."""
         head, tail = ("id", "equation", "parameters", "std"), ("probability", "rivals", "equivalent", "says")
         entry = super().to_json()
         rest = {key: value for key, value in entry.items() if key not in head + tail}
@@ -234,7 +236,7 @@ class TruthClaim(Claim):
 
 
 def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_value: float, **more: Any) -> TruthClaim:
-    """A claim of an effect with these parameters; more: further fields of a ``Claim``."""
+    """Claim an effect with these parameters; more: further fields of a ``Claim``."""
     parameter = effect.parameter
     values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     parameters = {parameter.name: values, **effect.shape}
@@ -243,15 +245,15 @@ def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_v
 
 @dataclass(frozen=True, eq=False)
 class TruthExplanation:
-    """What was found; angles in rad.
+    """The explanation of a session with a truth file; angles in rad.
 
-    problem: without the segments at suspect moments; naming: what has a name; fit: the last, with the truth's clock beside what delays;
-    claimed, strongest first; refused: what would fit, but at a size that no gyroscope has; p_value of the first look; angles (S, 3) before
-    and after, each used segment's closure about the truth's axes, held_out the same by fits that did not see it, and excess, chi-square
-    per degree of freedom over what is stated; jumps: log and s of wrong moments; lengths_s (L,), closure_rad (L, 3): growth; truth_rad a
-    moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest; neighbours: correlation
-    of neighbouring segments' errors, before and after; alignment: clock and frame of the truth against the gyro; rests; force; warnings
-    of the first look.
+    problem: without the segments at suspect moments. naming: the selected effects. fit: the last, with the truth's clock in addition to any
+    delay. claimed: strongest first. refused: effects that would fit, but at a size that no gyroscope has. p_value: of the first fit. angles
+    (S, 3), before and after: each used segment's closure about the truth's axes. held_out: the same from fits without that segment. excess:
+    chi-square per degree of freedom, against the stated noise. jumps: log and s of wrong moments. lengths_s (L,), closure_rad (L, 3):
+    growth. truth_rad per moment and walk_rad per root second, from the growth. gyro_rad per root second: the gyro's own walk at its
+    quietest. neighbours: correlation of neighbouring segments' errors, before and after. alignment: clock and frame of the truth against
+    the gyro. rests; force; warnings of the preparation.
     """
 
     problem: Problem
@@ -277,47 +279,47 @@ class TruthExplanation:
 
     @property
     def session(self) -> Session:
-        """That was explained."""
+        """The explained session."""
         return self.problem.session
 
     @property
     def noise(self) -> SessionNoise:
-        """Its components."""
+        """The estimated noise and its components."""
         return self.naming.noise
 
     @property
     def named(self) -> tuple[Effect, ...]:
-        """The catalogue's effects and the clock that the names' fit holds."""
+        """The effects of the catalogue and the clock in the selected fit."""
         return tuple(claim.effect for claim in self.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
 
     @property
     def offset(self) -> tuple[float, float]:
-        """s of the truth's clock as it was recorded, and its sigma; nan where they are not known."""
+        """Offset, s, of the truth's clock as recorded, and its sigma; nan if unknown."""
         return (float("nan"), float("nan")) if self.alignment is None else (self.alignment.offset_s, self.alignment.offset_sigma_s)
 
     @property
     def turned(self) -> np.ndarray:
-        """(3,) rad from the gyro's axes to the truth's body as it was recorded; nan where that is not known."""
+        """(3,) rad from the gyro's axes to the truth's body as recorded; nan if unknown."""
         return np.full(3, np.nan) if self.alignment is None else self.alignment.turned
 
     @property
     def turned_sigma(self) -> np.ndarray:
-        """(3,) rad, of the same."""
+        """(3,) rad, sigma of ``turned``; nan if unknown."""
         return np.full(3, np.nan) if self.alignment is None else self.alignment.turned_sigma
 
     @property
     def closure_rms(self) -> tuple[float, float]:
-        """rad, of all three angles together, before and after."""
+        """rms closure, rad, of all three angles together, before and after."""
         return rms(self.angles[0]), rms(self.angles[1])
 
     @property
     def held_out_rms(self) -> tuple[float, float]:
-        """The same of segments that the fit did not see."""
+        """rms closure, rad, of held-out segments, before and after."""
         return rms(self.held_out[0]), rms(self.held_out[1])
 
     @property
     def verdict(self) -> str:
-        """As docs/explain.md names them."""
+        """The verdict, as defined in docs/explain.md."""
         if not self.claimed:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claimed)
@@ -325,5 +327,5 @@ class TruthExplanation:
 
 
 def rms(angles: np.ndarray) -> float:
-    """rad, of all three of the angles (S, 3) together."""
+    """rms, rad, of all three of the angles (S, 3) together."""
     return float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))

@@ -1,4 +1,4 @@
-"""Sessions with a truth file: what can be wrong with it, its twin, and the selection of effects."""
+"""Sessions with a truth file: errors of the truth, its twin, and the selection of effects."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from tinygc.noise.refit import Refit, refit
 from tinygc.noise.twin import Channels, State, Twin
 from tinygc.noise.whitening import Whitener
 
-# Errors of a truth file, in addition to the catalogue, which is of sensors on a table.
+# Errors of a truth file, in addition to the catalogue, which describes sensors on a table.
 
 
 def _nothing(movement: Movement) -> np.ndarray:
-    """These bend the reference, not the rate."""
+    """Zero columns: these effects change the reference, not the rate."""
     return np.zeros((*movement.rate.shape, 1))
 
 
@@ -74,12 +74,12 @@ MOUNTED = replace(
 
 
 def common_delays() -> tuple[str, ...]:
-    """Ids of effects that can delay all axes alike: what they share cannot be told from a clock that nobody has given."""
+    """Ids of effects that can delay all axes alike: the common part cannot be separated from an unknown clock offset."""
     return tuple(name for name, effect in catalogue().items() if effect.gauge is not None and effect.gauge.delays)
 
 
 def wander(knots_s: np.ndarray) -> Effect:
-    """A bias that wanders slowly: straight between knots, three numbers each beyond the first."""
+    """A slowly drifting bias: linear between knots, with three values at each knot after the first."""
 
     def columns(movement: Movement) -> np.ndarray:
         hats = [np.interp(movement.t_s, knots_s, hat) for hat in np.eye(len(knots_s))[1:]]
@@ -106,7 +106,7 @@ def wander(knots_s: np.ndarray) -> Effect:
 
 
 def wrong_moments(count: int) -> Effect:
-    """So many wrong moments; the parameter is when, s of the session."""
+    """An effect of ``count`` wrong moments; its parameter is their times, s of the session."""
     return Effect(
         id="reference.truth_jump",
         equation="single attitudes of the truth are wrong: the segment before misses by what the segment after makes good",
@@ -119,19 +119,19 @@ def wrong_moments(count: int) -> Effect:
     )
 
 
-# The twin of a recording beside a truth file: the closure between moments of truth alone, and the truth's clock among what it replays.
+# The twin of a recording with a truth file: the closure between moments of truth alone, with the truth's clock among its effects.
 #
-# Stills that such a recording may have are no rows of it: their attitudes come from truth and gyro together, and in a vehicle the zero at
-# rest is another than in motion (``zero_at_rest`` says by how much), so a fit of both would be one of neither.
+# Stills of such a recording are not rows of it.  Their attitudes are estimated from truth and gyro together, and in a vehicle the zero-rate
+# level at rest differs from that in motion (``zero_at_rest`` measures it), so a joint fit would describe neither.
 
-#: of a clock that is set back; beyond, each is longer than two samples
+#: most steps in which a clock is set back; with more, each step is longer than two samples
 MOST_STEPS = 100
 
 
 class TruthTwin(Twin):
     """A problem between moments of truth, ready to be replayed.
 
-    Its floor is the gyro's white noise alone: the truth's noise is a component, whose size the recording tells (``noise.truth``).
+    Its floor is the gyro's white noise alone: the truth's noise is a component, whose size is estimated from the recording.
     """
 
     def __init__(self, problem: Problem):
@@ -145,7 +145,7 @@ class TruthTwin(Twin):
         self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 
     def batch_at(self, state: State) -> Batch:
-        """The batch with the truth's attitudes as its clock has them, and the state's Earth."""
+        """The batch with the truth's attitudes corrected for its clock, and the state's Earth rate."""
         batch = super().batch_at(state)
         for claim in state.claims:
             if claim.effect.kind == "truth":
@@ -153,8 +153,8 @@ class TruthTwin(Twin):
         return batch
 
     def later(self, batch: Batch, state: State, seconds: float) -> Batch:
-        """The truth's attitudes are those of so many seconds later: each taken back along the calibrated rate, in steps of about a
-        segment's sample, each with the rate of its half way."""
+        """Treat the truth's attitudes as those of ``seconds`` later: integrate each back along the calibrated rate, in steps of about two
+        samples, each with the rate at its midpoint."""
         period_s = float(np.median([self.problem.logs[s.log].samples.period_s for s in self.segments]))
         steps = min(int(np.ceil(abs(seconds) / (2 * period_s))), MOST_STEPS) or 1
         turned, step_s = [], seconds / steps
@@ -170,7 +170,7 @@ class TruthTwin(Twin):
         return replace(batch, start=turned[0], end=turned[1])
 
     def _gyro(self, log: int, at: int, later_s: float) -> np.ndarray:
-        """(3,) rad/s as it was read so long after a sample, straight between its neighbours."""
+        """(3,) rad/s as read ``later_s`` after a sample, interpolated linearly."""
         samples = self.problem.logs[log].samples
         where = np.clip(at + later_s / samples.period_s, 0, len(samples) - 1.001)
         share, first = where % 1.0, int(where)
@@ -182,23 +182,23 @@ class TruthTwin(Twin):
         return np.take_along_axis(values, last[:, None, None], axis=1)[:, 0]
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
-        """As every twin's; of the truth's clock, how the attitudes at both ends turn."""
+        """The columns of any twin; for the truth's clock, the rotation of the attitudes at both ends."""
         if effect.kind != "truth":
             return super().effect_columns(effect, state, sensitivity, rates)
         columns = offset_columns(self.batch_at(state), state.model)
         return Channels(columns[..., None], np.zeros((0, 3, 1)), np.zeros((0, 1)))
 
 
-# Candidates: the catalogue's rate effects, the truth's clock and a wandering bias, weighed as for any recording.
+# Candidates: the catalogue's rate effects, the truth's clock and a drifting bias, compared as for any recording.
 
-WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by the evidence
+WANDER_S = 20.0  #: spacing of the knots; the evidence penalizes their number
 
 
 def name_beside_truth(
     twin: TruthTwin, evidence: Evidence, seed: int, progress: Callable[[str], None] = lambda what: None
 ) -> TruthExplanation:
-    """Weigh what can be tried, by the twin's evidence; a name at a size that no gyroscope has is refused, and the rest weighed again
-    without it."""
+    """Select among the candidates by the twin's evidence.  An effect at a size that no gyroscope has is rejected, and the selection
+    repeated without it."""
     slow = _slow_bias(twin)
     tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
@@ -231,7 +231,7 @@ def name_beside_truth(
 
 
 def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """The fit with the truth's clock beside effects that delay, unless it was given: it has what all axes' delays share."""
+    """Add the truth's clock, unless it was given, to a fit with effects that delay: the clock takes the part common to all axes."""
     effects = [claim.effect for claim in fit.state.claims]
     if twin.clock_free and OFFSET not in effects and any(effect.id in common_delays() for effect in effects):
         fit = refit(twin, whiten, [OFFSET, *effects], fit.state)
@@ -239,26 +239,27 @@ def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
 
 
 def _slow_bias(twin: TruthTwin) -> Effect:
-    """A wander, which is no name: but what has none must not pass for one of the names."""
+    """A drifting bias, so that an unnamed drift is not taken for one of the catalogue's effects."""
     duration, segments = float(twin.problem.began_s[-1]), len(twin.segments)
     return wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
 
 
 def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Callable[[str], None]) -> Hypothesis:
-    """From nothing, and from a slow bias: names that stand for parts of one are found first, and it has no place beside them then."""
+    """Search from nothing and from a slow bias: otherwise effects that imitate parts of a slow bias are found first and leave it no
+    gain."""
     evidence.will_try(tried)
     begins = [evidence.nothing, *([evidence.of((slow,), evidence.nothing)] if slow in tried else [])]
     best = exchanged(evidence, tried, min((search(evidence, tried, begin, progress=progress) for begin in begins), key=lambda h: h.score))
     if slow.id in best.ids:
         return best
-    # Several names where one and a slow bias do nearly as well are too many: a wrong name is worse than none.
+    # If fewer effects and a slow bias do nearly as well, several names are too many: a wrong name is worse than none.
     instead = [h for h in evidence.exact if slow.id in h.ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
     return min([*instead, best], key=lambda h: (len(h.ids - {slow.id}), h.score))
 
 
 def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, naming: Naming) -> Naming:
-    """A wander that nothing is known of beforehand, and that is more probable than none, is a finding: it is drawn and said as a slow bias,
-    not left among the noise.  Names that a line between its knots makes idle go."""
+    """Report a bias drift of unknown size that is more probable than none as a slow bias, instead of leaving it in the noise.  Effects made
+    redundant by it are removed."""
     names = tuple(claim.effect for claim in naming.fit.state.claims)
     if evidence.twin.problem.instability.rps > 0 or slow not in tried or slow.id in {effect.id for effect in names}:
         return naming
@@ -286,7 +287,7 @@ def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
 
 
 def _claims(naming: Naming, fit: Refit) -> list[TruthClaim]:
-    """What is named, with the numbers of a fit with these names."""
+    """Claims of the selected effects, with the estimates of this fit."""
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
     claims = [
         _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
@@ -303,7 +304,7 @@ def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> Tr
 
 
 def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    """(S, 3) rad: closure of every tenth segment, in turn, by what all others tell."""
+    """(S, 3) rad: closure of every tenth segment, in turn, from the fit of all others."""
     effects = [_shrunk(claim) for claim in fit.state.claims]
     angles = np.zeros((len(twin.segments), 3))
     for held in folds_of(len(twin.segments)):
@@ -313,7 +314,7 @@ def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
 
 
 def _shrunk(claim: AppliedEffect) -> Effect:
-    """A slow bias with the prior that its evidence was weighed with, the rms of its own parameters: its knots are no more certain."""
+    """A slow bias with the prior used in its evidence, the rms of its own parameters; other effects unchanged."""
     if not claim.effect.id.startswith(NAMELESS):
         return claim.effect
     rms = float(np.sqrt(np.mean(claim.theta**2)))
@@ -321,6 +322,7 @@ def _shrunk(claim: AppliedEffect) -> Effect:
 
 
 def excess_of(problem: Problem, angles: np.ndarray, parameters: int) -> float:
-    """Chi-square per degree of freedom over what is stated of gyro and truth, of closure angles (S, 3), beside the linear model's 12."""
+    """Chi-square per degree of freedom against the stated noise of gyro and truth, of closure angles (S, 3), with ``parameters`` fitted in
+    addition to the linear model's 12."""
     white = np.linalg.solve(np.linalg.cholesky(problem.floor.dense()), angles.ravel())
     return float(white @ white) / max(len(white) - PARAMETERS - parameters, 1)

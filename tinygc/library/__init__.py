@@ -1,1 +1,1 @@
-"""What a Python user calls, and the command line as well: a session in, a result out."""
+"""Public Python interface, used by the command line as well: functions take a session and return a result."""

@@ -25,7 +25,7 @@ from tinygc.reporting.truth_text import TruthReport
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: reference of a session -> its engine and its report; gravity and dials share theirs
+#: reference of a session -> its engine and its report; gravity and dials share them
 ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {
     "gravity": (explain_session, ExplanationReport),
     "dials": (explain_session, ExplanationReport),
@@ -35,25 +35,25 @@ ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {
 
 @dataclass(frozen=True, eq=False)
 class FoundEffect:
-    """An effect that is claimed, or a finding without a name."""
+    """An effect that is reported, or a finding without a name."""
 
-    #: of the catalogue, such as ``gyro.g_sensitivity``
+    #: identifier in the catalogue, such as ``gyro.g_sensitivity``
     id: str
-    #: what it adds, as one line
+    #: formula of what the effect adds, in one line
     equation: str
-    #: value by JSON name, in the unit of that name
+    #: values by JSON name, in the unit of that name
     parameters: dict[str, Any]
-    #: one standard deviation by JSON name, in the same unit
+    #: standard deviations by JSON name, in the same units
     std: dict[str, Any]
-    #: of a session without it; None where none is known
+    #: probability of as strong a sign of it in a session without the effect; None if unknown
     p_value: float | None
-    #: of the name, after all candidates were compared
+    #: probability of the effect after comparison of all candidates
     probability: float
-    #: probability of each candidate that was compared in its place, by id
+    #: probabilities of the competing candidates, by id
     rivals: dict[str, float]
-    #: ids that this recording cannot tell from it
+    #: ids of effects that this recording cannot distinguish from it
     equivalent: tuple[str, ...]
-    #: one sentence
+    #: description in one sentence
     says: str
 
     def __repr__(self) -> str:
@@ -62,8 +62,10 @@ class FoundEffect:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Why:
-    """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI; ``discovery`` what the search beyond the
-    catalogue answers, None where nobody asked."""
+    """Result of ``tinygc.explain``.
+
+    explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested.
+    """
 
     explanation: Any
     discovery: Any = None
@@ -91,60 +93,63 @@ class Why:
 
     @property
     def p_value(self) -> float:
-        """Of there being no more than noise."""
+        """Probability of at least this mismatch from noise alone."""
         return self.explanation.p_value
 
     @property
     def said_of_files(self) -> tuple[str, ...]:
-        """What to know of the effect files that ``save`` has written: which was kept as somebody edited it, which taken away."""
+        """Notes on the effect files that ``save`` has written: which user-edited file was kept, which file was removed."""
         return self._report.notes
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
-        """What is claimed, strongest first."""
+        """Reported effects, strongest first."""
         return tuple(_found(entry) for entry in self.table["effects"])
 
     @cached_property
     def findings(self) -> tuple[FoundEffect, ...]:
-        """What was found and has no name."""
+        """Findings without a name."""
         return tuple(_found(entry) for entry in self.table.get("findings", ()))
 
     @property
     def considered(self) -> list[dict[str, Any]]:
-        """What was weighed and is not borne out, likeliest first: ``id``, ``probability``; against gravity or dials also ``moments`` that a
-        detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and ``after`` they are mended, or None."""
+        """Candidates that were weighed and rejected, likeliest first: ``id``, ``probability``.
+
+        Against gravity or dials also ``moments`` that a detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and
+        ``after`` data repair, or None.
+        """
         return self.table["considered"]
 
     @property
     def noise(self) -> list[dict[str, Any]]:
-        """Components of the noise beyond white: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
+        """Components of the non-white noise: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
         return self.table["noise"]["components"]
 
     @property
     def next(self) -> str | None:
-        """The movement that would tell what this recording cannot, or None."""
+        """The movement that would resolve what this recording cannot, or None."""
         return self.table.get("next")
 
     @property
     def page(self) -> Group:
-        """What the command prints, for rich."""
+        """The command's output as a rich renderable."""
         return self._report.page()
 
     @property
     def verdict_line(self) -> Text:
-        """Session, verdict, probability, and the ids that are claimed, for rich."""
+        """Session, verdict, probability and the ids of reported effects, for rich."""
         named = ", ".join(effect.id for effect in self.effects)
         return self._report.line().append(f": {named}" if named else "")
 
     def summary(self) -> str:
-        """The same as plain text: verdict, effects, where they live, the proof, and what to do next."""
+        """The command's output as plain text: verdict, effects, residuals, evidence and what to do next."""
         return as_text(self.page)
 
     def _repr_html_(self) -> str:
         return as_html(self.page)
 
     def plot(self, path: Path | str | None = None) -> Figure:
-        """The page of pictures as a matplotlib figure, written as PNG where a path is given.  CalibrationError without matplotlib."""
+        """Draw the page of pictures as a matplotlib figure; write it as PNG if a path is given.  CalibrationError without matplotlib."""
         figure = self._report.picture()
         if path is not None:
             Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -156,9 +161,9 @@ class Why:
         return self.table
 
     def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
-        """Write the result, and its picture, into a folder (``explain`` in the session's); returns it."""
+        """Write the result and its picture into a folder (``explain`` in the session's folder by default); returns it."""
         saved = self._report.save(None if folder is None else Path(folder), pictures)
-        self.__dict__.pop("table", None)  # it names effect files that were written just now
+        self.__dict__.pop("table", None)  # it names the effect files just written
         return saved
 
 
@@ -179,15 +184,15 @@ def explain(
     session : Session, str or Path
         The recording, or its folder.
     seed : int, optional
-        Of the critical values, which are drawn.
+        Seed of the random draws behind the critical values.
     use_earth : bool, optional
         Whether the Earth's rotation is subtracted.
     lot : Lot, str or Path, optional
-        A production lot, or its file: the effects that the unit may have.
+        A production lot, or its file: effects that the unit may have.
     discover : bool, optional
-        Search for an equation that the catalogue does not have (docs/discover.md).
+        Search for an equation outside the catalogue (docs/discover.md).
     progress : callable, optional
-        Called with what is being done, the steps that are done, and all steps.
+        Called with the current step's description, the number of steps done and the number of all steps.
 
     Returns
     -------
@@ -197,7 +202,7 @@ def explain(
     Raises
     ------
     CalibrationError
-        In one line, for what cannot be read, and for an error in the data that must be repaired first.
+        For data that cannot be read, and for an error in the data that must be repaired first; its message is one line.
 
     Examples
     --------

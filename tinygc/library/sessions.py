@@ -1,4 +1,4 @@
-"""``tinygc.check``, ``tinygc.fit`` and ``tinygc.simulate``: a session in, a result out."""
+"""``tinygc.check``, ``tinygc.fit`` and ``tinygc.simulate``: each takes a session and returns a result."""
 
 from __future__ import annotations
 
@@ -45,30 +45,30 @@ if TYPE_CHECKING:
     from tinygc.deploy.calibration import Calibration
 
 
-# What a terminal would show, as text and for a notebook.
+# Render a page as plain text, and as HTML for a notebook.
 
-#: columns: wide enough that no cell of a table wraps
+#: width in columns at which no cell of a table wraps
 WIDTH = 160
 _HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-height:1.35;white-space:pre">{code}</pre>'
 
 
 def as_text(page: RenderableType) -> str:
-    """Plain lines, without colours and without blanks at their ends."""
+    """Render as plain lines, without colours and trailing blanks."""
     file = io.StringIO()
     PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
 def as_html(page: RenderableType) -> str:
-    """The same with its colours, for a notebook."""
+    """Render as HTML with colours, for a notebook."""
     console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
     console.print(page)
     return console.export_html(inline_styles=True, code_format=_HTML)
 
 
-# What a person may pass.
+# Options and arguments of the public functions.
 
-#: called with what is being done, and how many steps of how many are done
+#: progress callback: current step's description, steps done, steps in all
 Progress = Callable[[str, int, int], None]
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -76,7 +76,10 @@ Options = TypeVar("Options", FitOptions, SimulationOptions)
 
 
 def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """A function whose wrong keyword is a CalibrationError that names the right one; options: whose fields are keywords as well."""
+    """Decorate a public function: an unknown keyword raises a CalibrationError that names the right one.
+
+    options: a class whose fields are keywords of the function as well.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         parameters = [each.name for each in signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
@@ -103,7 +106,7 @@ def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P
 
 
 def session_or_folder(session: Any) -> Session | Path:
-    """A session, or the folder of one; CalibrationError for anything else."""
+    """Return a session, or the path of its folder; CalibrationError for anything else."""
     if isinstance(session, Session):
         return session
     if isinstance(session, str | PathLike):
@@ -112,17 +115,17 @@ def session_or_folder(session: Any) -> Session | Path:
 
 
 def nothing(what: str, done: int, of: int) -> None:
-    """Progress that nobody follows."""
+    """Ignore progress; the default callback."""
 
 
 def chosen(kind: type[Options], options: Options | None, choices: dict[str, Any]) -> Options:
-    """Options of a kind with single ones replaced; CalibrationError where they are of another kind."""
+    """Return options of a kind with single fields replaced; CalibrationError if ``options`` are of another kind."""
     if options is not None and not isinstance(options, kind):
         raise CalibrationError(f"options is of type {type(options).__name__}, expected tinygc.{kind.__name__}")
     return replace(kind() if options is None else options, **choices)
 
 
-# ``tinygc.check``: the first look at a session, or at a folder that may not even be readable as one.
+# ``tinygc.check``: the first look at a session, or at a folder whose logs may be unreadable.
 
 
 @public()
@@ -137,13 +140,14 @@ def check(session: Any) -> list[Finding]:
     Returns
     -------
     list of Finding
-        In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.  Of a folder, a log
+        In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.  In a folder, a log
+        that cannot be read is an error among the findings.  For an array, ``where`` begins with the unit's number.
         that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
 
     Raises
     ------
     CalibrationError
-        Where ``session`` is no recording.
+        If ``session`` is not a recording.
 
     Examples
     --------
@@ -171,7 +175,7 @@ def check(session: Any) -> list[Finding]:
     return need("checks of arrays").check_array(session, first_look_at_gravity_sign)
 
 
-# ``tinygc.fit``: the main job, from a session to calibrations and how well they close.
+# ``tinygc.fit``: fit calibrations to a session and report their closure.
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,7 @@ class Estimate:
     value: float
     #: one standard deviation, in ``unit``
     sigma: float
-    #: SI; ``1`` where it has none
+    #: SI unit; ``1`` if unitless
     unit: str
 
     def __repr__(self) -> str:
@@ -195,7 +199,7 @@ class Estimate:
 class Fit:
     """What ``tinygc.fit`` returns: parameters with their sigmas, closure of each method, models."""
 
-    #: everything that was found, in SI
+    #: complete result of the fit, in SI
     result: FitResult
 
     def __repr__(self) -> str:
@@ -207,12 +211,12 @@ class Fit:
 
     @property
     def session(self) -> Session:
-        """What was fitted."""
+        """The fitted session."""
         return self.result.session
 
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
-        """Least squares' 12 parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (of no unit), ``B_x``, ``B_y``, ``B_z`` in rad/s."""
+        """The 12 least-squares parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (unitless), ``B_x`` … ``B_z`` in rad/s."""
         values, sigmas = self.result.linear.model.vector, np.sqrt(np.diag(self.result.covariance))  # type: ignore[attr-defined]
         return {
             name: Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s")
@@ -221,15 +225,16 @@ class Fit:
 
     @property
     def accelerometer(self) -> AccelerometerFit:
-        """That the references rest on: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``, ``spread_mps2``."""
+        """The accelerometer that gives the references: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``,
+        ``spread_mps2``."""
         return self.result.accelerometer
 
     @cached_property
     def accelerometer_parameters(self) -> dict[str, Estimate]:
         """The accelerometer's nine numbers of f = M (measured - b) in its own triad: ``scale_x`` … (M's diagonal less 1),
-        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both of no unit, and ``bias_x`` … in m/s^2.
+        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both unitless, and ``bias_x`` … in m/s^2.
 
-        A sigma is NaN where the calibration was taken as given.  Names of ``accelerometer.unobserved`` were not told by the session.
+        A sigma is NaN if the calibration was taken as given.  The session does not observe those named in ``accelerometer.unobserved``.
         """
         found = self.accelerometer
         sigmas = np.full(PARAMETERS, np.nan) if found.sigmas is None else found.sigmas
@@ -241,7 +246,7 @@ class Fit:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(12, 12) of ``parameters``, in their order and units."""
+        """Covariance (12, 12) of ``parameters``, in their order and units."""
         return self.result.covariance
 
     @cached_property
@@ -266,18 +271,18 @@ class Fit:
 
     @property
     def model(self) -> Calibration:
-        """Least squares' calibration.  Raises FitError where that method was not among those asked for."""
+        """The least-squares calibration.  Raises FitError if that method was not requested."""
         if "least_squares" not in self.models:
             raise FitError(f"least_squares was not fitted; take one of models: {', '.join(self.models)}")
         return self.models["least_squares"]
 
     @property
     def page(self) -> Group:
-        """What the command prints, for rich."""
+        """The command's output as a rich renderable."""
         return fit_report(self.result)
 
     def summary(self) -> str:
-        """The same as plain text: closure by method, closure runs, parameters with their sigmas, and what to know about them."""
+        """The command's output as plain text: closure by method, closure runs, parameters with their sigmas, remarks."""
         return as_text(self.page)
 
     def _repr_html_(self) -> str:
@@ -288,7 +293,7 @@ class Fit:
         return to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:
-        """Write each method's model, and the figures, into a folder (``fit`` in the session's); returns it."""
+        """Write each method's model and the figures into a folder (``fit`` in the session's folder by default); returns it."""
         return save_models(self.result, None if folder is None else Path(folder))
 
 
@@ -301,9 +306,9 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
     session : Session, str or Path
         The recording, or its folder.  Rates are in rad/s, specific force in m/s^2, both (N, 3) in body axes forward, right, down.
     options : FitOptions, optional
-        What decides the fit's numbers.
+        Options that decide the fit's numbers.
     progress : callable, optional
-        Called with what is being done, the steps that are done, and all steps.
+        Called with the current step's description, the number of steps done and the number of all steps.
     **choices
         Single fields of ``FitOptions``: ``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``.
 
@@ -315,7 +320,7 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
     Raises
     ------
     CalibrationError
-        In one line, for what cannot be read or fitted, and for a wrong option.
+        For data that cannot be read or fitted, and for a wrong option; its message is one line.
 
     Examples
     --------
@@ -338,16 +343,16 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
 
 @public()
 def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> Any:
-    """Fit a calibration over temperature: of rest logs, and of every session with turns, of one sensor.
+    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
 
     Parameters
     ----------
     folders : str, Path or sequence of them
-        Folders of one sensor.
+        Folders of rest logs and sessions of one sensor.
     most_order : int, optional
         Highest order of the polynomials over temperature, 0 to 5.
     progress : callable, optional
-        Called with what is being done, the steps that are done, and all steps.
+        Called with the current step's description, the number of steps done and the number of all steps.
 
     Returns
     -------
@@ -358,21 +363,21 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     Raises
     ------
     CalibrationError
-        In one line, for what cannot be read or fitted, and where the annex temperature was removed.
+        For data that cannot be read or fitted, and if the temperature annex was removed; its message is one line.
 
     """
     annex = need("calibrations over temperature")
     return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
 
 
-# ``tinygc.simulate``: a session that the rest of the tool cannot tell from a recorded one, with its truth.
+# ``tinygc.simulate``: simulate a session and its truth; other commands read it like a recorded one.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Simulated:
-    """What ``tinygc.simulate`` returns: a session with its truth."""
+    """Result of ``tinygc.simulate``: a session with its truth."""
 
-    #: what a recorder would have kept
+    #: the session, as a recorder would have written it
     session: Session
     #: ``tinygc-truth/1`` (docs/formats.md)
     truth: dict
@@ -384,7 +389,7 @@ class Simulated:
         return f"<Simulated {len(self.simulation.plan.turns)} turns, seed {self.simulation.options.seed}; hides {hidden}>"
 
     def save(self, folder: Path | str, force: bool = False) -> Path:
-        """Write it as a session folder with truth.json; returns the folder.  FormatError where the folder holds something else."""
+        """Write a session folder with truth.json; returns the folder.  FormatError if the folder holds something else."""
         return write_simulation(self.simulation, Path(folder), force, self.truth["effects"])
 
 
@@ -399,7 +404,7 @@ def simulate(
     options : SimulationOptions, optional
         Sensor, unit, bench and movement.
     effects : mapping, optional
-        What the gyroscope hides: id -> parameters by their JSON names and units
+        Effects hidden in the gyroscope: id -> parameters by their JSON names and units
         (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…], […], […]]}}``).
     **choices
         Single fields of ``SimulationOptions``: ``segments=12``, ``odr_hz=416.0``, ``seed=3``.
@@ -412,7 +417,7 @@ def simulate(
     Raises
     ------
     CalibrationError
-        For options that cannot be, and for an effect that does not add to the rate.
+        For invalid options, and for an effect that does not add to the rate.
 
     Examples
     --------
@@ -432,7 +437,7 @@ def simulate(
 
 
 def _distort(hidden: dict[str, dict], options: SimulationOptions, duration_s: float) -> Distort | None:
-    """All hidden effects, one after the other."""
+    """Compose all hidden effects into one function, applied one after the other."""
     effects = [_with_theta(name, parameters) for name, parameters in hidden.items()]
     if not effects:
         return None
@@ -474,7 +479,7 @@ def _numbers(name: str, of: str, parameters: dict) -> np.ndarray:
 
 
 def _session(simulation: Simulation) -> Session:
-    """As a reader of its files would have it."""
+    """Build the session that a reader would get from its files."""
     options, unit = simulation.options, simulation.unit
 
     def arrays(recording: RegisterLog) -> tuple[np.ndarray, ...]:

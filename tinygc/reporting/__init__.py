@@ -1,1 +1,1 @@
-"""Results for people: the terminal's tables, the HTML report, pictures."""
+"""Output for users: terminal tables, HTML reports and pictures."""

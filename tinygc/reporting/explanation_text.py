@@ -1,4 +1,4 @@
-"""An explanation in the terminal and on its picture's page, and as files."""
+"""An explanation as text, for the terminal and the page of pictures, and its files."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ from tinygc.reporting.pictures.page import figure_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# The terminal's and the picture's page of an explanation.
+# Page of an explanation, in the terminal and on the picture.
 
-MOST_SAID = 6  #: segments that are worst
+MOST_SAID = 6  #: number of segments listed, worst first
 
 
 def explanation_page(e: Explanation, with_next: bool = True) -> Group:
-    """Verdict, effects with their parameters, where it lives, proof, and what to do next, unless another says that."""
+    """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
     parts: list = [verdict_line(e), Text("")]
-    # The first look's own suspicions stand before what has no name: they are the likelier cause.
+    # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
         parts.append(
@@ -90,7 +90,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
 
 
 def verdict_line(e: Explanation) -> Text:
-    """The session, the verdict, and how probable no more than noise is."""
+    """Session, verdict and p-value."""
     words, style = VERDICTS[e.verdict]
     return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
 
@@ -101,13 +101,13 @@ def _rivals(claim: Claim) -> list[Text]:
 
 
 def _considered(e: Explanation) -> list[Text]:
-    """What fired, or was weighed, and is not borne out."""
+    """Candidates that were detected or weighed, and rejected."""
     lines = considered_lines(e)
     return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
 
 
 def _noise(e: Explanation) -> list[Text | Table]:
-    """The components with their sizes."""
+    """Noise components with their sizes."""
     table = Table(box=None, show_header=False)
     for row in noise_rows(e):
         table.add_row(*row)
@@ -115,7 +115,7 @@ def _noise(e: Explanation) -> list[Text | Table]:
 
 
 def parameter_lines(claim: Claim) -> list[str]:
-    """``name: value ± std``, a matrix by rows."""
+    """Parameters as ``name: value ± std``, a matrix by rows."""
     lines = []
     for name, value in claim.parameters.items():
         std = claim.std.get(name)
@@ -129,7 +129,7 @@ def parameter_lines(claim: Claim) -> list[str]:
 
 def _numbers(value: Any, std: Any) -> str:
     if not isinstance(value, list):
-        return str(value) if isinstance(value, int | str) else measured(value, std)  # a text says of what the numbers are
+        return str(value) if isinstance(value, int | str) else measured(value, std)  # a text describes the numbers
     if not isinstance(std, list) or len(std) != len(value):
         shown = ", ".join(f"{v:.10g}" for v in value[:16])
         return shown + (f", … ({len(value)})" if len(value) > 16 else "")
@@ -137,7 +137,7 @@ def _numbers(value: Any, std: Any) -> str:
 
 
 def _channels(e: Explanation) -> Table:
-    """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
+    """Table of channels: root mean square of recording less prediction, in sigmas of the channel's noise."""
     table, refitted = Table(box=None), is_refitted(e)
     for column in ("channel", "values", *(("before", "after") if refitted else ("rms",))):
         table.add_column(column, justify="left" if column == "channel" else "right")
@@ -148,7 +148,7 @@ def _channels(e: Explanation) -> Table:
 
 
 def _stamps(e: Explanation) -> Text:
-    """Registers and stamps: what is predicted is none that is false, and one sample a period."""
+    """Compare registers and stamps with the prediction, which has no false reading and one sample per period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
     mended = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
     found = [effect.id for effect in mended if effect.occurs is None or effect.occurs.counts != IN_STILLS]
@@ -181,7 +181,7 @@ def _where(e: Explanation) -> list[Text]:
 
 
 def variable_words(regime: dict | None) -> str:
-    """``gravity along x −0.98 to 1 g``; nothing where there is none, or where it is time, which the seconds say."""
+    """Range of the variable, such as ``gravity along x −0.98 to 1 g``; empty without a range, or if the variable is time."""
     if regime is None or regime["variable"] == "time":
         return ""
     words = Variable(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
@@ -189,7 +189,7 @@ def variable_words(regime: dict | None) -> str:
 
 
 def seconds_words(seconds: list[float] | None) -> str:
-    """``from 3.2 to 154.7 s``, or nothing."""
+    """Time range, such as ``from 3.2 to 154.7 s``, or an empty text."""
     return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
 
 
@@ -201,13 +201,13 @@ def _proof(e: Explanation) -> Text:
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 
-# An explanation as a report: its page, its line, its JSON, its picture, its files.
+# Report of an explanation: its page, line, JSON, picture and files.
 
 
 class ExplanationReport:
-    """What is made of an explanation; a subclass beside other references and of more than the catalogue."""
+    """Base class for reports of an explanation; subclasses serve other references and the search beyond the catalogue."""
 
-    #: lines for the user about files that ``save`` kept or removed
+    #: notes for the user on files that ``save`` kept or removed
     notes: tuple[str, ...] = ()
 
     def __init__(self, explanation: Any):
@@ -218,15 +218,15 @@ class ExplanationReport:
         return to_json(self.explanation)
 
     def line(self) -> Text:
-        """The session, the verdict, and the p-value."""
+        """Session, verdict and p-value, in one line."""
         return verdict_line(self.explanation)
 
     def page(self) -> Group:
-        """What the terminal shows."""
+        """Page for the terminal."""
         return explanation_page(self.explanation)
 
     def picture(self) -> Figure:
-        """The page of pictures.  Raises CalibrationError where matplotlib is missing."""
+        """Draw the page of pictures.  Raises CalibrationError if matplotlib is missing."""
         return figure_of(self.explanation)
 
     def save(self, folder: Path | None = None, pictures: bool = True) -> Path:

@@ -16,15 +16,15 @@ from session.io.texts import command_line, printable
 from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
 from tinygc.estimation.listing import ListedSession
 
-# The first look in the terminal: the worst first, and at the end, where the eye is, the verdict and what to do next.
+# The first look in the terminal: worst findings first; the verdict and the next step come last, where the reader looks.
 
-#: how the findings of an array's units begin
+#: prefix of findings on the units of an array
 UNIT = re.compile(r"unit [0-9]+(?=:|$)")
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
 def findings_table(findings: list[Finding]) -> Table:
-    """One row a check, the worst first; of one level, in the order in which they were looked for."""
+    """Table of findings, one row per check, the worst first; findings of one level keep the order of the checks."""
     table = Table(title="First look", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for column in ("", "where", "what", "it says", "do"):
         table.add_column(column)
@@ -34,14 +34,14 @@ def findings_table(findings: list[Finding]) -> Table:
 
 
 def next_line(folder: Path, findings: list[Finding]) -> Text:
-    """What to do next."""
+    """Suggest the next step."""
     if worst(findings) == "error":
         return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder)}"))
     return Text("next:\n").append(one_line(f"  {command_line('fit', folder)}"))
 
 
 def unit_lines(findings: list[Finding]) -> list[Text]:
-    """A verdict for each unit of an array, the worst first; none for a single session."""
+    """Verdict for each unit of an array, the worst first; an empty list for a single session."""
     units: dict[str, list[Finding]] = {}
     for finding in findings:
         if unit := UNIT.match(finding.where):
@@ -51,7 +51,7 @@ def unit_lines(findings: list[Finding]) -> list[Text]:
 
 
 def verdict_line(findings: list[Finding]) -> Text:
-    """How many of each level, and the worst in full."""
+    """Count of findings by level, and the worst in full."""
     counts = [(sum(finding.level == level for finding in findings), level) for level in reversed(LEVELS)]
     counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
     level = worst(findings)
@@ -66,7 +66,7 @@ def verdict_line(findings: list[Finding]) -> Text:
     return one_line(f"{words[level]} ({counted or 'nothing was looked at'}){more}", LEVEL_STYLES[level])
 
 
-# Sessions as a table in the terminal.
+# List of sessions in the terminal.
 
 NONE = "–"
 COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "floor", "closure runs", "use", "explain")
@@ -74,7 +74,7 @@ NUMBERS = ("logs", "segments", "held out", "floor", "closure runs")
 
 
 def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableType:
-    """A row each; what is wrong with one stands in its row."""
+    """Table of sessions, one row each; the row of an unreadable session states the error."""
     if not sessions:
         return one_line(f"{folder}: no session here (folders with session.toml); calibrate.py record or replay makes one")
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
@@ -97,15 +97,15 @@ def _figure(value_deg: float | None) -> str:
     return NONE if value_deg is None else f"{value_deg:.4f}"
 
 
-# A comparison as a person reads it in the terminal.
+# Comparison of two calibrations in the terminal.
 
-#: a move of so many sigmas is marked
+#: a change of at least so many sigmas is marked
 MARKED = 3.0
 MOST_MOVED = 5
 
 
 def comparison_page(comparison: Comparison) -> Group:
-    """Table, verdict, what moved, what to bear in mind."""
+    """Page of a comparison: table, verdict, changes and remarks."""
     notes = [one_line(f"Note: {note}.", "yellow") for note in comparison.notes]
     parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
     return Group(*parts)
@@ -152,7 +152,7 @@ def _triads_agree(comparison: Comparison) -> Text:
 
 
 def comparison_verdict_line(comparison: Comparison) -> Text:
-    """Whether they agree."""
+    """State whether the calibrations agree."""
     agrees = comparison.verdict.p_value >= DIFFERS_P
     what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
     said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(comparison.verdict)})."
@@ -181,7 +181,7 @@ def _verdict(comparison: Comparison) -> list[Text]:
 
 
 def _digits(comparison: Comparison, q: int) -> int:
-    """Two digits of the smallest sigma."""
+    """Number of decimals that gives the smallest sigma two digits."""
     return int(np.clip(1 - np.floor(np.log10(comparison.sigmas[:, q].min())), 0, 6))
 
 

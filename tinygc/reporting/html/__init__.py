@@ -1,1 +1,1 @@
-"""``calibrate.py report``: a session's calibration as one HTML file that needs nothing else."""
+"""``calibrate.py report``: a session's calibration as one self-contained HTML file."""

@@ -1,4 +1,4 @@
-"""Measures that several sections share: spread of gravity's length, spectrum of the stills."""
+"""Figures that several sections share: spread of gravity's length, spectrum of the stills."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from session.io.units import MG
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import significant
 
-# How far gravity's length spreads over the stills, before and after: a card of the answer, and what the accelerometer's section charts.
+# Spread of gravity's length over the stills, before and after: shown in the answer's card and charted in the accelerometer section.
 
 
 def spread_text(misses: np.ndarray) -> str:
-    """Their standard deviation, in mg."""
+    """Standard deviation of the residuals, as text in mg."""
     return f"{significant(float(np.std(misses)) / MG, 2)} mg"
 
 
 def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
-    """m/s^2 before, None where there is no other, and after, of the stills that are references."""
+    """Residuals of gravity's length in the reference stills, m/s^2, before (None if there is no other calibration) and after."""
     found = evidence.fit.accelerometer
     if found.misses_mps2 is not None:
         return found.misses_mps2
@@ -26,15 +26,15 @@ def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
     return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])
 
 
-# The spectrum of what stands still: one-sided amplitude densities, averaged over windows that all lie within a still.
+# Spectrum of the stills: one-sided amplitude densities, averaged over windows that each lie within one still.
 
-#: a window of so many seconds: the lowest frequency that a still of a second or two has
+#: window length in seconds, short enough for stills of a second or two; it sets the lowest frequency
 WINDOW_S = 1.0
 FEWEST_SAMPLES = 16
 
 
 def density(pieces: list[np.ndarray], period_s: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Frequencies (F,) Hz and densities (F, 3) in the unit of the pieces (N_i, 3) per sqrt(Hz); None where no piece is a window long."""
+    """Frequencies (F,) Hz and densities (F, 3) in the unit of the pieces (N_i, 3) per sqrt(Hz); None if no piece holds a window."""
     shortest = max((len(piece) for piece in pieces), default=0)
     size = min(round(WINDOW_S / period_s), shortest)
     if size < FEWEST_SAMPLES:

@@ -1,4 +1,4 @@
-"""The whole page: head, contents, sections; and the report as JSON."""
+"""The HTML document, with its head, contents and sections; and the report as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCHEMA = "tinygc-report/1"
 
 
 def summary(evidence: ReportData) -> dict:
-    """JSON-ready: decision, closure, every number of the parameter tables with its expanded uncertainty (k = 2), hashes, versions."""
+    """JSON-ready summary: decision, closure, all parameters with their expanded uncertainties (k = 2), hashes, versions."""
     adopted, decision = evidence.adopted, evidence.decision
     return {
         "schema": SCHEMA,
@@ -73,12 +73,12 @@ def page(evidence: ReportData) -> str:
 
 
 def document(title: str, head: str, sections: Sequence[Section], foot: str) -> str:
-    """A page of sections with a list of contents; head and foot are HTML, title is text."""
+    """HTML document of sections with a list of contents; head and foot are HTML, title is text."""
     return render("page.html", title=title, head=head, sections=sections, foot=foot) + "\n"
 
 
 def save(evidence: ReportData, path: Path) -> Path:
-    """Write the page, whole or not at all; returns its path."""
+    """Write the page atomically; returns its path."""
     text = page(evidence)
     with result_folder(path.parent):
         write_text_whole(path, text)

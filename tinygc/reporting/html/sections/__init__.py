@@ -1,5 +1,5 @@
-"""The parts of a report, a file each, in their order.  Each has ``section(evidence)``, which gives a ``Section``, or None where the session
-has nothing to show for it."""
+"""Sections of a report, one file each.  Each has ``section(evidence)``, which returns a ``Section``, or None if the session has
+nothing to show."""
 
 from collections.abc import Iterator
 from importlib import import_module
@@ -7,7 +7,7 @@ from types import ModuleType
 
 from session.io.annexes import SERVICES, find
 
-#: files of this folder; or what an annex serves, whose section is left out where the annex is
+#: module names in this folder, or the service of an annex; its section is omitted if the annex is
 SECTIONS = (
     "answer",
     "recording",
@@ -28,7 +28,7 @@ SECTIONS = (
 
 
 def modules() -> Iterator[ModuleType]:
-    """The module of each section, in the order of the page."""
+    """Yield the module of each section, in the order of the page."""
     for name in SECTIONS:
         module = find(name) if name in SERVICES else import_module(f"{__name__}.{name}")
         if module is not None:

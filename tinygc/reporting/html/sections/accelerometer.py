@@ -1,4 +1,4 @@
-"""The accelerometer that the references rest on: nine numbers, how well they are known, and gravity's length before and after."""
+"""The accelerometer behind the references: nine parameters with uncertainties, and gravity's length before and after."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, decimals_for, render
 from tinygc.reporting.html.measures import misses_of, spread_text
 
-#: word -> what it means, in one line
+#: term -> its meaning in one line
 MEANINGS = {
     "scale factor error": "the axis reads so much too far",
     "nonorthogonality": "90° less the angle between two input axes",
     "bias": "what it reads without any force",
 }
-#: mg: a length that misses by less lies on the chart's lower edge
+#: mg; smaller residuals of gravity's length are drawn at the chart's lower edge
 LEAST_MG = 1e-3
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None beside a truth file: nothing rests on it there."""
+    """Section on the accelerometer; None with a truth file, where no reference depends on it."""
     if evidence.problem.session.truths is not None:
         return None
     found = evidence.fit.accelerometer
@@ -59,7 +59,7 @@ def section(evidence: ReportData) -> Section | None:
 
 
 def quantities(found: AccelerometerFit) -> list[Quantity]:
-    """The nine numbers in the field's words, each with its expanded uncertainty (NaN where it was taken as given)."""
+    """The nine parameters in the field's terms, each with its expanded uncertainty (NaN if taken as given)."""
     made = []
     for name, unit, values, sigmas, names in found.errors():
         spread = np.full(3, nan) if sigmas is None else COVERAGE_FACTOR * sigmas

@@ -1,4 +1,4 @@
-"""The answer: closure before and after, against floor and limit; passed or not, and by which rule."""
+"""The answer: closure before and after, against floor and limit; pass or fail, and the rule applied."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tinygc.reporting.html.measures import misses_of, spread_text
 
 
 def section(evidence: ReportData) -> Section:
-    """The box at the top."""
+    """Section with the result box at the top of the page."""
     from tinygc.closure.residual import closure_angles
     from tinygc.models.linear import bias_only
 
@@ -45,7 +45,7 @@ def section(evidence: ReportData) -> Section:
 
 
 def _strip(segments: dict[str, float], run: dict[str, float] | None, limit: float | None, width: int) -> str:
-    """Before and after in rad on one log scale, for segments and for the closure run, with floor and limit (degrees)."""
+    """Chart closure before and after in rad on one log scale, for segments and closure run, with floor and limit (degrees)."""
     named = [("segments", segments), *([] if run is None else [("closure run", run)])]
     rows = [(name, each["raw"], each["after"], each["floor"]) for name, each in named]
     figures = [value / DEG for _, *values in rows for value in values]
@@ -83,7 +83,7 @@ def _strip(segments: dict[str, float], run: dict[str, float] | None, limit: floa
 
 
 def _beside(calibrated: float, floor: float, y: float) -> str:
-    """Names of the two marks that may lie on each other: one to each side."""
+    """Place the names of two marks that may coincide, one on each side."""
     left, right = (("noise floor", floor, "floor"), ("calibrated", calibrated, "after"))
     if calibrated < floor:
         left, right = right, left

@@ -1,4 +1,4 @@
-"""How to apply the result: formula, direction, units, code with its numbers, and numbers to try it with."""
+"""How to apply the result: formula, direction, units, code with its numbers, and test values."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tinygc.models.physics import PhysicsModel
 from tinygc.reporting.html.evidence import ReportData, model_table
 from tinygc.reporting.html.markup import Section, fixed, render
 
-#: measured rates to try an implementation with, dps
+#: measured rates as test input, dps
 TRY_DPS = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0], [12.5, -250.0, 87.25]])
 
 
 def section(evidence: ReportData) -> Section:
-    """All that a colleague needs who has nothing but this page."""
+    """Section of all that is needed to apply the calibration from this page alone."""
     adopted, session = evidence.adopted, evidence.fit.session
     model, accelerometer = adopted.in_use, adopted.accelerometer
     linear = model.linear if isinstance(model, PhysicsModel) else model
     E, B = linear.E, linear.B
-    # Where the logs hold registers.
+    # Only if the logs hold registers.
     per_lsb = session.config.sensor.register_units.gyro_rps if all(log.raw for log in session.logs) else None
     tries = [[", ".join(f"{v:g}".replace("-", "−") for v in m), *(fixed(v, 6) for v in (E @ (m * DEG) + B) / DEG)] for m in TRY_DPS]
     html = render(
@@ -60,14 +60,14 @@ def _python(E: np.ndarray, B: np.ndarray, per_lsb: float | None) -> str:
 
 
 def _force(K: np.ndarray) -> str:
-    """The g-sensitivity, which comes after the linear part."""
+    """The g-sensitivity term, applied after the linear part."""
     return (
         f"K = {_numpy(K)}  # rad/s per g, of 9.80665 m/s²\nomega = m @ E.T + B - f_g @ K.T  # f_g: (N, 3) specific force in g, calibrated"
     )
 
 
 def _accelerometer(M: np.ndarray, b: np.ndarray) -> str:
-    """The accelerometer's own calibration, in the same body frame."""
+    """The accelerometer's calibration, in the same body frame."""
     return (
         f"M = {_numpy(M)}\nb = np.array([{_vector(b)}])  # m/s^2\n"
         "f = (a - b) @ M.T  # (N, 3) m/s^2: a as measured, f the specific force in the axes of omega"

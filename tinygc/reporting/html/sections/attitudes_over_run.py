@@ -1,4 +1,4 @@
-"""Closure runs: the attitude over the run (the paper's Figure 11), how far each method strays from it, and what is left at the return."""
+"""Closure runs: attitude over the run (the paper's Figure 11), deviation of each method, and the error at the return."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DENOISED = "tinygc_denoised"
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None without a closure run."""
+    """Section on closure runs; None without one."""
     if not evidence.fit.runs:
         return None
     runs = [_run(evidence, number, run) for number, run in enumerate(evidence.fit.runs)]
@@ -30,7 +30,7 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     rates = _rates(evidence, run)
     tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
     t = np.concatenate([[0.0], np.cumsum(run.batch.dt[0])])
-    # The denoised rate is late, and its attitude with it: it has strayed only as far as it is late.
+    # The denoised attitude is left out: its output delay alone would make it deviate.
     moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
     floor, decimals = run.floor_rad / DEG, aligned_decimals(float(run.floor_rad.min()) / DEG)
     rows: list[list[str]] = []
@@ -53,7 +53,7 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
 
 
 def _rates(evidence: ReportData, run: ClosureRun) -> dict[str, np.ndarray]:
-    """Calibrated rates (N, 3) of the run by each method; the adopted one is among them."""
+    """Calibrated rates (N, 3) of the run by each method, the adopted one included."""
     adopted, measured = evidence.adopted, run.batch.rate[0]
     rates = {"raw": bias_only()(measured)}
     for name, fit in evidence.fit.methods.items():
@@ -67,7 +67,7 @@ def _rates(evidence: ReportData, run: ClosureRun) -> dict[str, np.ndarray]:
 
 
 def _error(evidence: ReportData, run: ClosureRun, name: str, number: int) -> np.ndarray:
-    """Roll, pitch, yaw error (3,) rad."""
+    """Roll, pitch, yaw error (3,) rad at the return."""
     if name == evidence.adopted.name:
         return evidence.adopted.run_errors[number]
     known = evidence.fit.run_errors[number]
@@ -89,7 +89,7 @@ def _euler_deg(q: np.ndarray) -> np.ndarray:
 
 
 def _without_jumps(angle: np.ndarray) -> np.ndarray:
-    """A gap where an angle wraps."""
+    """Insert gaps where an angle wraps."""
     broken = angle.copy()
     broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
     return broken

@@ -1,4 +1,4 @@
-"""Closure of every segment, before and after, against the floor; and the same errors as a target seen from above."""
+"""Closure of every segment, before and after, against the floor; and the same errors in a target plot."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
 from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees
 from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
 
-#: of a direction's two errors, the share within one, two, three sigmas
+#: share of errors in two directions that lie within one, two, three sigmas
 RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))
 
 
 def section(evidence: ReportData) -> Section:
-    """Two pictures."""
+    """Section of both pictures."""
     adopted, problem = evidence.adopted, evidence.problem
     raw = closure_angles(problem.batch, bias_only())
     sigma = np.sqrt(np.trace(problem.floor.own[:, :2, :2], axis1=1, axis2=2) / 2)

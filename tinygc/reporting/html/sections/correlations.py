@@ -1,4 +1,4 @@
-"""Which parameters this session cannot move apart: correlations, and the strongest in words."""
+"""Correlations between parameters, and the strongest of them in words."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, fixed, render
 
-#: of the field's 18 quantities those that are independent: scale factors, misalignments, biases
+#: the independent ones of the field's 18 quantities: scale factors, misalignments, biases
 INDEPENDENT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17)
 NAMES = ("scale x", "scale y", "scale z", "x to y", "x to z", "y to x", "y to z", "z to x", "z to y", "bias x", "bias y", "bias z")
 STRONG = 0.5
 
 
 def section(evidence: ReportData) -> Section:
-    """Matrix and words."""
+    """Section of the correlation matrix and its description."""
     adopted = evidence.adopted
     slope = field_jacobian(adopted.vector[:PARAMETERS])[list(INDEPENDENT)]
     covariance = slope @ adopted.covariance[:PARAMETERS, :PARAMETERS] @ slope.T

@@ -1,4 +1,4 @@
-"""Noise before and after the denoiser, in time and in the spectrum (the paper's Figures 7, 8 and 12), and what it costs."""
+"""Noise before and after the denoiser, in time and in the spectrum (the paper's Figures 7, 8 and 12), and the delay it adds."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tinygc.reporting.html.measures import density
 from tinygc.reporting.html.sections.noise import still_pieces
 
 NAME = "tinygc_denoised"
-#: of the stretch around one turn that is drawn
+#: length drawn around one turn
 AROUND_S = 0.6
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None where the fit has no denoiser."""
+    """Section on denoising; None if the fit has no denoiser."""
     fit = evidence.fit.methods.get(NAME)
     if fit is None:
         return None
@@ -48,7 +48,7 @@ def section(evidence: ReportData) -> Section | None:
 
 
 def _scatter(pieces: list[np.ndarray]) -> float:
-    """rad/s rms about each piece's own mean, all axes."""
+    """Rms deviation from each piece's own mean over all axes, rad/s."""
     apart = np.concatenate([piece - piece.mean(axis=0) for piece in pieces if len(piece) > 1])
     return float(np.sqrt(np.mean(apart**2)))
 

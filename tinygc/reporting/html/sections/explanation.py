@@ -1,4 +1,4 @@
-"""What ``explain`` found: why recording and simulation differ, with its pictures."""
+"""Result of ``explain``: why recording and simulation differ, with pictures."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ from tinygc.reporting.pictures.values import (
     variable_for,
 )
 
-#: pictures of what turns show
+#: pictures that show the turns
 OF_TURNS = (TURNS, SCALE_LAW, LAG_LAW, ENERGY_LAW)
-#: what the template says of a claim
+#: functions with which the template describes a claim
 WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parameter_lines, rival_words)}
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None where explain was not asked."""
+    """Section on the explanation; None if explain was not run."""
     from tinygc.explanation.evidence import candidates
 
     e = evidence.explanation
@@ -101,7 +101,7 @@ def _place(e: Explanation) -> list[str]:
 
 
 def residual_rows(e: Explanation) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the residuals' table, with the numbers of the page of ``explain``."""
+    """Header and rows of the table of residuals, with the same numbers as the page of ``explain``."""
     header = ["channel", "values", *(("linear model", "with what is named") if is_refitted(e) else ("rms",))]
     rows = []
     for row in residual_table(e):
@@ -131,7 +131,7 @@ def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
 
 
 def _law(e: Explanation, claim: Claim, laws: AxisLaws | None, width: int) -> str:
-    """Each turn's share and the curve; or what each turn misses, on a line of slope one where the effect is the cause."""
+    """Chart each turn's share and the curve, or the residual of each turn, on a line of slope one if the effect is the cause."""
     if laws is None:
         own = claim.effect.parameter.size == 3
         parts = [("xyz"[entry if own else number], per_parameter(e, claim, entry)) for number, entry in enumerate(strongest(e, claim))]

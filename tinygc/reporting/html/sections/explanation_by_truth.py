@@ -1,4 +1,4 @@
-"""What ``explain`` found where the reference is a truth file: of the sensor, of the truth, of their clocks and frames."""
+"""Result of ``explain`` with a truth file as reference: errors of the sensor, of the truth, of their clocks and frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tinygc.reporting.truth_text import CANNOT, evidence_rows, refusals, values_
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None without a truth file, or where explain was not asked."""
+    """Section on the explanation; None without a truth file, or if explain was not run."""
     e = evidence.against_truth
     if e is None:
         return None
@@ -31,7 +31,7 @@ def section(evidence: ReportData) -> Section | None:
 
 def _growth(e: TruthExplanation, width: int) -> str:
     closure = e.closure_rad / DEG
-    # What a gyro that is never still shows of its own noise has the vibration in it.
+    # A gyro that is never still shows vibration in its apparent noise.
     own = e.gyro_rad / DEG * np.sqrt(e.lengths_s) if len(e.problem.stills) else np.zeros(0)
     x, y = log_axis(e.lengths_s, "length of a segment, s"), log_axis(np.r_[closure.ravel(), own], "closure, degrees")
     chart = Chart(width, 250, x, y, "Closure against the length of a segment")

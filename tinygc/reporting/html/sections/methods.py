@@ -1,4 +1,4 @@
-"""Methods side by side: what each leaves on segments that it was fitted to, and on those that it never saw."""
+"""Comparison of methods: residual closure on fitted and on held-out segments."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from tinygc.reporting.html.markup import (
 
 
 def section(evidence: ReportData) -> Section:
-    """Table and picture."""
+    """Section of table and picture."""
     rows, adopted = _rows(evidence), evidence.adopted
     floor, runs = evidence.problem.floor.tilt_rms, bool(evidence.fit.runs)
-    # Physics is judged on the repaired log, whose floor is wider by what nobody can know of the gaps.
+    # Physics is evaluated on the repaired log, whose floor is wider by the uncertainty of the filled gaps.
     own = adopted.floor_rms
     wider = f", of the mended log with physics {degrees(own)}" if adopted.name == "physics" and abs(own / floor - 1) > SAME_FLOOR else ""
     html = render(
@@ -53,7 +53,7 @@ def section(evidence: ReportData) -> Section:
 
 
 def _rows(evidence: ReportData) -> list[tuple]:
-    """name, parameters, fitted angles or None, held-out angles, run errors, seconds or None."""
+    """Rows of name, parameters, fitted angles or None, held-out angles, run errors, seconds or None."""
     fit = evidence.fit
     rows: list[tuple] = [
         (name, one.parameters, one.angles, one.held_out, [errors[name] for errors in fit.run_errors], one.seconds)

@@ -15,7 +15,7 @@ from tinygc.reporting.html.measures import density
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None where the stills are too short for either."""
+    """Section on noise; None if the stills are too short for either plot."""
     curve, problem = evidence.allan, evidence.problem
     if curve is None:
         return None
@@ -34,7 +34,7 @@ def section(evidence: ReportData) -> Section | None:
 
 
 def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
-    """Calibrated rates (N, 3) rad/s of each undisturbed still of the logs that have the first one's data rate."""
+    """Calibrated rates (N, 3) rad/s of each undisturbed still, from the logs with the first log's data rate."""
     period_s = problem.logs[0].samples.period_s
     return [
         rates[still.start : still.stop]

@@ -1,4 +1,4 @@
-"""The parameters in the field's words, each with its expanded uncertainty (k = 2), or the word that the session does not show it."""
+"""The parameters in the field's terms, each with its expanded uncertainty (k = 2), or marked as not observed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, decimals_for, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
-#: word -> what it means, in one line
+#: term -> its meaning in one line
 MEANINGS = {
     "scale factor error": "the axis reads so much too far, against the data sheet’s sensitivity",
     "scale factor asymmetry": "scale factor for positive less that for negative rates, over their mean",
@@ -26,7 +26,7 @@ MEANINGS = {
 
 
 def section(evidence: ReportData) -> Section:
-    """Picture and tables."""
+    """Section of picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
     by_word: dict[str, list[Quantity]] = {}
     for quantity in evidence.quantities:
@@ -46,5 +46,5 @@ def section(evidence: ReportData) -> Section:
 
 
 def common_decimals(group: list[Quantity]) -> int:
-    """Of all values of one word: two digits of the largest uncertainty."""
+    """Common number of decimals for quantities of one term: two digits of the largest uncertainty."""
     return decimals_for(max((quantity.expanded for quantity in group if quantity.observed), default=0.0))

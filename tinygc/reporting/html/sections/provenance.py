@@ -1,4 +1,4 @@
-"""Where the numbers come from: files with their SHA-256, settings, versions, sensor and site."""
+"""Provenance of the numbers: files with their SHA-256, settings, versions, sensor and site."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
-#: source of the accelerometer's calibration -> in words
+#: source of the accelerometer's calibration -> description
 SOURCES = {
     "given": "as session.toml gives it",
     "prior": "session.toml’s, refined by this session’s stills and turns",
@@ -19,7 +19,7 @@ SOURCES = {
 
 
 def section(evidence: ReportData) -> Section:
-    """Everything that would be needed to make the same report again."""
+    """Section of all that is needed to reproduce the report."""
     session, options, accelerometer = evidence.fit.session, evidence.fit.options, evidence.adopted.accelerometer
     sensor, site = session.config.sensor, session.config.site
     registers = [f"{name}={value}" for log in session.logs for name, value in sorted(log.comments.items())]
@@ -58,7 +58,7 @@ def section(evidence: ReportData) -> Section:
 
 
 def board_said(board: BoardGiven) -> str:
-    """What the board said of itself when it was recorded."""
+    """Board information that was stored with the recording."""
     if not board.source:
         return "said nothing of itself"
     if board.source == STANDIN_NAME:

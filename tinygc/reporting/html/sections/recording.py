@@ -1,4 +1,4 @@
-"""The session: stills and turns over time, what was left out and why; which attitudes and turn axes it covers."""
+"""The session: stills and turns over time, data left out and why, attitudes and turn axes covered."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemisphe
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, fixed, render, significant
 
-#: columns of the picture over time, two to a pixel of the wide one
+#: columns of the picture over time, two per pixel of the wide version
 COLUMNS = 1600
 REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file"}
-#: instants of a turn whose axis is drawn
+#: instants of a turn whose axes are drawn
 AXES_PER_TURN = 25
 
 
 def section(evidence: ReportData) -> Section:
-    """What was recorded."""
+    """Section on the recording."""
     problem = evidence.problem
     segments = [(s.number, f"{s.start_s:.0f} s", s.problem) for s in problem.segments if s.problem]
     segments += [(s.number, f"{s.start_s:.0f} s", f"used: {s.note}") for s in problem.used if s.note]
@@ -60,19 +60,19 @@ def _fastest_dps(problem: Problem) -> float:
 
 
 def _turning(segment: Segment) -> slice:
-    """Its samples between two stills; all of it between moments of truth."""
+    """Samples between the two stills of a turn; all of a segment between two times of the truth file."""
     if segment.first is None or segment.last is None or segment.last.start < segment.first.stop:
         return slice(segment.start, segment.stop)
     return slice(segment.first.stop, segment.last.start + 1)
 
 
 def _temperature_of(samples: Samples) -> np.ndarray | None:
-    """(N,) degC; None where the log has none."""
+    """Temperature (N,) degC; None if the log has none."""
     return samples.temp_c if samples.temp_c is not None and np.isfinite(samples.temp_c).any() else None
 
 
 def _envelope(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, lowest, highest of each of so many stretches of time."""
+    """Middle time, minimum and maximum in each of ``columns`` intervals of time."""
     edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], columns + 1)[:-1]))
     return t[edges], np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
 
@@ -82,9 +82,9 @@ def _over_time(problem: Problem, width: int) -> str:
     minutes = began[-1] > 600
     unit = 60.0 if minutes else 1.0
     sizes = [np.linalg.norm(log.samples.gyro, axis=1) / DEG for log in problem.logs]
-    # By what was used: a sensor that is picked up at the end must not make the session small.
+    # Scale by the used samples: picking up the sensor at the end must not shrink the session.
     top = max(float(sizes[s.log][s.start : s.stop].max()) for s in problem.used) * 1.1
-    # A fifth of the frame, below zero, is the lane of stills and turns.
+    # The lowest fifth of the frame, below zero, shows stills and turns.
     floor = -0.22 * top
     ticks = [tick for tick in Axis(0, top).marks(260) if tick[0] >= 0]
     x = Axis(0, began[-1] / unit, "time, min" if minutes else "time, s")
@@ -163,7 +163,7 @@ def _coverage(problem: Problem) -> dict:
 
 
 def _turn_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Main axis of each used turn (S, 3), of instants (M, 3), and the share of all turning about each body axis (3,)."""
+    """Main axis of each used turn (S, 3), axes at instants (M, 3), and the share of all turning about each body axis (3,)."""
     axes, instants, total = [], [], np.zeros(3)
     for segment in problem.used:
         samples = problem.logs[segment.log].samples
@@ -182,7 +182,7 @@ def _direction(vector: np.ndarray) -> str:
 
 
 def temperature_words(problem: Problem) -> str:
-    """Range, start and end, of all logs."""
+    """Temperature range, start and end, over all logs."""
     means = []
     for log in problem.logs:
         if (temp_c := _temperature_of(log.samples)) is not None:

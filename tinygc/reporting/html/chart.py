@@ -12,17 +12,17 @@ from numpy.typing import ArrayLike
 
 from tinygc.reporting.html.markup import escape, fixed
 
-# Charts as inline SVG, small and without a script; the page's style sheet gives colours by class (``k-…``) and letters their size.
+# Charts as inline SVG, small and without scripts; the page's style sheet sets colours by class (``k-…``) and the font size.
 #
-# Coordinates are pixels of the drawing; one drawing is made for each width of page, so that a letter is a letter's size on both.
+# Coordinates are pixels of the drawing.  One drawing is made for each page width, so that text keeps its size.
 
-#: points of a line for each pixel of its width
+#: points of a line per pixel of its width
 POINTS_PER_PIXEL = 2
 
 
 @dataclass(frozen=True)
 class Axis:
-    """lo to hi, linear or log; label; ticks with their texts, or None for round ones of its own."""
+    """Axis from lo to hi, linear or log; label; ticks with their texts, or None for automatic round ones."""
 
     lo: float
     hi: float
@@ -31,14 +31,14 @@ class Axis:
     ticks: Sequence[tuple[float, str]] | None = None
 
     def place(self, value: ArrayLike) -> np.ndarray:
-        """0 to 1 along the axis; beyond it what lies beyond."""
+        """Position along the axis: 0 at lo, 1 at hi, extrapolated beyond them."""
         if not self.log:
             return (np.asarray(value, float) - self.lo) / (self.hi - self.lo)
         safe = np.maximum(np.asarray(value, float), 1e-300)
         return np.log10(safe / self.lo) / log10(self.hi / self.lo)
 
     def marks(self, room_px: float) -> list[tuple[float, str]]:
-        """Ticks with their texts, as many as there is room for."""
+        """Ticks with their texts, as many as fit."""
         if self.ticks is not None:
             return list(self.ticks)
         return _log_marks(self, room_px) if self.log else _round_marks(self.lo, self.hi, max(2, int(room_px / 62)))
@@ -64,7 +64,7 @@ def linear_axis(values: ArrayLike, label: str = "", zero: bool = False, margin: 
 
 
 class Chart:
-    """One drawing with two axes.  Everything drawn is kept within the frame."""
+    """Chart with two axes; its content is clipped to the frame."""
 
     def __init__(self, width: int, height: int, x: Axis, y: Axis, about: str, left: int = 58, right: int = 14, top: int = 12):
         self.width, self.height, self.x, self.y, self._about = width, height, x, y, about
@@ -74,12 +74,12 @@ class Chart:
         self._frame()
 
     def at(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels of data, clipped to a little beyond the frame."""
+        """Pixel coordinates of data, clipped slightly outside the frame."""
         across, up = np.clip(self.x.place(x), -0.01, 1.01), np.clip(self.y.place(y), -0.01, 1.01)
         return self.left + across * self.inner_width, self.top + (1 - up) * self.inner_height
 
     def line(self, x: ArrayLike, y: ArrayLike, kind: str, style: str = "line") -> Chart:
-        """A line with gaps where y is not finite; style: line, thin, dash."""
+        """Draw a line with gaps where y is not finite; style: line, thin, dash."""
         x, y = _thinned(np.asarray(x, float), np.asarray(y, float), self.inner_width * POINTS_PER_PIXEL)
         px, py = self.at(x, np.where(np.isfinite(y), y, self.y.lo))
         path, pen = [], "M"
@@ -92,7 +92,7 @@ class Chart:
         return self
 
     def area(self, x: ArrayLike, lo: ArrayLike, hi: ArrayLike, kind: str) -> Chart:
-        """What lies between two lines."""
+        """Fill the area between two lines."""
         px, top = self.at(x, hi)
         _, bottom = self.at(x, lo)
         points = [*zip(px, top, strict=True), *zip(px[::-1], bottom[::-1], strict=True)]
@@ -102,7 +102,7 @@ class Chart:
     def dots(
         self, x: ArrayLike, y: ArrayLike, kind: str, titles: Sequence[str] | None = None, ring: bool = False, radius: float = 3.2
     ) -> Chart:
-        """Points; titles, one each, are shown under the pointer."""
+        """Draw points; titles, one per point, are shown on hover."""
         px, py = self.at(x, y)
         style = "ring" if ring else "dot"
         marks = []
@@ -114,7 +114,7 @@ class Chart:
         return self
 
     def bars(self, x: ArrayLike, lo: ArrayLike, hi: ArrayLike, kind: str) -> Chart:
-        """Upright bars from lo to hi at each x: an uncertainty."""
+        """Draw uncertainties as vertical bars from lo to hi at each x."""
         px, top = self.at(x, hi)
         _, bottom = self.at(x, lo)
         path = "".join(f"M{_px(a)} {_px(b)}V{_px(c)}" for a, b, c in zip(px, bottom, top, strict=True))
@@ -122,7 +122,7 @@ class Chart:
         return self
 
     def across(self, y: float, kind: str, text: str = "", style: str = "dash") -> Chart:
-        """A level from side to side, with its name above its right end."""
+        """Draw a horizontal line, with its name above its right end."""
         _, (level,) = self.at([self.x.lo], [y])
         self._parts.append(f'<path class="{style} k-{kind}" d="M{self.left} {_px(level)}h{_px(self.inner_width)}"/>')
         if text:
@@ -130,7 +130,7 @@ class Chart:
         return self
 
     def span(self, x0: float, x1: float, kind: str, title: str = "", y0: float = 0.0, y1: float = 1.0) -> Chart:
-        """A block between two moments; y0 to y1 of the frame's height, from below."""
+        """Draw a block between two times; y0 to y1 are fractions of the frame's height, from below."""
         (a, b), _ = self.at([x0, x1], [self.y.lo] * 2)
         top, height = self.top + (1 - y1) * self.inner_height, (y1 - y0) * self.inner_height
         inside = f"<title>{escape(title)}</title>" if title else ""
@@ -140,19 +140,19 @@ class Chart:
         return self
 
     def upright(self, x: float, kind: str, style: str = "dash") -> Chart:
-        """A line from top to bottom."""
+        """Draw a vertical line."""
         (a,), _ = self.at([x], [self.y.lo])
         self._parts.append(f'<path class="{style} k-{kind}" d="M{_px(a)} {self.top}v{_px(self.inner_height)}"/>')
         return self
 
     def text(self, px: float, py: float, text: str, anchor: str = "start", kind: str = "") -> Chart:
-        """Letters at a pixel."""
+        """Write text at a pixel."""
         colour = f" k-{kind}" if kind else ""
         self._parts.append(f'<text class="word{colour}" x="{_px(px)}" y="{_px(py)}" text-anchor="{anchor}">{escape(text)}</text>')
         return self
 
     def svg(self) -> str:
-        """The drawing."""
+        """The drawing as SVG."""
         return drawing(self.width, self.height, self._about, "".join(self._parts))
 
     def _frame(self) -> None:
@@ -188,7 +188,7 @@ def drawing(width: float, height: float, about: str, inside: str) -> str:
 
 
 def _tick(text: str) -> str:
-    """Escaped; the thin space between thousands is ours."""
+    """Escape a label; the thin space between thousands is kept."""
     return "\u202f".join(map(escape, text.split("\u202f")))
 
 
@@ -197,7 +197,7 @@ def _px(value: float) -> str:
 
 
 def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """A long line by the lowest and the highest point of each stretch: its envelope stays what it is."""
+    """Thin a long line to the lowest and the highest point of each interval, which keeps its envelope."""
     if len(x) <= most:
         return x, y
     edges = np.linspace(0, len(x), most // 2 + 1).astype(int)
@@ -237,9 +237,9 @@ def _short(value: float) -> str:
     return fixed(value, max(0, -floor(log10(value) + 1e-9)))
 
 
-# Directions on a sphere, as two discs in Lambert's equal-area projection: the half with z towards us, and the other.
+# Directions on a sphere, as two discs in Lambert's equal-area projection: the half with z towards the viewer, and the other.
 
-#: how far one direction's neighbourhood reaches when coverage is counted
+#: angular radius around a direction that counts as covered
 REACH_RAD = np.pi / 6
 _EVEN = 4000
 
@@ -265,7 +265,7 @@ def hemispheres(
     names: tuple[str, str],
     faint: np.ndarray | None = None,
 ) -> str:
-    """Two discs beside each other, their first at (left, top); faint (M, 3): smaller points behind; names of the two halves."""
+    """Draw two discs side by side, the first at (left, top); faint (M, 3): smaller points behind; names of the two halves."""
     gap = 2 * radius + 30
     parts = []
     for number, (sign, name) in enumerate(zip((1, -1), names, strict=True)):
@@ -305,16 +305,16 @@ def _points(
     return f'<g class="{style}">{"".join(marks)}</g>'
 
 
-# The sensor's own axes beside the reference's, their errors enlarged until they can be seen.
+# The sensor's axes and the reference axes, with errors enlarged until they are visible.
 
-#: an error is drawn so large that the largest leans by about this
+#: the largest error is drawn at about this angle
 SHOWN_RAD = 0.22
-#: directions of the drawing: across and up, of a viewer to the right, in front and above; z is forward-right-down's, so it points down
+#: drawing directions across and up for a viewer to the right, in front and above; body axes are forward-right-down, so z points down
 _ACROSS, _UP = np.array([-0.62, 0.78, 0.0]), np.array([-0.36, -0.30, -0.88])
 
 
 def enlargement(M: np.ndarray) -> float:
-    """A round factor."""
+    """Round factor by which errors are enlarged."""
     u = M / np.linalg.norm(M, axis=1, keepdims=True)
     largest = max(float(np.abs(u - np.eye(3)).max()), float(np.abs(np.linalg.norm(M, axis=1) - 1).max()), 1e-6)
     wanted = SHOWN_RAD / largest
@@ -323,7 +323,7 @@ def enlargement(M: np.ndarray) -> float:
 
 
 def triad(M: np.ndarray, side: int) -> str:
-    """The response rows of M (3, 3) as arrows, and the reference axes behind them."""
+    """Draw the response rows of M (3, 3) as arrows, and the reference axes behind them."""
     factor = enlargement(M)
     shown = np.eye(3) + factor * (M - np.eye(3))
     height = round(side * 0.78)

@@ -1,4 +1,4 @@
-"""All that a report rests on: the fit, the explanation, which calibration it states, pass or fail."""
+"""Data of a report: the fit, the explanation, the reported calibration, pass or fail."""
 
 from __future__ import annotations
 
@@ -46,24 +46,24 @@ from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.reporting.html.markup import degrees, probability, significant, tilt_rms
 
-# What the linear model does not have, measured all the same: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
+# Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #
-# A report states them whether or not they are there.  Each is refitted exactly, together with the linear model, the Earth's unknown
-# part and whatever effects have been named before, on the closure, the stills' rates and gravity's length.
+# Both are reported whether or not they are significant.  Each is refitted exactly, together with the linear model, the Earth's unknown
+# part and the effects named before, on the closure, the stills' rates and gravity's length.
 
 G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"
 PPM = 1e-6
-#: a sigma above this share of what is plausible at all is the prior's, not the session's
+#: a sigma above this share of the plausible size comes from the prior, not from the session
 OBSERVED_SHARE = 0.3
 
 
 def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> list[Quantity]:
-    """Nine g-sensitivities (dps/g: what each axis adds to the true rate per g along each axis) and three asymmetries (ppm: scale
-    factor for positive less that for negative rates, over their mean); ``start`` has the effects that are in the model."""
+    """Estimate nine g-sensitivities (dps/g: what each axis adds to the true rate per g along each axis) and three asymmetries (ppm: scale
+    factor for positive less that for negative rates, over their mean); ``start`` holds the effects that are in the model."""
     start = twin.start() if start is None else start
     named = [claim.effect for claim in start.claims]
     known = {effect.id for effect in named}
-    # Together: what one of them leaves in the residuals must not widen or bend the other.
+    # Fitted together, so that neither effect widens or biases the other through its residuals.
     tried = [catalogue()[name] for name in (G_SENSITIVITY, ASYMMETRY) if name not in known]
     fit = refit(twin, whiten, [*named, *tried], start) if tried else refit(twin, whiten, named, start)
     widen = _widen(fit)
@@ -79,14 +79,14 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
 
 
 def _widen(fit: Refit) -> float:
-    """Factor on the covariance that the residuals ask for."""
+    """Variance inflation factor from the residuals."""
     return max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1))
 
 
 def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Quantity]:
     note = ""
     if not latitude_known:
-        # All axes alike following gravity is a rotation about the vertical: the Earth's own, where its latitude is not known.
+        # Equal g-sensitivities on the diagonal are a rate about the vertical: the Earth's rotation, if its latitude is unknown.
         alike = np.eye(3).ravel()
         covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
         note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
@@ -120,20 +120,23 @@ def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> li
     ]
 
 
-# Which calibration a report states: the linear one, or, where ``explain`` has named physics and it closes better, the one with it.
+# Which calibration a report states: the linear one, or the one with physics if ``explain`` named effects and it closes better.
 
-#: of what is left after naming, channel by channel (tinygc.explain)
+#: p-values of the residuals after model selection, by channel (tinygc.explain)
 LINEAR, PHYSICS = "least_squares", "physics"
 
 
 @dataclass(frozen=True, eq=False)
 class Adopted:
-    """name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; floor_rms rad of tilt that
-    noise alone leaves on them; closure_p: of what it leaves on segments that it was fitted to, with closure_freedom degrees (None: with
+    """Calibration that is reported.
+
+    name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; floor_rms rad of tilt that
+    noise alone leaves on them; closure_p: p-value of the closure on fitted segments, with closure_freedom degrees (None: with
     more data than these segments);
     vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
-    each closure run and how probable more is from what is known to be uncertain; run_losses: a sentence for each run in which
-    samples seem lost, else none; quantities in the field's words; accelerometer that its references rest on."""
+    each closure run and the p-value of each from the known uncertainties; run_losses: a sentence for each run in which
+    samples seem lost, else none; quantities in the field's terms; accelerometer that gives its references.
+    """
 
     name: str
     model: LinearModel | PhysicsModel
@@ -153,42 +156,42 @@ class Adopted:
 
     @property
     def linear(self) -> LinearModel:
-        """Its linear part."""
+        """The linear part of the model."""
         return LinearModel.from_vector(self.vector[:PARAMETERS])
 
     @property
     def in_use(self) -> LinearModel | PhysicsModel:
-        """The model for logs of any time, as of the session's end."""
+        """The model for logs of any time, with effects that follow the session's time held at its end."""
         return self.model.at_end() if isinstance(self.model, PhysicsModel) else self.model
 
     @property
     def follows_session(self) -> tuple[str, ...]:
-        """Ids of its effects that follow the session's time, and stand still in ``in_use``."""
+        """Ids of effects that follow the session's time, and are constant in ``in_use``."""
         return tuple(claim.effect.id for claim in self.claims if claim.effect.of_one_session)
 
     @property
     def method(self) -> str:
-        """What ``fit`` calls ``in_use``."""
+        """Name that ``fit`` gives to ``in_use``."""
         return self.name + AT_END if self.follows_session else self.name
 
     @property
     def times_floor(self) -> float:
-        """Held-out closure over what noise alone leaves."""
+        """Ratio of held-out closure to the floor."""
         return tilt_rms(self.angles) / self.floor_rms
 
     @property
     def in_numbers(self) -> str:
-        """By how much data its parameters are held."""
+        """Number of segments and of parameters, as text."""
         return f"{len(self.numbers)} segments for {len(self.vector)} parameters"
 
     @property
     def title(self) -> str:
-        """In tables."""
+        """Title in tables."""
         return "least squares" if self.name == LINEAR else "linear model with physics"
 
 
 def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
-    """The calibration to report."""
+    """Choose the calibration to report."""
     if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.naming.fit.state.claims):
         before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
         if after < before:
@@ -253,8 +256,8 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
 
 
 def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
-    """Each closure run's error, and the probability of more from noise, from the parameters' own uncertainty, and from a bias that has
-    wandered on since the session."""
+    """Error of each closure run, and its p-value from noise, from the parameters' uncertainty, and from bias drift since the
+    session."""
     from scipy.stats import chi2
 
     found, p = [], []
@@ -270,7 +273,7 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
 
 
 def _wander_since(fit: FitResult, run: ClosureRun) -> float:
-    """(rad/s)^2: variance of the bias in the run less its mean in the session."""
+    """Variance, (rad/s)^2, of the bias in the run less its mean in the session."""
     moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
     spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
     wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
@@ -279,12 +282,12 @@ def _wander_since(fit: FitResult, run: ClosureRun) -> float:
 
 
 def agrees(p_value: float) -> bool:
-    """Whether noise explains it."""
+    """Whether noise explains the residual."""
     return p_value >= MISMATCH_P
 
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:
-    """The calibration for logs of any time as ``tinygc-model/1``, as ``fit`` saves it."""
+    """The calibration for logs of any time as ``tinygc-model/1``, as saved by ``fit``."""
     from session import VERSION
 
     hashes = input_hashes(fit.session)
@@ -293,27 +296,30 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     else:
-        assert isinstance(adopted.model, PhysicsModel)  # as ``_with_physics`` makes it
+        assert isinstance(adopted.model, PhysicsModel)  # by construction in ``_with_physics``
         more |= covariance_at_end(adopted.model, adopted.covariance)
     return models.to_dict(adopted.in_use, **more)
 
 
-# Pass or fail, and by which rule.
+# Pass or fail, and the rule applied.
 #
-# With a limit: the held-out closure of the segments and the error of each closure run, of the calibration that is reported, must not be
-# above it.  Without one: both must be what noise allows (p at least 0.01), and held-out closure must be near enough to its floor, of
-# enough segments, for that to mean anything: few segments leave little that a fit could not follow.  Nor is it decided where the
-# accelerometer's own numbers are not observed: what is wrong with all references alike is wrong with E, and closes all the same.  Either
-# way, a calibration that closes held-out segments worse than the raw rates do fails.
+# With a limit: neither the held-out closure of the segments nor the error of any closure run, with the reported calibration, may
+# exceed it.  Without a limit: both must agree with noise (p at least 0.01).  Held-out closure must also be near its floor on enough
+# segments: with few segments a fit follows almost anything.  Nor is the result decided if the session does not observe the
+# accelerometer's own parameters: an error common to all references biases E without any effect on closure.  In either case a
+# calibration fails if held-out segments close worse with it than with the raw rates.
 
-#: held-out closure this many times its floor is not noise, whatever the fitted residuals say
+#: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
 NEAR_FLOOR = 2.0
 
 
 @dataclass(frozen=True)
 class Acceptance:
-    """passed; rule, one sentence; reasons, a sentence for each figure that it rests on (true where it is met); doubts, a sentence for
-    each reason why what is met tells little; by_limit: whether a limit was given."""
+    """Verdict on a calibration.
+
+    passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
+    each reason why a pass is weak evidence; by_limit: whether a limit was given.
+    """
 
     passed: bool
     rule: str
@@ -323,14 +329,14 @@ class Acceptance:
 
     @property
     def answer(self) -> str:
-        """pass, doubtful pass, not decided, fail.  A limit decides by itself: what speaks against it is said beside it."""
+        """One of pass, doubtful pass, not decided, fail.  A given limit decides; doubts are stated with the result."""
         if not self.passed:
             return "fail"
         return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
 
     @property
     def word(self) -> str:
-        """The answer as a person reads it."""
+        """The answer in words for the user."""
         return {"pass": "Pass", "doubtful pass": "Pass, with doubts", "not decided": "Not decided", "fail": "Fail"}[self.answer]
 
 
@@ -341,8 +347,10 @@ def decide(
     raw: AgainstRaw | None = None,
     accelerometer: AccelerometerFit | None = None,
 ) -> Acceptance:
-    """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured; accelerometer that the
-    references rest on."""
+    """Decide whether the calibration passes.
+
+    files names the closure runs; raw: comparison with the raw rates; accelerometer that gives the references.
+    """
     if limit_deg is not None:
         reasons = [_against("segments, held out, rms of tilt", tilt_rms(adopted.angles), limit_deg)]
         reasons += [_against(f"{file}, RMSE", rmse(error), limit_deg) for file, error in zip(files, adopted.run_errors, strict=True)]
@@ -374,7 +382,7 @@ def _doubts(adopted: Adopted) -> list[str]:
 
 
 def _accelerometer_doubts(accelerometer: AccelerometerFit | None) -> list[str]:
-    """What the closure cannot show: references that all err alike turn the calibration with them."""
+    """Doubts that closure cannot resolve: an error common to all references biases the calibration."""
     if accelerometer is None:
         return []
     doubts = []
@@ -390,7 +398,7 @@ def _accelerometer_doubts(accelerometer: AccelerometerFit | None) -> list[str]:
 
 
 def rmse(error: np.ndarray) -> float:
-    """rad: over roll, pitch, yaw."""
+    """Root mean square over roll, pitch, yaw, rad."""
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -403,19 +411,21 @@ def _by_chance(what: str, p: float) -> tuple[bool, str]:
     return agrees(p), f"{what}: {probability(p)}, " + ("noise explains it" if agrees(p) else "more than noise allows")
 
 
-# All that a report rests on: the fit, the explanation, and what is measured besides.
+# Data of a report: the fit, the explanation, and further measurements.
 
-#: an Allan deviation wants pieces of at least so many samples
+#: least number of samples in a piece for an Allan deviation
 SHORTEST_PIECE = 16
 
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """fit; explanation, or against_truth where the reference is a truth file, or neither;
-    adopted: the calibration that is reported; decision; quantities: every number of the parameter
-    tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
-    methods that were taken from what ``fit`` had saved; searched: what an earlier ``explain --discover`` found, as the annex
-    discovery reads it, or None."""
+    """Data of a report.
+
+    fit; explanation, or against_truth with a truth file as reference, or neither; adopted: the reported calibration; decision;
+    quantities: every number of the parameter tables, in the field's terms; allan or None; hashes of the session's files; versions;
+    made: date and time of the report; limit_deg or None; reused: methods read from the output of ``fit``; searched: result of an earlier
+    ``explain --discover``, as the discovery annex reads it, or None.
+    """
 
     fit: FitResult
     explanation: Explanation | None
@@ -433,12 +443,12 @@ class ReportData:
 
     @property
     def problem(self) -> Problem:
-        """That the fit was made of."""
+        """The problem that was fitted."""
         return self.fit.problem
 
     @property
     def verdict(self) -> str | None:
-        """Of ``explain``; None where it was not asked."""
+        """Verdict of ``explain``; None if it was not run."""
         found = self.explanation or self.against_truth
         return None if found is None else found.verdict
 
@@ -452,9 +462,9 @@ def gather(
     fit_folder: Path | None = None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> ReportData:
-    """Run fit, and explain; fit_folder: where ``fit`` may have saved the same already (the session's ``fit``).
+    """Run fit and explain; fit_folder: folder with earlier output of ``fit`` (the session's ``fit`` by default).
 
-    The session is read, checked and made a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
+    The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
     prepared = prepare(
         folder,
@@ -467,7 +477,7 @@ def gather(
     discovery = find("earlier discoveries") if explain else None
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared, physics=physics_methods)
     truth = fit.session.config.protocol.reference == "truth"
-    if options.exclude and explain:  # what a fit leaves out is looked at all the same
+    if options.exclude and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem)
@@ -477,7 +487,7 @@ def gather(
     progress("what the session shows besides", 0, 1)
     adopted = adopt(fit, explanation)
     allan = stillness(fit.problem)
-    # The twin rests on stills, which a session with a truth file need not have.
+    # The twin needs stills, which a session with a truth file may lack.
     beyond = [] if truth else _beyond(fit, explanation, adopted)
     quantities = [*adopted.quantities, *beyond, *_noise(allan)]
     return ReportData(
@@ -498,7 +508,7 @@ def gather(
 
 
 def stillness(problem: Problem) -> AllanCurve | None:
-    """The Allan deviation of all undisturbed stills, first calibration applied; None where they are too short for one."""
+    """Allan deviation of all undisturbed stills with a first calibration applied; None if they are too short."""
     period_s = problem.logs[0].samples.period_s
     pieces = [
         problem.first(log.samples.gyro[still.start : still.stop])
@@ -535,7 +545,7 @@ def _noise(curve: AllanCurve | None) -> list[Quantity]:
 
 
 def _now() -> str:
-    """UTC, or the moment that SOURCE_DATE_EPOCH names: the same report twice is then the same bytes."""
+    """UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte."""
     asked = os.environ.get("SOURCE_DATE_EPOCH", "")
     moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
     return moment.strftime("%Y-%m-%d %H:%M UTC")

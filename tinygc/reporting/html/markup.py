@@ -1,4 +1,4 @@
-"""Pieces of the page: escaped markup, and numbers as a person reads them."""
+"""Building blocks of the page: escaped markup, and numbers formatted for reading."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from session.io.units import DEG
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Numbers as a person reads them: as many digits as are known, a true minus sign, thin spaces between thousands.
+# Numbers for reading: only significant digits, a true minus sign, thin spaces between thousands.
 
 NONE = "–"
 
 
 def fixed(value: float, decimals: int) -> str:
-    """With so many decimals."""
+    """Number with a fixed count of decimals."""
     if not isfinite(value):
         return NONE
     text = f"{value:,.{max(decimals, 0)}f}".replace(",", "\u202f").replace("-", "−")
@@ -31,7 +31,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """With so many significant digits, never as a power of ten."""
+    """Number with a given count of significant digits, never as a power of ten."""
     if not isfinite(value) or value == 0:
         return "0" if value == 0 else NONE
     return fixed(value, digits - 1 - floor(log10(abs(value)) + 1e-12))
@@ -43,22 +43,22 @@ def decimals_for(expanded: float) -> int:
 
 
 def aligned_decimals(floor_deg: float) -> int:
-    """Decimals for a column of closures in degrees: a digit beyond the floor's second."""
+    """Decimals for a column of closures in degrees: one digit more than two significant digits of the floor."""
     return decimals_for(floor_deg) + 1
 
 
 def degrees(angle_rad: float) -> str:
-    """An angle in degrees, with its sign ``°``."""
+    """Angle in degrees, with the sign ``°``."""
     return f"{significant(angle_rad / DEG)}°"
 
 
 def tilt_rms(angles: np.ndarray) -> float:
-    """rad: root mean square tilt of error angles (S, 2 or 3)."""
+    """Root mean square tilt of error angles (S, 2 or 3), rad."""
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
 def probability(p: float) -> str:
-    """``p = 0.31``, or a bound."""
+    """Text ``p = 0.31``, or a bound."""
     if not isfinite(p):
         return f"p {NONE}"
     if p < 1e-99:
@@ -69,15 +69,15 @@ def probability(p: float) -> str:
 
 
 def power_of_ten(value: float) -> str:
-    """``3 × 10⁻⁷``."""
+    """Text such as ``3 × 10⁻⁷``."""
     exponent = floor(log10(value))
     superscript = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"{value / 10**exponent:.0f} × 10{superscript}"
 
 
-# Markup lies in ``templates``, which escape what they show.  The functions here call their macros for pages that annexes put together.
+# Markup is in ``templates``, which escape their values.  These functions call the templates' macros for pages that annexes build.
 
-#: a picture is drawn twice, for a wide page and for a telephone, and the style sheet shows one: its letters keep their size
+#: widths of a picture's two versions, for a wide page and a telephone; the style sheet shows one, so that text keeps its size
 WIDE, NARROW = 860, 340
 
 
@@ -92,7 +92,7 @@ class Section:
 
 @cache
 def _environment() -> Environment:
-    """Jinja's: every text that a template shows is escaped, its control characters as well; the thin space of numbers stays."""
+    """Jinja environment: all values are escaped, control characters included; the thin space of numbers is kept."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     def shown(value: object) -> object:
@@ -110,12 +110,12 @@ def _environment() -> Environment:
 
 
 def render(template: str, **values: object) -> str:
-    """A file of ``templates`` filled with values."""
+    """Render a file of ``templates`` with values."""
     return _environment().get_template(template).render(values)
 
 
 def _html(value: Any) -> Any:
-    """Texts, also those in a sequence, as HTML that is not escaped again."""
+    """Mark text, also inside sequences, as HTML that is not escaped again."""
     from markupsafe import Markup
 
     if isinstance(value, str):
@@ -129,12 +129,12 @@ def _macro(name: str, *values: object, **more: object) -> str:
 
 
 def small(text: str) -> str:
-    """Text in small letters, for a cell of a template's table."""
+    """Text in small type, for a cell of a template's table."""
     return _html(_macro("small", text))
 
 
 def escape(text: object) -> str:
-    """Text as HTML: no markup, and no control characters, gets through."""
+    """Text as HTML, with markup and control characters escaped."""
     return _escape(printable(str(text)), quote=True)
 
 
@@ -144,7 +144,7 @@ def paragraph(html: str, kind: str = "") -> str:
 
 
 def code(text: str) -> str:
-    """A block of code, escaped; its own line ends stay."""
+    """A block of code, escaped, with its line breaks."""
     return _macro("code", text)
 
 
@@ -154,7 +154,7 @@ def key(kind: str, text: str, shape: str = "dot") -> str:
 
 
 def figure(draw: Callable[[int], str], caption: str = "", keys: Sequence[str] = (), kind: str = "") -> str:
-    """A picture; draw(width) returns its SVG; caption and keys are HTML."""
+    """A figure; draw(width) returns its SVG; caption and keys are HTML."""
     return _macro("figure", draw, _html(keys), kind, **({"caller": lambda: _html(caption)} if caption else {}))
 
 
@@ -166,7 +166,7 @@ def table(
     marked: Iterable[int] = (),
     minor: Iterable[int] = (),
 ) -> str:
-    """A table of HTML cells, the first of each row its heading; marked: rows that stand out; minor: columns that a telephone leaves out."""
+    """Table of HTML cells; the first cell of each row is its heading; marked: highlighted rows; minor: columns hidden on a telephone."""
     return _macro("table", _html(header), _html(rows), _html(caption), kind, set(marked), set(minor))
 
 

@@ -1,1 +1,1 @@
-"""A gyroscope over temperature: its zero from rest logs, and with sessions its whole calibration."""
+"""Calibration over temperature: the zero from rest logs, and with sessions the whole calibration."""

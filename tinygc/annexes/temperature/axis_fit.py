@@ -1,4 +1,4 @@
-"""One axis' zero over temperature: polynomial, lag, hysteresis, and how well each is known."""
+"""One axis' zero over temperature: polynomial, lag, hysteresis, and their uncertainties."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from session.io.numeric import sigma_of_steps
 from tinygc.annexes.temperature.rest_blocks import Knots
 from tinygc.noise.components import estimate
 
-# The noise beside a temperature's effect: white, flicker and a random walk, their sizes estimated from the rest log itself.
+# The noise besides the effect of temperature: white, flicker and a random walk, their sizes estimated from the rest log itself.
 #
-# Sigmas by white noise alone are too small by an order: an hour of rest holds few independent values of a bias that wanders.
+# Sigmas from white noise alone are too small by an order: an hour of rest holds few independent values of a drifting bias.
 
-#: of the residuals' own scatter: the prior of what is fitted, so wide that it says nothing
+#: of the residuals' own scatter: width of the fitted parameters' prior, wide enough to be uninformative
 WIDE = 1e4
 
 
 @dataclass(frozen=True, eq=False)
 class Coloured:
-    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K) what they make together."""
+    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance."""
 
     sizes: np.ndarray
     C: np.ndarray
@@ -36,7 +36,8 @@ class Coloured:
 
 
 def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float) -> Coloured:
-    """Of knots y (K,) with all that is fitted, A (K, p); V of unit sizes (``Knots.covariances``); white: its size by the blocks' steps."""
+    """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
+    white noise from the differences of blocks."""
     scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
     longest = float(np.sqrt(V[2].max()))
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
@@ -53,15 +54,15 @@ def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
     return solve_triangular(L, values, lower=True, check_finite=False)
 
 
-# What the zero is otherwise at the same temperature, on the way up and on the way down.
+# Hysteresis: the difference of the zero at one temperature between the rising and the falling branch.
 
-#: bins over the range that both branches have
+#: bins over the range that both branches cover
 BINS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Hysteresis:
-    """Up less down, of what a model leaves: at_c (n,) degC, difference and sigma (n,) SI."""
+    """Residuals of the rising less the falling branch: at_c (n,) degC, difference and sigma (n,) SI."""
 
     at_c: np.ndarray
     difference: np.ndarray
@@ -69,18 +70,18 @@ class Hysteresis:
 
     @property
     def largest(self) -> tuple[float, float, float]:
-        """The difference of greatest size, its sigma, and its temperature."""
+        """The difference of largest magnitude, its sigma, and its temperature."""
         k = int(np.argmax(np.abs(self.difference)))
         return float(self.difference[k]), float(self.sigma[k]), float(self.at_c[k])
 
     @property
     def rms(self) -> float:
-        """Over the temperatures."""
+        """Root mean square over the temperatures."""
         return float(np.sqrt(np.mean(self.difference**2)))
 
 
 def hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
-    """Of residuals (K,) with noise C (K, K); None where the temperature went one way only."""
+    """Compute the hysteresis of residuals (K,) with noise C (K, K); None where the temperature changed in one direction only."""
     up, down = knots.direction > 0, knots.direction < 0
     if not (up.any() and down.any()):
         return None
@@ -100,31 +101,31 @@ def hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteres
     return Hysteresis(np.array(at), D @ residual, np.sqrt(np.diag(D @ C @ D.T)))
 
 
-# Which order of polynomial, and whether with a lag: chosen by sweeps that the fit never saw.
+# Model selection: the polynomial's order, and whether there is a lag, by cross-validation over sweeps.
 #
 # Each sweep is left out in turn.  A candidate is fitted to the others, its lag too, and predicts it.  Of the candidates within one standard
-# error of the best, the simplest is taken (Breiman et al. 1984, 1-SE rule), and only if its coefficients differ from none beyond noise.
+# error of the best, the simplest is taken (Breiman et al. 1984, 1-SE rule), and only if its coefficients are significant.
 #
-# All knots count alike in a polynomial's coefficients.  Weights by the noise would trust the steps from knot to knot where the zero
-# wanders, and lose its level: on a public sweep they predict a third sweep's zero to 0.26 dps, where equal weights do to 0.12.  A lag
-# lives in just these steps, and is fitted with the weights.
+# All knots have equal weight in a polynomial's coefficients.  Weights from the noise would rely on the differences between knots where the
+# zero drifts, and lose its level: on a public sweep they predict a third sweep's zero to 0.26 dps, where equal weights reach 0.12.  A lag
+# shows in just these differences, and is fitted with the weights.
 
-#: lags that are tried, either sign; the longest is this share of the shortest sweep
+#: number of lags tried, of either sign; the longest as a share of the shortest sweep
 LAGS, LONGEST_SHARE = 20, 0.25
-#: where there is but one sweep: stretches of time, left out in turn
+#: with a single sweep: stretches of time, and folds that they form
 STRETCHES, STRETCH_FOLDS = 20, 5
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """order of the polynomial; lagged: whether the element's temperature is the reading's with a lag."""
+    """order: of the polynomial; lagged: whether the element's temperature lags the reading."""
 
     order: int
     lagged: bool
 
     @property
     def complexity(self) -> int:
-        """How many numbers are fitted beside the zero itself."""
+        """Number of fitted parameters besides the zero itself."""
         return self.order + self.lagged
 
 
@@ -139,14 +140,14 @@ class Examined:
 
 
 def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
-    """(K,) number of each knot's fold, and what a fold is."""
+    """Return (K,) number of each knot's fold, and the kind of fold."""
     if len(np.unique(knots.sweep)) > 1:
         return knots.sweep, "sweeps"
     return np.minimum(np.arange(len(knots)) * STRETCHES // len(knots), STRETCHES - 1) % STRETCH_FOLDS, "stretches"
 
 
 def lag_grid(knots: Knots) -> np.ndarray:
-    """Lags s that are tried, none among them; empty where the temperature goes one way only, which shows none."""
+    """Return the lags s to try, without zero; empty where the temperature changes in one direction only, which shows no lag."""
     if not {-1, 1} <= set(knots.direction.tolist()):
         return np.zeros(0)
     block_s = max(log.block_s for log in knots.logs)
@@ -164,12 +165,12 @@ def columns(knots: Knots, tau_s: float, order: int) -> np.ndarray:
 
 
 def misfit(y: np.ndarray, A: np.ndarray) -> float:
-    """Sum of squares that whitened columns leave of whitened knots."""
+    """Residual sum of squares of whitened knots on whitened columns."""
     return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
 
 
 def best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
-    """The lag that leaves least, first of a grid, then between its neighbours; y (K,), L the noise's factor of ``rows``."""
+    """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor of ``rows``."""
     white = whiten(L, y[rows])
 
     def left(tau: float) -> float:
@@ -196,21 +197,21 @@ def examine(knots: Knots, y: np.ndarray, noise: Coloured, orders: tuple[int, ...
 
 
 def _predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
-    """Mean square of what a fold's knots differ from the prediction, in the unit of y."""
+    """Mean square error of a fold's prediction, in the unit of y."""
     A = columns(knots, tau, order)
     seen = A[train].any(axis=0)
     coefficients = np.zeros(A.shape[1])
     coefficients[seen] = np.linalg.lstsq(A[train][:, seen], y[train], rcond=None)[0]
     error = y[test] - A[test] @ coefficients
     logs = len(knots.logs)
-    # A log that was left out whole has a zero of its own, which nothing predicts: how it scatters is said apart.
+    # The zero of a log that is left out completely cannot be predicted; its scatter is reported separately.
     if not seen[:logs][np.unique(knots.of[test])].all():
         error = error - error.mean()
     return float(np.mean(error**2))
 
 
 def _simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
-    """Index of the simplest candidate within one standard error of the best."""
+    """Return the index of the simplest candidate within one standard error of the best."""
     best = int(np.argmin(held_out.mean(axis=0)))
     worse = held_out - held_out[:, [best]]
     error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
@@ -218,9 +219,9 @@ def _simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
     return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
 
 
-# One axis' zero over temperature: polynomial, lag, hysteresis, what is left, and how well each is known.
+# One axis' zero over temperature: polynomial, lag, hysteresis, residuals, and their uncertainties.
 
-#: the probability by chance below which a dependence on temperature, or a lag, is claimed
+#: p-value below which a dependence on temperature, or a lag, is claimed
 BY_CHANCE = 0.001
 #: orders that are tried
 ORDERS = (0, 1, 2, 3, 4, 5)
@@ -230,10 +231,10 @@ ORDERS = (0, 1, 2, 3, 4, 5)
 class AxisFit:
     """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
 
-    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: what was tried;
-    held_out: rms of what sweeps that were left out differ from the prediction, the model's remaining uncertainty; left: rms of what the
-    fit leaves; p_value that there is no dependence; noise beside it; hysteresis of the polynomial alone, and after the lag (None: the
-    temperature went one way only); turn_on: scatter of the logs' zeros, NaN of one log.
+    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: candidates and
+    their scores; held_out: rms error of predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals;
+    p_value: of no dependence on temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the
+    temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of one log.
     """
 
     terms: np.ndarray
@@ -250,7 +251,7 @@ class AxisFit:
 
     @property
     def order(self) -> int:
-        """Of the polynomial."""
+        """Order of the polynomial."""
         return len(self.terms) - 1
 
     @property
@@ -259,7 +260,7 @@ class AxisFit:
         return np.sqrt(np.diag(self.covariance))
 
     def held_out_of(self, order: int, lagged: bool) -> float:
-        """Held-out rms of another candidate; NaN where it was not tried."""
+        """Return the held-out rms of another candidate; NaN where it was not tried."""
         wanted = Candidate(order, lagged)
         if wanted not in self.examined.candidates:
             return float("nan")
@@ -267,9 +268,9 @@ class AxisFit:
 
 
 def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS, with_lag: bool = True) -> AxisFit:
-    """Of one axis' block means (B,) rad/s, or m/s^2, at rest."""
+    """Fit one axis' block means (B,) rad/s, or m/s^2, at rest."""
     y, V = knots.mean(blocks), knots.covariances()
-    unit = float(np.std(y)) or 1.0  # the search for the noise wants numbers near 1
+    unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
     y = y / unit
     orders = tuple(p for p in orders if p <= _most_order(knots))
     lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
@@ -291,7 +292,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     p_value, needed = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order
     if p_value >= BY_CHANCE:
         needed = 0
-    # What was held out may like a higher order by luck: those above must differ from zero, too.
+    # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
     while needed and _by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
         needed -= 1
     if needed < chosen.order:
@@ -322,22 +323,22 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
 
 
 def _most_order(knots: Knots) -> int:
-    """None without a range of temperatures; fewer than knots in any case."""
+    """Return the highest order: 0 without a range of temperatures, and always less than the number of knots."""
     return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
 
 
 def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
-    """Whether a lag leaves less than none does by more than chance; two degrees of freedom, for its sign and size were looked for."""
+    """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
     white = whiten(L, y)
     without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
     return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
 
 
 def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
-    """Zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
+    """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
-    Every estimate is linear in the knots, so its covariance follows from theirs: coefficients with equal weights, the lag with those of
-    the noise; and the coefficients move with the lag.
+    Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights
+    of the noise, and the coefficients depend on the lag.
     """
     A = columns(knots, tau, chosen.order)
     G = np.linalg.pinv(A)
@@ -353,10 +354,10 @@ def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Can
 
 
 def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
-    """Probability of as good a fit by chance where temperature does nothing: by the ratio of likelihoods, the noise estimated for each.
+    """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
 
-    With the noise of the polynomial alone a slow wander passes for temperature: what one fit takes for the trend, the other's noise
-    explains (benchmarks/temperature.py, nulls).
+    With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
+    the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).
     """
     if not chosen.order:
         return 1.0
@@ -369,7 +370,7 @@ def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: flo
 
 
 def _by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
-    """Probability of such coefficients of the powers beyond ``above`` by chance where they are zero (Wald)."""
+    """p-value of the coefficients of the powers beyond ``above`` if they are zero (Wald)."""
     if order <= above:
         return 1.0
     part = slice(logs + above, logs + order)

@@ -1,6 +1,6 @@
-"""What the commands do over temperature: ``fit`` of rest logs and of sessions at several temperatures, ``simulate`` of rest logs.
+"""Commands over temperature: ``fit`` of rest logs and of sessions at several temperatures, ``simulate`` of rest logs.
 
-Imports nothing heavy at its top: the core's commands ask it for its options.
+Imports nothing heavy at its top, because the core's commands load it for its options.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from tinygc.cli.results import Done, output, try_destinations, write_json
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
-HIGHEST_ORDER = 20  #: beyond it powers of a temperature are one and the same in float64
+HIGHEST_ORDER = 20  #: above it powers of a temperature are indistinguishable in float64
 
 
 def add_fit_arguments(command: argparse.ArgumentParser) -> None:
-    """Of ``fit``."""
+    """Add the options of ``fit``."""
     command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rests")
     command.add_argument(
         "--temperature-order", type=count(0, HIGHEST_ORDER), metavar="N", help="highest power of the temperature that is tried (5)"
@@ -28,7 +28,7 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def fit(args: argparse.Namespace) -> Done:
-    """One model of all folders."""
+    """Fit one model to all folders."""
     from tinygc.annexes.temperature.library import fit_temperature
     from tinygc.annexes.temperature.output import MODEL, save_thermal, temperature_report, to_json
     from tinygc.cli.console import progress_bar
@@ -50,7 +50,7 @@ def fit(args: argparse.Namespace) -> Done:
 
 
 def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
-    """Of ``simulate``: a flag for each field of ``RestOptions``."""
+    """Add the options of ``simulate``: a flag for each field of ``RestOptions``."""
     from tinygc.annexes.temperature.options import RestOptions, rest_flag
 
     flags = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}
@@ -58,7 +58,7 @@ def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
-    """Simulate a rest log, in which nothing is turned; None where none is wanted."""
+    """Simulate a rest log, in which nothing is turned; None where none is requested."""
     from tinygc.annexes.temperature.options import RestOptions
 
     fields = given_fields(args, RestOptions, "rest_")

@@ -1,4 +1,4 @@
-"""A calibration over temperature in C, and in the terms of PX4 and ArduPilot."""
+"""Export of a calibration over temperature to C, PX4 and ArduPilot."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ CARRIED = "a calibration over temperature; px4 and ardupilot carry its zero, c a
 
 # A calibration over temperature in single precision: Horner's rule for zero and E, and the elements' temperatures where there is a lag.
 #
-# A lag of minutes at hundreds of samples a second moves its state by less than single precision can hold, so the state is two numbers, of
-# which the second is what the first has lost (Kahan 1965).
+# With a lag of minutes at hundreds of samples a second, a step changes the state by less than single precision resolves.  The state is
+# therefore two numbers, the second of which is the rounding error of the first (Kahan 1965).
 
 _HELD = """\
 /* The temperature within the range that was measured, less the reference. */
@@ -105,7 +105,7 @@ class ThermalStage(ProgramStage):
         self.body = _BODY.format(follow=follow, zero=powers[0], matrix=powers[1])
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """What the body does to rates (N, 3) float32, in the same order."""
+        """Apply the body to rates (N, 3) float32, in the same order of operations."""
         element = self._elements(inputs.temp_c)
         t = self._held(element)
         zero = np.broadcast_to(self._zero[-1], t.shape)
@@ -140,7 +140,7 @@ class ThermalStage(ProgramStage):
         return out
 
 
-stage = ThermalStage  #: by the name that ``program`` knows
+stage = ThermalStage  #: the name that ``program`` uses
 
 
 def _lag(tau_s: float, rate_hz: float) -> tuple[float, float, float]:
@@ -152,18 +152,18 @@ def _lag(tau_s: float, rate_hz: float) -> tuple[float, float, float]:
     return 1 - c, new, share
 
 
-# A zero over temperature as PX4 and ArduPilot hold it: a cubic about a temperature of theirs, and no lag.
+# A zero over temperature in the format of PX4 and ArduPilot: a cubic about a fixed temperature, without lag.
 
-#: highest power that they have
+#: their highest power
 CUBIC = 3
-#: dps: a lag whose loss in a change of 1 degC a minute is below this is not worth a word
+#: dps: a lag is reported if ignoring it costs more than this at 1 degC a minute
 WORTH_DPS = 1e-4
 
 
 def cubic_about(terms: np.ndarray, reference_c: float, range_c: tuple[float, float], about_c: float) -> tuple[np.ndarray, float]:
-    """(4, 3) terms per degC^n about another temperature, from terms (n, 3) about ``reference_c``; and the largest that is lost.
+    """Return (4, 3) terms per degC^n about another temperature, from terms (n, 3) about ``reference_c``, and the largest error.
 
-    Exact up to the third order; beyond it the cubic that is nearest, all temperatures of the range alike.
+    Exact up to the third order; beyond it the least-squares cubic, with uniform weight over the range.
     """
     out, lost = np.zeros((CUBIC + 1, 3)), 0.0
     at = np.linspace(*range_c, 201)
@@ -177,17 +177,17 @@ def cubic_about(terms: np.ndarray, reference_c: float, range_c: tuple[float, flo
 
 
 def part_at_reference(model: ThermalModel) -> LinearPart:
-    """The linear model at the reference temperature."""
+    """Return the linear model at the reference temperature."""
     linear = model.at(model.reference_c)
     return LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), model.reference_c)
 
 
 def say_lost(model: ThermalModel, context: Context, name: str, lost_rps: float) -> None:
-    """What the format cannot carry, to the operator."""
+    """Report to the operator what the format cannot carry."""
     full_scale = context.config.sensor.gyro_fs_dps
     E = model.E(np.array(model.range_c))
     lost = np.abs(E - np.eye(3)).sum(axis=2).max()
-    if lost > 0:  # of rest logs alone nothing of E is known
+    if lost > 0:  # rest logs alone do not determine E
         context.say(
             f"{name} carries the zero over temperature only, no scale and no misalignment: up to {100 * lost:.2f} % of the rate, "
             f"{lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
@@ -204,14 +204,14 @@ def say_lost(model: ThermalModel, context: Context, name: str, lost_rps: float) 
 
 
 def accel_change(context: Context) -> np.ndarray | None:
-    """(n + 1, 3) m/s^2 per degC^n about the reference, what rest logs told of the accelerometer; None where they did not."""
+    """(n + 1, 3) m/s^2 per degC^n about the reference: the accelerometer's change from rest logs; None where unknown."""
     change = context.table.get("accel_change_mps2")
     terms = np.asarray(change, dtype=float) if change else np.zeros((0, 3))
     return np.vstack([np.zeros(3), terms]) if terms.size and terms.ndim == 2 else None
 
 
 def px4(model: ThermalModel, context: Context) -> str:
-    """For PX4: the zero as a cubic about the model's own reference, and the accelerometer's change where it is known."""
+    """Return PX4's terms: the zero as a cubic about the model's own reference, and the accelerometer's change where known."""
     part, reference = part_at_reference(model), model.reference_c
     terms, lost = cubic_about(model.zero_terms, reference, model.range_c, reference)
     say_lost(model, context, px4_format.NAME, lost)
@@ -239,7 +239,7 @@ def _px4_terms(sensor: str, terms: np.ndarray, model: ThermalModel) -> dict[str,
 
 
 def ardupilot(model: ThermalModel, context: Context) -> str:
-    """For ArduPilot: the zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
+    """Return ArduPilot's terms: the zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
     part, reference = part_at_reference(model), model.reference_c
     terms, lost = cubic_about(model.zero_terms, reference, model.range_c, ardupilot_format.ABOUT_C)
     say_lost(model, context, ardupilot_format.NAME, lost)

@@ -1,4 +1,4 @@
-"""A calibration over temperature: from folders with rest logs, and sessions at several temperatures, to one model."""
+"""From folders with rest logs, and sessions at several temperatures, to one model over temperature."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def fit_temperature(
     most_order: int = ORDERS[-1],
     progress: Progress = lambda what, done, of: None,
 ) -> ThermalFit:
-    """Of one folder or several of one sensor: all their rest logs, and every session with turns.
+    """Fit one or more folders of one sensor: all their rest logs, and every session with turns.
 
-    Rest logs alone give the zero over temperature, beside an E that is the identity.  Raises CalibrationError, in one line, for what cannot
+    Rest logs alone give the zero over temperature, with the identity as E.  Raises CalibrationError, in one line, for data that cannot
     be read or fitted.
     """
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
@@ -53,7 +53,7 @@ def fit_temperature(
 
 
 def _refuse_same(paths: list[Path]) -> None:
-    """DataError where two logs are one recording: it would count twice, and halve the variances."""
+    """Raise DataError where two logs are the same recording: it would count twice, and halve the variances."""
     seen: dict[str, Path] = {}
     for path in paths:
         first = seen.setdefault(sha256_of(path), path)
@@ -62,7 +62,7 @@ def _refuse_same(paths: list[Path]) -> None:
 
 
 def _one_sensor(folders: list[Path]) -> Sensor:
-    """Of all folders.  FitError where they are of several."""
+    """Return the sensor of all folders.  Raises FitError for several sensors."""
     sensors = [read_config(folder / "session.toml").sensor for folder in folders]
     for folder, sensor in zip(folders[1:], sensors[1:], strict=True):
         for what in ("model", "serial", "gyro_fs_dps"):

@@ -16,32 +16,32 @@ from session.io.samples import Samples
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import CELSIUS, FACTOR, RATE, SECONDS, BaseModel, invertible
 
-# The element's temperature from what the temperature sensor reads: they are not the same while either is on its way.
+# The element's temperature from the reading of the temperature sensor: the two differ while either changes.
 #
 #     y' = (T - y) / a,     T_e = y + r (T - y),     lag tau = a (1 - r)
 #
-# r = 0: the element follows the reading, tau = a later (the temperature sensor sits nearer to the heat).  r = 20: it runs ahead of the
-# reading by 19 a = -tau.  A lead is not known exactly from readings that have noise; r = 20 lets that be twenty times as large, and is
-# late by a nineteenth of tau.  T is taken to be straight between two readings, so that steps of a second and of a millisecond agree.
+# r = 0: the element follows the reading, tau = a later (the temperature sensor is nearer to the heat).  r = 20: it leads the reading by
+# 19 a = -tau.  A lead cannot be computed exactly from noisy readings; r = 20 amplifies the noise twentyfold, and lags by a nineteenth of
+# tau.  T is assumed linear between two readings, so that steps of a second and of a millisecond agree.
 
 #: r of a lead
 LEAD = 20.0
 
 
 def time_and_share(tau_s: float) -> tuple[float, float]:
-    """(a, r) of a lag tau, s; a is 0 where there is none."""
+    """Return (a, r) of a lag tau, s; a is 0 where there is none."""
     return (tau_s, 0.0) if tau_s >= 0 else (-tau_s / (LEAD - 1), LEAD)
 
 
 def weights(a_s: float, step_s: float) -> tuple[float, float, float]:
-    """(c, new, old): y_k = c y_(k-1) + new T_k + old T_(k-1), exact where T is straight between two readings."""
+    """(c, new, old): y_k = c y_(k-1) + new T_k + old T_(k-1), exact where T is linear between two readings."""
     c = float(np.exp(-step_s / a_s))
     mean = float(-np.expm1(-step_s / a_s)) * a_s / step_s
     return c, 1 - mean, mean - c
 
 
 class ElementTemperature:
-    """One axis' filter: it remembers, so that a log may come in pieces.  Before the first reading all stood at its value."""
+    """Filter of one axis, with state, so that a log may be processed in pieces.  It starts in steady state at the first reading."""
 
     def __init__(self, tau_s: float, step_s: float):
         self._a, self._r = time_and_share(tau_s)
@@ -49,12 +49,12 @@ class ElementTemperature:
         self._last: tuple[float, float] | None = None  # reading, y
 
     def __call__(self, reading_c: np.ndarray) -> np.ndarray:
-        """(N,) degC of the element from the next readings (N,) degC."""
+        """Return (N,) degC of the element from the next readings (N,) degC."""
         if self._weights is None or not len(reading_c):
             return reading_c
         c, new, old = self._weights
         before, y_before = (float(reading_c[0]),) * 2 if self._last is None else self._last
-        # About the first reading: the filter's rounding is then that of the change.
+        # Relative to the first reading, so that rounding errors scale with the change.
         x = reading_c - before
         state = np.array([c * (y_before - before)])
         y = before + lfilter([new, old], [1.0, -c], x, zi=state)[0]
@@ -63,7 +63,7 @@ class ElementTemperature:
 
 
 def element_temperature(reading_c: np.ndarray, tau_s: float, step_s: float) -> np.ndarray:
-    """(N,) degC of the element, of evenly spaced readings (N,) degC."""
+    """(N,) degC of the element, from evenly spaced readings (N,) degC."""
     return ElementTemperature(tau_s, step_s)(reading_c)
 
 
@@ -71,8 +71,8 @@ def element_temperature(reading_c: np.ndarray, tau_s: float, step_s: float) -> n
 #
 #     omega = E(T) (m - b(T_e)),     E(T) = sum_n E_n (T - T0)^n,     b_i(T_e) = sum_n b_in (T_e,i - T0)^n
 #
-# m is the measured rate, T the sensor's reading, T_e,i axis i's element (``element_temperature.py``).  Beyond the temperatures that were
-# measured the last ones hold: a polynomial knows nothing out there.  B(T) = -E(T) b(T) is the linear model's B.
+# m is the measured rate, T the sensor's reading, T_e,i the temperature of axis i's element (``element_temperature``).  Beyond the measured
+# range, temperatures are clamped to its ends, because a polynomial does not extrapolate.  B(T) = -E(T) b(T) is the linear model's B.
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +91,16 @@ class ThermalModel(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """All coefficients, and the lags that there are."""
+        """Number of coefficients and nonzero lags."""
         return self.E_terms.size + self.zero_terms.size + int(np.count_nonzero(self.lag_s))
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """Temperature."""
+        """The model's input besides the rate: temperature."""
         return ("temperature",)
 
     def within(self, temp_c: np.ndarray) -> np.ndarray:
-        """(N,) degC, held at the ends of the range."""
+        """(N,) degC, clamped to the range."""
         return np.clip(temp_c, *self.range_c)
 
     def E(self, temp_c: np.ndarray) -> np.ndarray:
@@ -108,46 +108,46 @@ class ThermalModel(BaseModel):
         return np.moveaxis(polyval(self.within(np.asarray(temp_c, dtype=float)) - self.reference_c, self.E_terms), -1, 0)
 
     def zero(self, element_c: np.ndarray) -> np.ndarray:
-        """(N, 3) rad/s that the sensor reads at rest, its elements being at (N, 3) degC."""
+        """Rate (N, 3) rad/s at rest, with the elements at (N, 3) degC."""
         return polyval(self.within(element_c) - self.reference_c, self.zero_terms[:, None, :], tensor=False)
 
     def at(self, temp_c: float) -> LinearModel:
-        """The linear model of one temperature that stands."""
+        """Return the linear model at one constant temperature."""
         E, zero = self.E(np.array([temp_c]))[0], self.zero(np.full((1, 3), temp_c))[0]
         return LinearModel(E, -E @ zero)
 
     def elements(self, step_s: float) -> list[ElementTemperature]:
-        """A filter for each axis' element."""
+        """Return a filter for each axis' element."""
         return [ElementTemperature(float(tau), step_s) for tau in self.lag_s]
 
     def stream(self, rate_hz: float | None) -> ThermalStream:
-        """A log by itself, piece by piece.  CalibrationError where the temperature has a lag and the data rate is not known."""
+        """Return a stream for one log, piece by piece.  Raises CalibrationError for a model with a lag where the data rate is unknown."""
         if self.lag_s.any() and rate_hz is None:
             raise CalibrationError("the model follows temperature with a lag: time matters to it; load it with rate_hz=")
         return ThermalStream(self, 1 / (rate_hz or 1.0))
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log.  CalibrationError where it has no temperature.  What has been is all that is looked at."""
+        """Return true rates (N, 3) rad/s of one log, causally.  Raises CalibrationError where it has no temperature."""
         if samples.temp_c is None or not np.isfinite(samples.temp_c).all():
             raise CalibrationError("the log has no temperature, which this model follows; give temp, or another model")
         return ThermalStream(self, samples.period_s if len(samples) > 1 else 1.0)(samples.gyro, samples.temp_c)
 
     def with_bias_moved(self, change: np.ndarray) -> ThermalModel:
-        """The calibrated rate greater by ``change`` (3,) rad/s at the reference temperature; elsewhere by as much times E(T) over E(T0)."""
+        """Add ``change`` (3,) rad/s to the calibrated rate at the reference temperature; elsewhere it is scaled by E(T) over E(T0)."""
         terms = self.zero_terms.copy()
         terms[0] -= np.linalg.solve(self.E_terms[0], change)
         return replace(self, zero_terms=terms)
 
 
 class ThermalStream:
-    """One log through the model, piece by piece: it remembers the elements' temperatures."""
+    """One log through the model, piece by piece; it keeps the elements' temperatures."""
 
     def __init__(self, model: ThermalModel, step_s: float):
         self._model = model
         self._elements = model.elements(step_s)
 
     def __call__(self, rate: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
-        """Calibrated rates (N, 3) rad/s of the next samples: rate (N, 3) rad/s, temp_c (N,) degC."""
+        """Return calibrated rates (N, 3) rad/s of the next samples: rate (N, 3) rad/s, temp_c (N,) degC."""
         element = np.column_stack([follow(temp_c) for follow in self._elements])
         rate = rate - self._model.zero(element)
         if len(self._model.E_terms) == 1:
@@ -162,7 +162,7 @@ EQUATION = (
     "T and T_e held within range_c; a y' = T - y, T_e = y + r (T - y), lag = a (1 - r), r = 0 for a lag, 20 for a lead"
 )
 
-#: coefficients of a polynomial; beyond, no fit of readings goes
+#: coefficients of a polynomial; no fit of readings needs more
 MOST_TERMS = 20
 
 
@@ -192,7 +192,7 @@ _THERMAL = Keys(
 
 
 def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:
-    """equation and coefficients, SI."""
+    """Return equation and coefficients, SI."""
     return {
         "equation": EQUATION,
         "thermal": {
@@ -206,7 +206,7 @@ def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ThermalModel:
-    """The model; FormatError says what is wrong with the table."""
+    """Return the model.  Raises FormatError for an invalid table."""
     require(table, _THERMAL, where)
     part = table["thermal"]
     E, zero, lag = (np.asarray(part[name], dtype=float) for name in ("E", "zero_rps", "lag_s"))

@@ -1,4 +1,4 @@
-"""The options of a simulated rest log."""
+"""Options of a simulated rest log."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import isfinite
 from session.io.errors import CalibrationError
 from tinygc.simulation.options import choice
 
-#: beyond any sensor: what is larger would overflow somewhere
+#: beyond any sensor; larger values would overflow
 LARGEST = {
     "zero_dps": 1e4,
     "slope_dps_per_c": 100.0,
@@ -22,7 +22,7 @@ MOST_KNOCKS = 100_000
 
 @dataclass(frozen=True)
 class RestOptions:
-    """One simulated rest log; what follows temperature is the same size on every axis, with the signs +, −, + for x, y, z."""
+    """Options of one simulated rest log; temperature effects have the same size on every axis, with the signs +, −, + for x, y, z."""
 
     cycles: float = choice(0.0, "of the temperature in the rest log; 0: a session with turns is simulated")
     cycle_s: float = choice(3600.0, "s, length of a cycle")
@@ -59,5 +59,5 @@ class RestOptions:
 
 
 def rest_flag(name: str) -> str:
-    """The command line's flag of an option."""
+    """Return the command line's flag of an option."""
     return "--rest-" + name.replace("_", "-")

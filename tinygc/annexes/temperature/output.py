@@ -1,4 +1,4 @@
-"""A fit over temperature as picture, text, JSON and files."""
+"""Output of a fit over temperature: picture, text, JSON and files."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# The picture of a fit over temperature: each axis' zero up and down, what is left, the Allan deviation, E where sessions tell it.
+# The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
 
-#: how a way is drawn
+#: color of each direction of the temperature
 UP, DOWN = "#c0392b", "#2c5fa8"
 
 
@@ -41,7 +41,7 @@ def draw(fit: ThermalFit, path: Path) -> None:
 
 
 def figure_of(fit: ThermalFit) -> Figure:
-    """The picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     rests = fit.rests
     rows = (3 if rests is not None else 0) + (1 if fit.sessions is not None or (rests is not None and rests.allan is not None) else 0)
     figure, grid = canvas(max(rows, 1), f"{fit.name}: over temperature", [], [])
@@ -69,7 +69,7 @@ def _ways(rests: RestFit) -> list[tuple[str, str, np.ndarray]]:
 
 
 def _zero(rests: RestFit, axis: int, axes: Axes) -> None:
-    """Means of knots, each log's own zero taken to the common one, and the model."""
+    """Draw the means of knots, with each log's own zero shifted to the common one, and the model."""
     knots, fit = rests.knots, rests.gyro[axis]
     values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs])) / DEG
     for name, colour, which in _ways(rests):
@@ -84,7 +84,7 @@ def _zero(rests: RestFit, axis: int, axes: Axes) -> None:
 
 
 def _left(rests: RestFit, axis: int, axes: Axes) -> None:
-    """What the model leaves, by the element's temperature, against what is held out."""
+    """Draw the residuals against the element's temperature, with the held-out error."""
     knots, fit = rests.knots, rests.gyro[axis]
     values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs]))
     element = knots.mean(knots.element_c(fit.tau_s))
@@ -111,7 +111,7 @@ def _allan(rests: RestFit, axes: Axes) -> None:
 
 
 def _scale(fit: ThermalFit, axes: Axes) -> None:
-    """Scale factor errors of the sessions, and the model with one sigma."""
+    """Draw the scale factor errors of the sessions, and the model with one sigma."""
     assert fit.sessions is not None
     at = np.linspace(*fit.model.range_c, 60)
     E = fit.model.E(at)
@@ -127,15 +127,15 @@ def _scale(fit: ThermalFit, axes: Axes) -> None:
     axes.legend(fontsize=8)
 
 
-# The terminal report of a fit over temperature, as rich renderables: it returns them, and prints nothing.
+# The terminal report of a fit over temperature, as rich renderables; nothing is printed here.
 
-#: sigmas from which on a hysteresis is there
+#: sigmas above which a hysteresis is reported
 SEEN = 3.0
 ORDERS = ("constant", "straight line", "parabola", "cubic", "order 4", "order 5")
 
 
 def temperature_report(fit: ThermalFit) -> Group:
-    """What temperature does to each axis, what is left, and the noise."""
+    """Return the effect of temperature on each axis, the residuals, and the noise."""
     parts: list[RenderableType] = [_headline(fit)]
     if fit.rests is not None:
         told = [finding for finding in fit.rests.findings if finding.level != "ok"]
@@ -176,7 +176,7 @@ def _sessions(found: SessionsFit) -> RenderableType:
 
 
 def _over_temperature(fit: ThermalFit) -> RenderableType:
-    """Scale factors and zeros at five temperatures, with their sigmas."""
+    """Return scale factors and zeros at five temperatures, with their sigmas."""
     table = _table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
     for temp_c in np.linspace(*fit.model.range_c, 5):
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
@@ -241,7 +241,7 @@ def _noise(rests: RestFit) -> RenderableType:
 
 
 def remarks(fit: ThermalFit) -> list[str]:
-    """What to know of the model, in sentences."""
+    """Return remarks on the model, in sentences."""
     said = _of_rests(fit.rests) if fit.rests is not None else []
     if fit.sessions is None:
         said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
@@ -307,7 +307,7 @@ def _seen(found: Hysteresis) -> bool:
 
 
 def pm(value: float, sigma: float) -> str:
-    """Value ± sigma, with two digits of the sigma."""
+    """Format value ± sigma, with two digits of the sigma."""
     if not np.isfinite(sigma) or sigma <= 0:
         return f"{value:.4g}"
     digits = max(0, 1 - int(np.floor(np.log10(sigma))))
@@ -324,7 +324,7 @@ SCHEMA = "tinygc-temperature/1"
 
 
 def to_json(fit: ThermalFit) -> dict:
-    """All that was found, in the contract's units."""
+    """Return all results, in the units of the format."""
     model = fit.model
     table: dict[str, Any] = {
         "schema": SCHEMA,
@@ -351,7 +351,7 @@ def to_json(fit: ThermalFit) -> dict:
 
 
 def of_sessions(sessions: SessionsFit) -> dict:
-    """What sessions with turns tell."""
+    """Return the results of sessions with turns."""
     return {
         "sessions": [
             {
@@ -376,7 +376,7 @@ def of_sessions(sessions: SessionsFit) -> dict:
 
 
 def of_rests(rests: RestFit) -> dict:
-    """What rest logs tell."""
+    """Return the results of rest logs."""
     return {
         "rests": [
             {
@@ -452,15 +452,15 @@ def _numbers(values: Any) -> list[float | None]:
 
 # A fit over temperature as files: the model, the figures, the picture.
 
-#: beside the models of the other methods
+#: in the folder with the models of the other methods
 MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.png"
 UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
 
 
 def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
-    """Write the model, the figures and, where matplotlib is installed, the picture into a folder; returns it.
+    """Write the model, the figures and, where matplotlib is installed, the picture into a folder; return the folder.
 
-    StorageError for what cannot be written.
+    Raises StorageError for files that cannot be written.
     """
     with result_folder(folder):
         write_whole(folder / MODEL, model_table(fit))
@@ -471,7 +471,7 @@ def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
 
 
 def model_table(fit: ThermalFit) -> dict:
-    """``tinygc-model/1`` with the covariance; and of the accelerometer the calibration in whose body frame E is, and its change."""
+    """Return ``tinygc-model/1`` with the covariance, the accelerometer calibration of E's body frame, and the accelerometer's change."""
     more = {
         "method": "thermal",
         "session": fit.name,
@@ -483,9 +483,9 @@ def model_table(fit: ThermalFit) -> dict:
         "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
     }
     if fit.sessions is not None:
-        # That of the first session, into whose frame all were turned.  Where nothing was turned, E is the identity, and in no frame.
+        # All sessions were rotated into the first one's frame.  Without turns E is the identity, and has no frame.
         more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
     if fit.rests is not None and fit.rests.accel:
-        # The attitude was one: a change of scale and of zero are one there, and the constant is gravity's.
+        # At a single attitude, changes of scale and of zero cannot be separated, and the constant is gravity.
         more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()
     return models.to_dict(fit.model, **more)

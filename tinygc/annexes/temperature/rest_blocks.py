@@ -13,13 +13,13 @@ from session.io.rests import RestLog
 from tinygc.annexes.temperature.model import element_temperature
 from tinygc.closure.floor import wander_covariance
 
-# Where the temperature goes up, and where it comes down: half cycles, by which a model of it is examined.
+# Rising and falling half cycles of the temperature, the units of cross-validation.
 
-#: of the whole range: a turn of the temperature that is smaller ends no sweep
+#: of the whole range: a smaller reversal of the temperature ends no sweep
 TURN_SHARE = 0.25
-#: degC: a log whose temperature moves by less has no sweep
+#: degC: a log whose temperature varies by less has no sweep
 LEAST_C = 2.0
-#: blocks whose median is compared
+#: blocks of the running median
 SMOOTH = 9
 
 
@@ -34,7 +34,7 @@ class Sweep:
 
 
 def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
-    """The half cycles of one log's temperatures (B,) degC, in the order of time; none where they hardly move."""
+    """Return the half cycles of one log's temperatures (B,) degC, in the order of time; none where they hardly vary."""
     if len(temp_c) < 2 or not np.isfinite(temp_c).all():
         return []
     smooth = median_filter(temp_c, size=min(SMOOTH, len(temp_c)), mode="nearest")
@@ -48,7 +48,7 @@ def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
 
 
 def _turning_points(values: np.ndarray, least: float) -> list[int]:
-    """Indices of the first extreme, of each that turns by at least so much, and of the last."""
+    """Return the indices of the first extreme, of each reversal by at least ``least``, and of the last."""
     low = high = direction = 0
     points: list[int] = []
     for i, value in enumerate(values.tolist()):
@@ -64,24 +64,23 @@ def _turning_points(values: np.ndarray, least: float) -> list[int]:
     return points if len(points) > 1 else [0, len(values) - 1]
 
 
-# Blocks of a rest log merged into knots, few enough that the noise between all of them can be reckoned with.
+# Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
 #
-# A polynomial of temperature is averaged over the blocks of a knot, not taken of the knot's mean temperature: so a knot may be wide.
+# A polynomial of temperature is averaged over the blocks of a knot, not evaluated at the knot's mean temperature, so a knot may be wide.
 
 #: over all logs: from 80 to 320 the sigmas grow by a fifth, and the time by fifteen (benchmarks/temperature.py knots)
 MOST_KNOTS = 160
-#: lags whose powers are kept at hand, for six axes ask for the same grid
+#: lags whose powers are cached, since six axes use the same grid
 MOST_KEPT = 100
 
 
 @dataclass(frozen=True, eq=False)
 class Knots:
-    """Of several rest logs, K knots, B kept blocks.
+    """K knots from the B kept blocks of several rest logs.
 
-    logs: kept blocks; of (K,): log that each knot is of; starts (K,): its first block, all logs' blocks one after the other;
-    t_s, span_s (K,) s: middle in its log, and length of what it averages; sweep (K,): number of its sweep, or 0 where there are none;
-    direction (K,): of the temperature, +1, -1 or 0; temp_c (K,): mean reading; reference_c and half_c: temperatures are taken as
-    x = (T - reference) / half.
+    logs: kept blocks; of (K,): log of each knot; starts (K,): its first block, counted through all logs; t_s, span_s (K,) s: middle in its
+    log, and averaging time; sweep (K,): number of its sweep, or 0 where there are none; direction (K,): of the temperature, +1, -1 or 0;
+    temp_c (K,): mean reading; reference_c and half_c: temperatures are normalised as x = (T - reference) / half.
     """
 
     logs: tuple[RestLog, ...]
@@ -105,11 +104,11 @@ class Knots:
         return np.add.reduceat(values, self.starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
 
     def element_c(self, tau_s: float) -> np.ndarray:
-        """(B,) degC of the element at each block, by a lag."""
+        """(B,) degC of the element at each block, for a lag."""
         return np.concatenate([_lagged(log, tau_s) for log in self.logs])
 
     def powers(self, tau_s: float, order: int) -> np.ndarray:
-        """(K, order): means over each knot of x, x^2, …, x of the element's temperature."""
+        """(K, order): means over each knot of x, x^2, …, where x is the element's normalised temperature."""
         kept = self._powers.get(tau_s)
         if kept is None or kept.shape[1] < order:
             x = (self.element_c(tau_s) - self.reference_c) / self.half_c
@@ -119,12 +118,12 @@ class Knots:
         return kept[:, :order]
 
     def offsets(self) -> np.ndarray:
-        """(K, L): 1 where a knot is of a log."""
+        """(K, L): 1 where a knot belongs to a log."""
         return (self.of[:, None] == np.arange(len(self.logs))).astype(float)
 
     def covariances(self) -> list[np.ndarray]:
         """(K, K) each, of noise of unit size: white of density 1 (a mean over h s has the variance 1/h), flicker of bias instability 1,
-        a random walk of 1 per root of a second.  Logs know nothing of one another."""
+        a random walk of 1 per root of a second.  Logs are independent."""
         same = self.of[:, None] == self.of[None]
         flicker = np.where(same, wander_covariance(self.t_s, self.span_s, instability_rps=1.0), 0.0)
         walk = np.where(same, np.minimum(self.t_s[:, None], self.t_s[None]), 0.0)
@@ -140,7 +139,7 @@ def _powers_of(x: np.ndarray, order: int) -> Iterator[np.ndarray]:
 
 
 def _lagged(log: RestLog, tau_s: float) -> np.ndarray:
-    """Of one log's kept blocks; where blocks are missing the reading is taken to run straight."""
+    """Element temperature of one log's kept blocks; missing blocks are interpolated linearly."""
     if tau_s == 0:
         return log.temp_c
     every = np.arange(log.number[0], log.number[-1] + 1)
@@ -148,7 +147,7 @@ def _lagged(log: RestLog, tau_s: float) -> np.ndarray:
 
 
 def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
-    """Of the kept blocks of each log and their sweeps (``sweeps_of``); a log without sweeps is one."""
+    """Merge the kept blocks of each log by their sweeps (``sweeps_of``); a log without sweeps counts as one."""
     has_temperature = all(log.has_temperature for log in logs)
     temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
     total = sum(map(len, logs))

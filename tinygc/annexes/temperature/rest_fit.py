@@ -1,4 +1,4 @@
-"""Rest logs to what temperature does at rest, and the gyroscope's noise over temperature."""
+"""Fit of rest logs: the effect of temperature at rest, and the gyroscope's noise over temperature."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tinygc.annexes.temperature.axis_fit import ORDERS, AxisFit, fit_axis
 from tinygc.annexes.temperature.rest_blocks import Knots, Sweep, make_knots, sweeps_of
 from tinygc.closure.allan import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
 
-# A gyroscope's noise from rest logs: Allan deviation over all times, and whether it follows temperature.
+# A gyroscope's noise from rest logs: Allan deviation over all averaging times, and its dependence on temperature.
 
-#: samples of a chunk whose short times are summed: a knock spoils one of them
+#: samples of a chunk of short averaging times: a knock invalidates one chunk
 CHUNK = 2048
-#: averaging times to an octave
+#: averaging times per octave
 PER_OCTAVE = 2
 #: of the temperature's range
 BINS = 8
@@ -40,7 +40,7 @@ class ShortTimes:
         self._chunks: list[tuple[float, float, AllanSums]] = []
 
     def __call__(self, samples: Samples) -> None:
-        """The next piece of the log."""
+        """Add the next piece of the log."""
         if len(samples) < 8:
             return
         if self._factors is None:
@@ -49,7 +49,7 @@ class ShortTimes:
         t_s = (samples.t_ns - self._first_ns) * NS
         longest = 2 * self._factors[-1]
         size = max(CHUNK, 2 * longest)
-        # A gap ends a chunk: no second difference reaches over it.
+        # A gap ends a chunk, so that no second difference spans it.
         gaps = np.flatnonzero(np.diff(t_s) > 1.5 * self._period_s) + 1
         for start, stop in zip(np.append(0, gaps), np.append(gaps, len(t_s)), strict=True):
             for begin in range(int(start), int(stop), size):
@@ -58,7 +58,7 @@ class ShortTimes:
                     self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(_less_parabola(samples.gyro[begin:end]), self._factors)))
 
     def curve(self, log: RestLog, left_out: np.ndarray) -> AllanCurve | None:
-        """Without the chunks that hold a block of ``left_out`` (B,); None where none is left."""
+        """Return the curve without the chunks that contain a block of ``left_out`` (B,); None where none remains."""
         bad_s = log.t_s[left_out]
         first, last = (np.array([chunk[k] for chunk in self._chunks]) for k in (0, 1))
         hit = np.searchsorted(bad_s, first - log.block_s / 2) != np.searchsorted(bad_s, last + log.block_s / 2)
@@ -67,14 +67,15 @@ class ShortTimes:
 
 
 def _less_parabola(rates: np.ndarray) -> np.ndarray:
-    """(N, 3) less what temperature does within a chunk, which is far longer than the times that are asked for."""
+    """Remove a parabola from (N, 3): the effect of temperature within a chunk, which is far longer than the averaging times."""
     x = np.linspace(-1, 1, len(rates))
     Q = np.linalg.qr(np.column_stack([np.ones_like(x), x, x**2]))[0]
     return rates - Q @ (Q.T @ rates)
 
 
 def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
-    """From block means less what temperature explains, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are short."""
+    """Allan deviation of block means after the temperature fit, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are
+    short."""
     pieces, at = [], 0
     for log in logs:
         edges = np.flatnonzero(np.diff(log.number) > 1) + 1
@@ -88,7 +89,7 @@ def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
 
 
 def whole_curve(short: list[AllanCurve], long: AllanCurve | None) -> AllanCurve | None:
-    """Short times of the first log that has them (all logs are of one sensor, at one rate), then the long ones."""
+    """Combine the short times of the first log that has them (all logs are of one sensor, at one rate) with the long ones."""
     if not short or long is None:
         return short[0] if short else long
     return joined_curves(short[0], long)
@@ -96,7 +97,7 @@ def whole_curve(short: list[AllanCurve], long: AllanCurve | None) -> AllanCurve 
 
 @dataclass(frozen=True, eq=False)
 class NoiseOverTemperature:
-    """at_c (n,) degC; rms (n, 3) rad/s of single readings there; per_c, sigma (3,): how the rms changes, share per degC."""
+    """at_c (n,) degC; rms (n, 3) rad/s of single readings there; per_c, sigma (3,): change of the rms, share per degC, and its sigma."""
 
     at_c: np.ndarray
     rms: np.ndarray
@@ -105,7 +106,7 @@ class NoiseOverTemperature:
 
 
 def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
-    """Scatter within the blocks against temperature; None without a range of it."""
+    """Regress the scatter within the blocks on temperature; None without a range of temperatures."""
     if not all(log.has_temperature for log in logs):
         return None
     temp, sd = (np.concatenate([getattr(log, name) for log in logs]) for name in ("temp_c", "gyro_sd"))
@@ -117,12 +118,12 @@ def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
     where = np.clip(np.digitize(temp, edges) - 1, 0, BINS - 1)
     here = [where == k for k in range(BINS) if (where == k).sum() >= 10]
     centred = temp - temp.mean()
-    # Variances, whose mean is right however few samples a block holds; half of their share is the rms'.
+    # Variances are unbiased however few samples a block holds; the relative slope of the rms is half of theirs.
     level = sd**2 / mean / 2
     spread = float(centred @ centred)
     per_c = centred @ level / spread
     left = level - level.mean(axis=0) - centred[:, None] * per_c
-    # The scatter of a variance is white; what is not (a person in the room) makes neighbours alike, and widens the sigma.
+    # White scatter has no autocorrelation; disturbances (a person in the room) correlate neighbours, and widen the sigma.
     alike = 1 + 2 * np.clip((left[1:] * left[:-1]).mean(axis=0) / (left**2).mean(axis=0), 0, 0.95)
     sigma = np.sqrt((left**2).mean(axis=0) / spread * alike)
     at_c = np.array([temp[mask].mean() for mask in here])
@@ -130,16 +131,16 @@ def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
     return NoiseOverTemperature(at_c, rms, per_c, sigma)
 
 
-# Rest logs to what temperature does at rest: reading, the first look, each axis' fit, the noise.
+# Rest logs to the effect of temperature at rest: reading, the first examination, each axis' fit, the noise.
 
-#: told what is being done, and how many steps of how many are done
+#: callback for progress: the current step, steps done, and their total
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
-    """logs as read; knots of what was kept; sweeps; gyro, accel: a fit for each axis; allan: curve of what temperature leaves, or None;
-    noise over temperature, or None; findings of the first look."""
+    """logs: as read; knots: of the kept blocks; sweeps; gyro, accel: a fit for each axis; allan: curve of the residuals, or None;
+    noise: over temperature, or None; findings: of the first examination."""
 
     logs: tuple[RestLog, ...]
     knots: Knots
@@ -152,13 +153,13 @@ class RestFit:
 
     @property
     def range_c(self) -> tuple[float, float]:
-        """Coldest and warmest block, degC; NaN without temperatures."""
+        """Lowest and highest temperature of a block, degC; NaN without temperatures."""
         temp = np.concatenate([log.temp_c for log in self.knots.logs])
         return float(temp.min()), float(temp.max())
 
 
 def read_rests(paths: list[Path], sensor: Sensor, progress: Progress = lambda what, done, of: None) -> list[tuple[RestLog, ShortTimes]]:
-    """Each log, and the sums for its short times."""
+    """Return each log, and the sums for its short averaging times."""
     found = []
     for number, path in enumerate(paths):
         progress(path.name, number, len(paths))
@@ -173,7 +174,7 @@ def fit_rests(
     with_accel: bool = True,
     progress: Progress = lambda what, done, of: None,
 ) -> RestFit:
-    """Of one sensor's rest logs, all as one.  DataError where a log cannot be one, or some of them have temperatures and some not."""
+    """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
     logs = [log for log, _ in read]
     findings = [finding for log in logs for finding in check_rest(log)]
     stop_at_errors(findings)
@@ -201,14 +202,14 @@ def fit_rests(
 
 
 def zero_of_blocks(knots: Knots, fit: AxisFit) -> np.ndarray:
-    """(B,) what an axis' fit says of each block, SI."""
+    """Zero of an axis' fit at each block (B,), SI."""
     if fit.order == 0:
         return np.full(sum(map(len, knots.logs)), fit.terms[0])
     return np.polynomial.polynomial.polyval(knots.element_c(fit.tau_s) - knots.reference_c, fit.terms)
 
 
 def residual_blocks(knots: Knots, kind: str, axis: int, fit: AxisFit) -> np.ndarray:
-    """(B,) block means less the fit; each log has a zero of its own, which goes with it."""
+    """Block means (B,) less the fit; each log's own zero is removed too."""
     values = np.concatenate([getattr(log, kind)[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)
     edges = np.cumsum([len(log) for log in knots.logs])[:-1]
     return np.concatenate([part - part.mean() for part in np.split(values, edges)])

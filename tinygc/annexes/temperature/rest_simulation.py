@@ -1,4 +1,4 @@
-"""A simulated rest log: temperature up and down, a zero that follows late, noise; and its folder."""
+"""Simulation of a rest log: temperature up and down, a zero that lags it, noise; and its folder."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
 from tinygc.simulation.simulator import bias_instability, white
 from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, SIMULATED, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
 
-# A simulated rest log: temperature up and down, a zero that follows it late and comes back another way, noise of every colour.
+# A simulated rest log: temperature up and down, a zero with lag and hysteresis, white and coloured noise.
 #
-# The element's lag is stepped sample by sample, and the hysteresis is a play: code of its own, which no estimator shares.
+# The element's lag is integrated sample by sample, and the hysteresis is a play operator.  No estimator shares this code.
 
-#: of half the range: how far the temperature must turn back before the hysteresis has changed sides
+#: of half the range: how far the temperature must reverse before the hysteresis has changed its branch
 PLAY_SHARE = 0.2
-#: LSB per degC, and where it is 0 (docs/sensor.md)
+#: LSB per degC, and the temperature of register value 0 (docs/sensor.md)
 TEMP_LSB_PER_C, TEMP_ZERO_C = 256.0, 25.0
 
 
 @dataclass(frozen=True, eq=False)
 class RestRecording:
-    """Registers of a rest log: t_us (N,), gyro and accel (N, 3), temp (N,), whole numbers; knock_s: when it was knocked."""
+    """Registers of a rest log: t_us (N,), gyro and accel (N, 3), temp (N,), integers; knock_s: times of the knocks."""
 
     t_us: np.ndarray
     gyro: np.ndarray
@@ -42,7 +42,7 @@ class RestRecording:
 
 @dataclass(frozen=True)
 class Chip:
-    """What the rest log is recorded with: data rate Hz, full scales dps and g, white densities and bias instability of the datasheet."""
+    """Sensor of the rest log: data rate Hz, full scales dps and g, white densities and bias instability of the datasheet."""
 
     odr_hz: float
     gyro_fs_dps: float
@@ -53,7 +53,7 @@ class Chip:
 
 
 def simulate_rest(options: RestOptions, chip: Chip, seed: int = 0) -> RestRecording:
-    """The registers.  CalibrationError for a log that memory would not hold."""
+    """Return the registers.  Raises CalibrationError for a log that would not fit into memory."""
     count = round(options.cycles * options.cycle_s * chip.odr_hz)
     if not 2 <= count <= MOST_SAMPLES:
         raise CalibrationError(f"--rest-cycles makes {count} samples, expected 2 to {MOST_SAMPLES:.0e}; shorten it, or lower --odr-hz")
@@ -88,7 +88,7 @@ def simulate_rest(options: RestOptions, chip: Chip, seed: int = 0) -> RestRecord
 
 
 def _behind(values: np.ndarray, lag_s: float, dt_s: float) -> np.ndarray:
-    """First-order lag, by trapezoids (bilinear), from rest at the first value."""
+    """First-order lag, by trapezoids (bilinear), in steady state at the first value."""
     if lag_s <= 0:
         return values
     k = dt_s / (2 * lag_s + dt_s)
@@ -97,7 +97,7 @@ def _behind(values: np.ndarray, lag_s: float, dt_s: float) -> np.ndarray:
 
 
 def _play(values: np.ndarray, width: float) -> np.ndarray:
-    """What follows with a play of +/- width, begun in the middle: (N,)."""
+    """Play operator of width +/- width, started in the middle: (N,)."""
     out, held = np.empty(len(values)), float(values[0])
     for k, value in enumerate(values.tolist()):
         held = min(max(held, value - width), value + width)
@@ -105,11 +105,11 @@ def _play(values: np.ndarray, width: float) -> np.ndarray:
     return out
 
 
-# Write a simulated rest log as a session folder, and its truth beside it.
+# Write a simulated rest log as a session folder, with its truth.
 
 
 def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, force: bool = False) -> Path:
-    """Simulate a rest log and write its folder; returns the folder.  FormatError as of ``write_session``."""
+    """Simulate a rest log, write its folder and return the folder.  Raises FormatError like ``write_session``."""
     check_folder(folder, force)
     if session.sensor != DEFAULT:
         raise CalibrationError(

@@ -20,11 +20,11 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
-# The numbers of a model over temperature in one vector: E's terms, the zero's, the lags.
+# Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
 
 
 def parameter_names(E_order: int, zero_order: int) -> tuple[str, ...]:
-    """Of E's terms row by row, then the zero's, then the lags."""
+    """Names of E's terms row by row, then of the zero's, then of the lags."""
     E = [f"E{n}_{i}{j}" for n in range(E_order + 1) for i in "xyz" for j in "xyz"]
     return (*E, *(f"zero{n}_{i}" for n in range(zero_order + 1) for i in "xyz"), *(f"lag_{i}" for i in "xyz"))
 
@@ -38,7 +38,7 @@ def zero_terms(fits: tuple[AxisFit, ...]) -> np.ndarray:
 
 
 def zero_covariance(fits: tuple[AxisFit, ...], order: int) -> np.ndarray:
-    """(3 (order + 1) + 3, …): of ``zero_terms`` order by order, then of the lags; axes know nothing of one another."""
+    """(3 (order + 1) + 3, …): of ``zero_terms`` order by order, then of the lags; axes are independent."""
     size = 3 * (order + 1) + 3
     whole = np.zeros((size, size))
     for axis, fit in enumerate(fits):
@@ -48,7 +48,7 @@ def zero_covariance(fits: tuple[AxisFit, ...], order: int) -> np.ndarray:
 
 
 def usable_range(rests: RestFit) -> tuple[float, float]:
-    """Temperatures that the model is made for; where none was logged, the chip's own 25 degC."""
+    """Temperature range of the model; where none was logged, the chip's own 25 degC."""
     low, high = rests.range_c
     return (low, high) if np.isfinite(low) else (25.0, 25.0)
 
@@ -61,7 +61,7 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True, eq=False)
 class SessionPoint:
     """name; temp_c: mean over its logs, from low_c to high_c; values (12,): E row by row, then the zero b = -E^-1 B, rad/s; covariance
-    (12, 12) of them; segments used; accelerometer: the calibration that the fit rests on, in whose body frame E is."""
+    (12, 12) of them; segments used; accelerometer: the calibration on which the fit is based, in whose body frame E is."""
 
     name: str
     temp_c: float
@@ -74,9 +74,9 @@ class SessionPoint:
 
 
 def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> SessionPoint:
-    """Fit one session by least squares; shape: what rest logs tell of the zero, by which its readings are brought to its mean temperature.
+    """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
 
-    FitError where a log has no temperature; the errors of a fit besides.
+    Raises FitError where a log has no temperature, and the errors of a fit.
     """
     temps = []
     for log in session.logs:
@@ -92,7 +92,7 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
     options = FitOptions(methods=("least_squares",))
     found = fit_session(session, options, lambda what, done, of: progress(f"{session.name}: {what}", done, of))
     model = found.linear.model
-    assert isinstance(model, LinearModel)  # that is what least squares fits
+    assert isinstance(model, LinearModel)  # the type that least squares fits
     values, covariance = zero_form(model, found.covariance)
     low, high = np.quantile(temp, [0.005, 0.995])
     own = found.accelerometer.calibration
@@ -100,7 +100,7 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
 
 
 def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...]:
-    """All in the first one's body frame, as ``compare`` turns them; a zero is the sensor's own reading, and in no frame."""
+    """Rotate all points into the first one's body frame, as ``compare`` does; a zero is the sensor's own reading, and has no frame."""
     found = []
     for point in points:
         turn = np.eye(12)
@@ -111,17 +111,17 @@ def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...
 
 
 def _brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
-    """The log as if it had been recorded at one temperature, as far as the zero goes."""
+    """Return the log as if it had been recorded at one temperature, with respect to the zero."""
     samples = log.samples
     assert samples.temp_c is not None
-    # Beyond the rest logs' range the shape holds still: better than a polynomial that nobody has seen there.
+    # Beyond the rest logs' range the shape is constant, which is safer than extrapolating a polynomial.
     element = np.column_stack([follow(samples.temp_c) for follow in shape.elements(samples.period_s)])
     change = shape.zero(element) - shape.zero(np.full((1, 3), mean_c))
     return replace(log, samples=replace(samples, gyro=samples.gyro - change))
 
 
 def zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(12,) E row by row and b, where omega = E (m - b), and their covariance, from those of E and B."""
+    """Return (12,) E row by row and b, where omega = E (m - b), and their covariance, from those of E and B."""
     inverse = np.linalg.inv(model.E)
     zero = -inverse @ model.B
     slope = np.eye(12)
@@ -132,26 +132,26 @@ def zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, n
 
 # Sessions at several temperatures, and rest logs, in one model: E(T) and b(T) by generalised least squares.
 #
-# Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is turned into the first
-# one's.  Rest logs give how the zero moves, not where it stands: that is the sessions', since a zero changes from one switch-on to the
-# next, and a rest log's holds the Earth's rotation.  What the sessions' zeros scatter beyond their sigmas is such a change, and is a
-# variance of its own (Paule & Mandel 1982); what E scatters widens its sigmas (Birge 1932).
+# Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is rotated into the
+# first one's.  Rest logs determine the change of the zero over temperature, not its level.  The level comes from the sessions, since a
+# zero changes from one switch-on to the next, and a rest log's includes the Earth's rotation.  Scatter of the sessions' zeros beyond
+# their sigmas is attributed to switch-on, with a variance of its own (Paule & Mandel 1982); scatter of E widens its sigmas (Birge 1932).
 
-#: highest order of E that is tried: a sensitivity over temperature is nearly straight (data sheets state a slope)
+#: highest order of E that is tried: sensitivity over temperature is nearly linear (data sheets state a slope)
 MOST_E = 2
-#: the probability by chance below which E, or without rest logs the zero, is said to follow temperature
+#: p-value below which E, or without rest logs the zero, is reported to depend on temperature
 BY_CHANCE = 0.01
-#: degC: sessions that are nearer are at one temperature
+#: degC: sessions closer than this count as one temperature
 APART_C = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class SessionsFit:
-    """points, the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
+    """points: the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
     ``parameter_names``.
 
-    E: chi_square, freedom, p_value of the sessions' E about the model; widened: factor of E's variance; p_constant: that E does not follow
-    temperature, by chance; turn_on_rps: what the zero changes from session to session beyond noise, NaN where it cannot be told.
+    E: chi_square, freedom, p_value of the sessions' E about the model; widened: inflation factor of E's variance; p_constant: p-value of a
+    constant E; turn_on_rps: scatter of the zero between sessions beyond noise, NaN where it cannot be estimated.
     """
 
     points: tuple[SessionPoint, ...]
@@ -166,7 +166,7 @@ class SessionsFit:
 
 
 def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
-    """One model of all.  FitError without sessions."""
+    """Fit one model to all.  Raises FitError without sessions."""
     if not points:
         raise FitError("no session with turns: E needs one, and E over temperature two or more")
     points = in_frame_of_first(points)
@@ -184,7 +184,7 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
     covariance = np.zeros((n_E + n_zero + 3,) * 2)
     covariance[:n_E, :n_E] = widened * C_E
     covariance[n_E:, n_E:] = C_zero
-    # E and the zero of one session are known together: through the constants.
+    # E and the zero of a session are correlated: the constants carry the correlation.
     cross = _cross(points, len(E_values))
     covariance[MATRIX, n_E : n_E + 3] += cross
     covariance[n_E : n_E + 3, MATRIX] += cross.T
@@ -218,7 +218,7 @@ def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tu
 
 
 def _order_of_E(points: Sequence[SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
-    """The lowest order beyond which nothing shows, and the probability of E's dependence by chance."""
+    """Return the lowest sufficient order, and the p-value of a constant E."""
     if most < 1:
         return 0, 1.0
     chi = [_solve_E(points, away, order)[2] for order in range(most + 1)]
@@ -239,7 +239,7 @@ def _zero(
         C = zero_covariance(rests.gyro, order)
         shape = sum((terms[n] * (away**n)[:, None] for n in range(1, order + 1)), np.zeros_like(values))
         design, free = np.ones((len(points), 1)), 1
-        # What the shape is not known by, at the sessions' temperatures: axis by axis, all sessions together.
+        # Uncertainty of the shape at the sessions' temperatures: axis by axis, all sessions together.
         powers = np.array([away**n for n in range(1, order + 1)]).reshape(order, len(points))
         known = [np.einsum("nk,nm,ml->kl", powers, C[3 + i : 3 * (order + 1) : 3, 3 + i : 3 * (order + 1) : 3], powers) for i in range(3)]
     else:
@@ -259,7 +259,7 @@ def _zero(
         if rests is None:
             C[np.ix_(rows, rows)] = covariance
             continue
-        # The constant goes with the slopes that it was found beside.
+        # The constant is correlated with the slopes used to estimate it.
         G = covariance @ W.T
         higher = np.arange(3 + i, 3 * (order + 1), 3)
         cross = -(G @ powers.T @ C[np.ix_(higher, higher)]).ravel()
@@ -270,7 +270,7 @@ def _zero(
 
 
 def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: int) -> int:
-    """Without rest logs: the lowest order beyond which nothing shows, sessions' own sigmas alone."""
+    """Return the lowest sufficient order without rest logs, from the sessions' own sigmas alone."""
     most = min(most, 3)
 
     def left(order: int) -> float:
@@ -288,7 +288,7 @@ def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: 
 
 
 def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], design: np.ndarray) -> float:
-    """The scatter that makes chi-square its degrees of freedom, all axes together; 0 where none is needed."""
+    """Return the scatter at which chi-square equals its degrees of freedom, all axes together; 0 where none is needed."""
     freedom = 3 * (len(values) - design.shape[1])
 
     def chi_square(variance: float) -> float:
@@ -310,18 +310,18 @@ def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], desig
 
 
 def _cross(points: Sequence[SessionPoint], count: int) -> np.ndarray:
-    """(9, 3) of E's constants and the zero's: of the sessions' mean."""
+    """(9, 3) covariance of E's constants and the zero's, from the sessions' mean."""
     return sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / count**2
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Of a positive matrix whose rows have very different units."""
+    """Invert a positive matrix whose rows have very different units."""
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
 
 
 def _possible(covariance: np.ndarray) -> np.ndarray:
-    """The same with correlations that can be: cross terms were taken of a mean, and may be a little too large."""
+    """Limit correlations to valid ones: cross terms come from a mean, and may be slightly too large."""
     sigma = np.sqrt(np.diag(covariance))
     scale = np.where(sigma > 0, sigma, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -331,14 +331,14 @@ def _possible(covariance: np.ndarray) -> np.ndarray:
     return mended * np.outer(scale, scale)
 
 
-# What a fit over temperature gives: the model, how well each number is known, and what it was made of.
+# Result of a fit over temperature: the model, the uncertainty of each parameter, and the input data.
 
 
 @dataclass(frozen=True, eq=False)
 class ThermalFit:
-    """model with covariance (n, n) of the numbers that ``names`` calls, SI; remaining_rps (3,): rms of what a sweep that was left out
-    differs from the model, NaN without rest logs; rests, sessions: what it was made of, either may be None; sha256 of the files by name;
-    name of the session, or of the first one."""
+    """model with covariance (n, n) of the parameters in ``names``, SI; remaining_rps (3,): rms error of predicting held-out sweeps, NaN
+    without rest logs; rests, sessions: the input fits, either may be None; sha256 of the files by name; name of the session, or of the
+    first one."""
 
     name: str
     model: ThermalModel
@@ -351,11 +351,11 @@ class ThermalFit:
 
     @property
     def values(self) -> np.ndarray:
-        """(n,) as ``names`` calls them."""
+        """(n,) in the order of ``names``."""
         return np.concatenate([self.model.E_terms.ravel(), self.model.zero_terms.ravel(), self.model.lag_s])
 
     def sigma_at(self, temp_c: float) -> tuple[np.ndarray, np.ndarray]:
-        """One sigma of E (3, 3) and of the zero (3,) rad/s at a temperature that stands, by the covariance alone."""
+        """Return one sigma of E (3, 3) and of the zero (3,) rad/s at a constant temperature, by the covariance alone."""
         away = float(self.model.within(np.array([temp_c]))[0]) - self.model.reference_c
         n_E = self.model.E_terms.size
         powers = away ** np.arange(len(self.model.E_terms)), away ** np.arange(len(self.model.zero_terms))
@@ -366,12 +366,12 @@ class ThermalFit:
 
     @property
     def sigma(self) -> np.ndarray:
-        """(n,) of each number."""
+        """(n,) sigma of each parameter."""
         return np.sqrt(np.diag(self.covariance))
 
 
 def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> ThermalFit:
-    """E is the identity: nothing was turned."""
+    """Return the fit of rest logs, with the identity as E, because nothing was turned."""
     terms = zero_terms(rests.gyro)
     model = ThermalModel(np.eye(3)[None], terms, np.array([f.tau_s for f in rests.gyro]), rests.knots.reference_c, usable_range(rests))
     order = len(terms) - 1
@@ -382,7 +382,7 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
 
 
 def joined(name: str, sessions: SessionsFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
-    """Of sessions, with rest logs or without."""
+    """Return the fit of sessions, with rest logs or without."""
     names = parameter_names(len(sessions.model.E_terms) - 1, len(sessions.model.zero_terms) - 1)
     held_out = np.full(3, np.nan) if rests is None else np.array([fit.held_out for fit in rests.gyro])
     return ThermalFit(name, sessions.model, sessions.covariance, names, held_out, rests, sessions, sha256)

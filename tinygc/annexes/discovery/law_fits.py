@@ -1,4 +1,4 @@
-"""The recording refitted with a law or its rival, and the movement that would tell them apart."""
+"""Refit the recording with a law or its rival, and find the movement that distinguishes them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from tinygc.noise.twin import Channels
 from tinygc.noise.whitening import Whitener
 from tinygc.planning.turns import CandidateTurn, trials
 
-# Which numbers of a law are drawn together: what adds to one axis from one component of the quantity that is drawn along.
+# The coefficients of a law that are drawn together: terms that add to one axis from one component of the plotted quantity.
 
-#: quantities in units that a bench knows: how many of them one is, times full scale where it is a share of that, what it is called, unit
+#: displayed units of quantities: how many of them one is, times full scale for a share of it; name; unit
 SHOWN: dict[str, tuple[float, bool, str, str]] = {
     "rate": (1 / DEG, True, "rate about {i}", "dps"),
     "rate_size": (1 / DEG, True, "size of the rate", "dps"),
@@ -51,17 +51,17 @@ class LawSeries:
 
 
 def main_of(form: LawForm) -> Factor:
-    """The factor that is drawn along: the one that bends; of two alike the first."""
+    """The factor of the horizontal axis: the nonlinear one; of two alike the first."""
     return next((factor for factor in form.factors if factor.through.name != "itself"), form.factors[0])
 
 
 def other_of(form: LawForm) -> Factor | None:
-    """The factor beside the main one, which may be the same function of the same quantity once more."""
+    """The second factor, which may be the same function of the same quantity."""
     return form.factors[_beside(form)] if len(form.factors) == 2 else None
 
 
 def component_beside(form: LawForm, term: Term) -> int:
-    """Of the other factor, in a term."""
+    """Component of the second factor in a term."""
     return term.parts[_beside(form)][1]
 
 
@@ -70,7 +70,7 @@ def _beside(form: LawForm) -> int:
 
 
 def series_of(form: LawForm) -> list[LawSeries]:
-    """Every axis with every component of the main factor that it has, in the order of the form's terms."""
+    """One series for every axis and component of the main factor that it follows, in the order of the form's terms."""
     main, found = main_of(form), dict[tuple[int, int], list[int]]()
     for entry, term in enumerate(form.terms()):
         component = next(part // main.through.phases for factor, part in term.parts if factor is main)
@@ -79,7 +79,7 @@ def series_of(form: LawForm) -> list[LawSeries]:
 
 
 def has_curve(form: LawForm) -> bool:
-    """Whether the main factor can be drawn along its own quantity: nothing that remembers, and no direction fixed in the world."""
+    """Whether the main factor can be plotted along its own quantity: it has no memory and no direction fixed in the world."""
     main = main_of(form)
     remembers = any(factor.lag_s is not None or factor.through.memory for factor in form.factors)
     return not remembers and main.of.directions == 1
@@ -92,29 +92,29 @@ def values_of(factor: Factor, movement: Movement, component: int) -> np.ndarray:
 
 
 def curve(factor: Factor, at: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """(K,) SI of a series' law along its main quantity, theta (phases,) of its terms; times the other factor where there is one."""
+    """(K,) SI of a series' law along its main quantity, theta (phases,) of its terms; times the second factor where there is one."""
     found = factor.through.of(at, factor.constant or 1.0).reshape(len(at), -1)
     return found @ theta[: found.shape[1]]
 
 
 def shown_as(factor: Factor, movement: Movement) -> tuple[float, str, str]:
-    """How many of the shown unit one of the quantity is, what it is called with ``{i}`` for the axis, and the unit."""
+    """How many of the displayed unit one of the quantity is, its name with ``{i}`` for the axis, and the unit."""
     times, of_scale, words, unit = SHOWN.get(factor.quantity, (1.0, False, factor.of.words, factor.of.unit))
     return times * (movement.fs_rps if of_scale else 1.0), words, unit
 
 
 def component_name(factor: Factor, component: int) -> str:
-    """``x``; nothing of a scalar."""
+    """``x``; empty for a scalar."""
     return "xyz"[component // factor.of.directions] if factor.vector else ""
 
 
-# The recording refitted with a law, or with what was weighed in its place: what pictures and the next movement are made of.
+# The recording refitted with a law or with its rival, for the pictures and the next movement.
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """effect, and its form, None of a name; fit with it and all that stands beside it, whiten with the noise as it then is; theta (P,) of
-    the effect; left: what the fit leaves of each channel; adds: what one SI unit of each parameter adds to each."""
+    """effect, and its form, None for a catalogue effect; fit of the whole hypothesis with it, whiten with the noise re-estimated; theta
+    (P,) of the effect; left: residuals of each channel; adds: what one SI unit of each parameter adds to each channel."""
 
     form: LawForm | None
     effect: Effect
@@ -128,7 +128,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A law, with its form, and its first runner-up in its place, None where there is none that adds to the rates."""
+    """A law with its form, and its first runner-up in its place, None where none adds to the rates."""
 
     law: Law
     own: Fitted
@@ -136,7 +136,7 @@ class Pair:
 
 
 def pairs_of(e: Explanation, discovery: Discovery) -> list[Pair]:
-    """Of each law, refitted exactly with the noise estimated anew beside each."""
+    """Refit each law and its runner-up exactly, with the noise re-estimated for each."""
     known = {claim.effect.id: claim.effect for claim in e.naming.fit.state.claims}
     names = [known.get(name, catalogue()[name]) for name in discovery.names if name in catalogue()]
     names = [effect for effect in names if effect.kind not in ("register", "motion")]
@@ -154,9 +154,9 @@ def _fitted(evidence: Evidence, beside: list[Effect], form: LawForm | None, effe
     fit, twin = hypothesis.fit, evidence.twin
     replay = Replay(twin, fit)
     found = replay.columns(effect)
-    adds = Channels(-found.closure, -found.still, found.length)  # effects are taken off
+    adds = Channels(-found.closure, -found.still, found.length)  # negative, as effects are removed
     left = twin.residuals(fit.state, replay.rates)
-    # The same effects in another order are the same hypothesis, in the order of the first.
+    # The same effects in another order are the same hypothesis.
     theta = next(claim.theta for claim in fit.state.claims if claim.effect.id == effect.id)
     return Fitted(form, effect, fit, hypothesis.whiten, replay, theta, left, adds)
 
@@ -165,7 +165,7 @@ def _fitted(evidence: Evidence, beside: list[Effect], form: LawForm | None, effe
 
 
 def other_curve(e: Explanation, own: Fitted, other: Fitted, series: LawSeries) -> Callable[[np.ndarray], np.ndarray] | None:
-    """(K,) of the quantity -> (K,) rad/s that the runner-up says, with what its calibration changes; None where it follows another."""
+    """(K,) of the quantity -> (K,) rad/s of the runner-up, with its change of the calibration; None where it follows another quantity."""
     if own.form is None or other.form is None or len(other.form.factors) != 1 or not has_curve(other.form):
         return None
     main, theirs = main_of(own.form), main_of(other.form)
@@ -183,24 +183,24 @@ def other_curve(e: Explanation, own: Fitted, other: Fitted, series: LawSeries) -
     return said
 
 
-# The movement that tells a law from what else it could be: where the two make the channels differ most.
+# The movement that distinguishes a law from its alternative: where the two change the channels by the most different amounts.
 #
-# Each is fitted to this recording, with a calibration of its own.  Whatever the two then make of another movement are their predictions
-# there; the movement for which these lie most sigmas apart splits them.
+# Each is fitted to this recording with its own calibration and predicts the channels of another movement.  The best movement
+# separates the two predictions by the most sigmas.
 
-#: sigmas at which two laws are told apart, all turns together
+#: sigmas at which two laws are distinguished, over all turns
 TOLD_APART = 5.0
-#: turns that anybody would do for it: where more are needed, the condition that the grammar names is worth more
+#: most turns worth recommending: where more are needed, the condition that the grammar names is the better advice
 MOST_TURNS = 25
 
 
 def is_open(law: Law) -> bool:
-    """Whether something else could still stand in the law's place."""
+    """Whether the law still has a plausible alternative."""
     return bool(law.runners_up) and law.runners_up[0].worse < STAND_IN
 
 
 def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | None:
-    """What to record next; None where nothing is left to tell.  pairs: of the laws, where one is open."""
+    """What to record next; None where nothing is undecided.  pairs: of the laws, where one is open."""
     for law in discovery.laws:
         if is_open(law):
             between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
@@ -230,7 +230,7 @@ def _splitting(pair: Pair) -> str:
 
 
 def best_trial(own: Fitted, other: Fitted) -> tuple[CandidateTurn, float] | None:
-    """The movement for which the two differ most, and by how many sigmas: of its closure and of its stills, whatever the zero is then.
+    """The movement for which the two differ most, and by how many sigmas of its closure and stills, whatever the zero is then.
 
     None where the gyroscope's range is too small for any.
     """
@@ -249,5 +249,5 @@ def best_trial(own: Fitted, other: Fitted) -> tuple[CandidateTurn, float] | None
 
 
 def _corrected(by: Fitted, movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s, to first order: the rate by the fit's calibration, its effect taken off."""
+    """(N, 3) rad/s, to first order: the rate corrected by the fit's calibration and effect."""
     return by.fit.state.model(movement.rate) - by.effect.columns(by.effect.shown(movement)) @ by.theta

@@ -1,4 +1,4 @@
-"""Pictures of a law: the remainder along its quantity, with the law and its runner-up."""
+"""Plot a law: residuals along its quantity, with the law and its runner-up."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# What stills and turns show of a law: the remainder without it, with it, and with what was weighed in its place.
+# Residuals of stills and turns: without the law, with it, and with its runner-up.
 #
-# A still shows a rate of its own.  Of a turn's closure the share counts that a constant rate about one axis would make; where the law does
-# not hold still within a turn, it is the part along what the law makes of the closure.
+# A still gives a rate.  A turn's closure is projected onto that of a constant rate about one axis; where the law varies within a turn, it
+# is projected onto what the law adds to the closure.
 
-#: quantities that hardly move within a turn
+#: quantities that hardly vary within a turn
 SLOW = ("temperature", "temperature_rate", "time", "vibration", "rest", "sense")
-#: of the largest level of the other factor: below it a turn has no place along the main one
+#: share of the other factor's largest level below which a turn cannot be placed along the main quantity
 LEVEL = 0.15
-#: of what the points reach, to either side: how far the place of one is looked up on the curve
+#: extension of the points' range, to either side, in which a point is placed on the curve
 ROOM = 0.3
-#: points of a curve on which it is looked up
+#: points of the curve in which a place is looked up
 GRID = 801
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Of one series, n stills or turns.
+    """One series of n stills or turns.
 
-    x (n,): of the quantity, in its own unit, or what the law says where ``along_law``; without, left, other_left (n,): the remainder
-    without the law, with it, and with the runner-up in its place, None where there is none; sigma (n,) of noise; level (n,): of the other
-    factor, None where there is none.  In dps, or of turns that are drawn along the law in degrees of closure.
+    x (n,): of the quantity in its own unit, or the law's value where ``along_law``; without, left, other_left (n,): the residual without
+    the law, with it, and with the runner-up in its place, None where there is none; sigma (n,) of noise; level (n,): of the second factor,
+    None where there is none.  In dps, or in degrees of closure for turns drawn along the law.
     """
 
     series: LawSeries
@@ -74,18 +74,18 @@ class Points:
 
     @property
     def other_says(self) -> np.ndarray | None:
-        """(n,) what the runner-up says, with what its calibration changes beside it."""
+        """(n,) the runner-up's values, with its change of the calibration."""
         return None if self.other_left is None else self.without - self.other_left
 
     def some(self, keep: np.ndarray) -> Points:
-        """Those of a mask (n,)."""
+        """The points of a mask (n,)."""
         other_left, level = (None if values is None else values[keep] for values in (self.other_left, self.level))
         x, without, left, sigma = (values[keep] for values in (self.x, self.without, self.left, self.sigma))
         return Points(self.series, x, without, left, other_left, sigma, level, self.along_law, self.still)
 
 
 def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
-    """Mean rates of the stills, dps."""
+    """Points of the stills' mean rates, dps."""
     law, other, form = pair.own, pair.other, pair.law.form
     entries, movements = list(series.entries), _movements(e, law)
 
@@ -106,7 +106,7 @@ def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
 
 
 def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
-    """What turns ask for: dps about the axis, or degrees along what the law makes of their closure."""
+    """Points of the turns: dps about the axis, or degrees along the law's closure."""
     law, other, form = pair.own, pair.other, pair.law.form
     entries, beside = list(series.entries), other_of(form)
     said = law.adds.closure[:, :, entries] @ law.theta[entries]
@@ -136,7 +136,7 @@ def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
 
 
 def _along_law(series: LawSeries, said: np.ndarray, angles: list[np.ndarray], sigma: np.ndarray) -> Points:
-    """Each turn along the direction in which the law moves its closure: a line of slope one, if it is the cause."""
+    """Each turn along the direction in which the law moves its closure: a line of slope one, if the law is the cause."""
     size = np.linalg.norm(said, axis=1)
     largest = said[np.arange(len(said)), np.argmax(np.abs(said), axis=1)]
     ahead = np.divide(said, (size * np.sign(largest))[:, None], out=np.zeros_like(said), where=size[:, None] > 0)
@@ -150,7 +150,7 @@ def _movements(e: Explanation, law: Fitted) -> list[Movement]:
 
 
 def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], np.ndarray]], np.ndarray]) -> np.ndarray | None:
-    """(n,) of the other factor through its function, as it stands in the series' first term; None where there is none."""
+    """(n,) of the second factor through its function, in the series' first term; None where there is none."""
     form = pair.law.form
     beside: Factor | None = other_of(form)
     if beside is None:
@@ -160,12 +160,12 @@ def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], n
 
 
 def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep: np.ndarray) -> np.ndarray:
-    """(n,) where on the curve what the law says stands, on the side of zero on which x is; x itself where the curve does not tell."""
+    """(n,) where the curve has the law's value, on the same side of zero as x; x itself where the curve does not determine it."""
     form = pair.law.form
     found = x.copy()
     low, high = (x[keep].min(), x[keep].max()) if keep.any() else (0.0, 0.0)
     room, main, theta = ROOM * (high - low), main_of(form), pair.own.theta[list(series.entries)]
-    # A quantity that has no sign gets none.
+    # A quantity without a sign gets none.
     for side, begin, end in ((-1, low - room, min(high, 0.0)), (1, max(low - room, 0.0), high + room)):
         if not end > begin or (side < 0 and low >= 0):
             continue
@@ -176,30 +176,30 @@ def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep
         rises = np.concatenate([[True], np.diff(values) > 0])
         if np.any(np.diff(values) < 0) or rises.sum() < 2:
             continue
-        # Where it is level, as within a dead zone, it tells no place.
+        # A flat part, as within a dead zone, determines no place.
         here = (np.sign(x) == side) & (said > values[0]) & (said < values[-1])
         found[here] = np.interp(said[here], values[rises], at[rises])
     return found
 
 
-# Two panels of a law: the remainder along its quantity, with the law and its runner-up, and what each of them leaves.
+# Two panels of a law: residuals along its quantity with the law and its runner-up, and the residuals of each.
 
-#: matplotlib's, left and right
+#: panels of matplotlib, left and right
 Sides = tuple[Any, Any]
 
 COLOURS = tuple(AXES.values())
 #: functions whose constant is a place along their quantity
 EDGED = ("dead_zone", "excess", "within", "beyond", "signed_beyond", "above", "hinge", "band")
-#: of the runner-up, which has one colour for all axes
+#: colour of the runner-up, the same for all axes
 OTHER = "#555555"
 #: points of a curve
 POINTS = 400
-#: of the levels of a second factor, at which the law is drawn
+#: quantiles of a second factor's levels at which the law is drawn
 QUANTILES = (0.1, 0.5, 0.9)
 
 
 def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, right: Axes) -> None:
-    """One row of the page."""
+    """Draw one row of the page."""
     law, own, where = pair.law, pair.own, "in each still" if points[0].still else "of each turn"
     movement = e.twin.movements[0]
     times, words, unit = shown_as(main_of(law.form), movement)
@@ -247,7 +247,7 @@ def _name(law: Law, series: LawSeries) -> str:
 
 
 def _number(law: Law, series: LawSeries) -> str:
-    """The coefficient with its sigma, as the page says it, where the series has one."""
+    """The coefficient with its sigma as on the page, where the series has one."""
     if len(series.entries) != 1:
         return ""
     entry, (unit, _) = series.entries[0], coefficient_unit(law.form)
@@ -256,14 +256,14 @@ def _number(law: Law, series: LawSeries) -> str:
 
 
 def _errorbars(axes: Axes, x: np.ndarray, y: np.ndarray, sigma: np.ndarray, colour: str) -> None:
-    """Pale where they are uncertain."""
+    """Draw error bars, pale where they are large."""
     alpha = np.clip(2 * sigma.min(initial=np.inf) / sigma, 0.15, 1)
     for at, value, spread, strength in zip(x, y, sigma, alpha, strict=True):
         axes.errorbar(at, value, spread, fmt="o", ms=4, lw=0.8, color=colour, alpha=strength)
 
 
 def _laws(law: Law, own: Fitted, points: list[Points], times: float, one: float, axes: Axes) -> None:
-    """The law through the points: a curve along the quantity, or the line of slope one."""
+    """Draw the law through the points: a curve along the quantity, or the line of slope one."""
     if points[0].level is not None:
         return
     if points[0].along_law:
@@ -277,7 +277,7 @@ def _laws(law: Law, own: Fitted, points: list[Points], times: float, one: float,
 
 
 def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) -> None:
-    """Where the law begins or ends, dotted, as far as the points reach."""
+    """Draw dotted lines where the law begins or ends, within the range of the points."""
     main = main_of(law.form)
     if main.function not in EDGED or main.constant is None:
         return
@@ -287,11 +287,11 @@ def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) 
     for edge in (main.constant, -main.constant) if both else (main.constant,):
         if low <= edge <= high:
             axes.axvline(edge * times, ls=":", lw=1.0, color=FLOOR, label=label, zorder=0)
-            label = "_"  # said once
+            label = "_"  # labelled once
 
 
 def _levels(e: Explanation, law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
-    """One series of a law of two quantities: colours are the level of the second."""
+    """Draw one series of a law of two quantities, coloured by the level of the second."""
     assert points.level is not None
     other = other_of(law.form)
     assert other is not None
@@ -322,12 +322,12 @@ def _level_words(law: Law, series: LawSeries) -> str:
 
 
 def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, axes: Sides) -> None:
-    """A diamond for what it says of each turn or still, its own calibration beside it; in stills a dashed curve as well."""
+    """Draw the runner-up with its own calibration: a diamond at each turn or still, and for stills a dashed curve."""
     own, other = pair.own, pair.other
     if other is None:
         return
     left, right = axes
-    # A turn is no constant movement, and where an axis follows several components no curve along one says it all.
+    # A turn's movement is not constant, and where an axis follows several components no curve along one is complete.
     single = len({each.axis for each in series_of(pair.law.form)}) == len(series_of(pair.law.form))
     dashed = points[0].still and single and points[0].level is None and not points[0].along_law
     for each, colour in zip(points, COLOURS, strict=False):
@@ -355,25 +355,25 @@ def _what_is_left(points: list[Points]) -> str:
 def _span(values: np.ndarray) -> tuple[float, float]:
     low, high = float(np.min(values)), float(np.max(values))
     room = 0.03 * max(high - low, 1e-12)
-    return (low - room if low < 0 else max(low - room, 0.0)), high + room  # what has no sign gets none
+    return (low - room if low < 0 else max(low - room, 0.0)), high + room  # a quantity without a sign stays positive
 
 
 def _fit_in(axes: Axes, values: list[np.ndarray]) -> None:
-    """All values, zero, and some room: not what a curve does beyond the points."""
+    """Fit the axes to all values, zero and a margin, ignoring the curve beyond the points."""
     low, high = _span(np.append(np.concatenate(values), 0.0))
     axes.set_ylim(low - (high - low) * 0.05, high + (high - low) * 0.05)
 
 
-# ``explain/discover.png``: the remainder against the quantity that a law follows, with the law and its runner-up; what each leaves.
+# ``explain/discover.png``: residuals against the law's quantity, with the law and its runner-up.
 
-#: of a law's chi-square, from which on a channel has a row of its own
+#: share of a law's chi-square above which a channel has its own row
 SHARE = 0.15
 #: series in one panel
 MOST_SERIES = 3
 
 
 def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure:
-    """The page as a matplotlib figure, of an answer with laws.  Raises CalibrationError where matplotlib is missing."""
+    """The page as a matplotlib figure, for an answer with laws.  Raises CalibrationError where matplotlib is missing."""
     rows = [(pair, points) for pair in pairs for points in _rows(e, pair)]
     title, _ = headline(discovery.verdict, any(law.runners_up for law in discovery.laws))
     figure, grid = canvas(len(rows), f"{e.session.name}: {title}", (), [_words(pair.law) for pair in pairs])
@@ -388,7 +388,7 @@ def _words(law: Law) -> str:
 
 
 def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
-    """The series of each channel that tells of the law."""
+    """The series of each channel with evidence for the law."""
     power, found = _power(pair.own), []
     for channel, of in (("closure", of_turns), ("still", of_stills)):
         if power[channel] < SHARE * sum(power.values()):
@@ -404,6 +404,6 @@ def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
 
 
 def _power(own: Fitted) -> dict[str, float]:
-    """Chi-square of what the law says, by channel."""
+    """Chi-square of the law's prediction, by channel."""
     said = own.whiten.by_channel(own.whiten(own.adds.stacked() @ own.theta))
     return {name: float(np.sum(said[part] ** 2)) for name, part in own.whiten.parts.items()}

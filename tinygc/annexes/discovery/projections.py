@@ -1,4 +1,4 @@
-"""Projections: the channels as one hypothesis sees them, and forms that are the same in them."""
+"""Project the channels beside a hypothesis, and find forms that are the same there."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
-# A look: the channels as one hypothesis sees them, its noise white, its calibration and its names taken out.
+# A projection: the channels under one hypothesis, whitened, without the span of its calibration and effects.
 #
-# What is taken out is p directions of n.  Householder's reflections turn them onto the first p axes, so that the other n - p coordinates
-# are what is beside them: n p numbers, where a basis of the rest is n^2 of them, and n^3 of work.
+# The removed span has p directions of n.  Householder reflections turn it onto the first p axes, so the other n - p coordinates are the
+# orthogonal complement: n p numbers, where a basis of the complement takes n^2 numbers and n^3 of work.
 
-#: of the recording's scatter, what a form leaves at least: of one that takes up all, a logarithm is asked for
+#: least share of the recording's scatter that a form leaves, so that the logarithm is finite
 LEAST_LEFT = 1e-2
 
 
 class Projection:
-    """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all.
+    """whiten, fit: of the hypothesis against which forms are tested; rows (n,): of the stacked channels that are used, None: all.
 
-    n rows in all, m of them free: beside the nuisance, which is what the fit has already.
+    n rows in all, m of them free: orthogonal to the nuisance parameters, which are those of the fit.
     """
 
     def __init__(self, twin: Twin, whiten: Whitener, fit: Refit, rows: np.ndarray | None = None):
@@ -46,7 +46,7 @@ class Projection:
         self._reflections = _reflections(self.q)
         beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
         self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
-        #: directions that tell the noise's scale
+        #: directions that determine the noise's scale
         self.freedom = float(self._scale_rows.sum() - np.sum(self._wide[self._scale_rows] ** 2))
         #: (free,) of the recording, and its scatter
         self.residual, (self.scatter,) = self.free_of(r[:, None])[:, 0], self.scatters(r[:, None])
@@ -57,15 +57,15 @@ class Projection:
         return Projection(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
 
     def matrix(self) -> np.ndarray:
-        """(n, rows) single precision: whitening and turning as one, for many columns; the first ``free`` rows see what the nuisance leaves.
+        """(n, rows) single precision: whitening and rotation as one, for many columns; the first ``free`` are orthogonal to the nuisance.
 
-        Made where it is asked for and kept by nobody: of a thousand turns 150 MB.
+        Computed on demand and not cached: 150 MB for a thousand turns.
         """
         turned = self._turned(self._own.matrix())
         return np.concatenate([turned[len(turned) - self.free :], turned[: len(turned) - self.free]], dtype=np.float32, casting="same_kind")
 
     def free_of(self, whitened: np.ndarray) -> np.ndarray:
-        """(free, …) of whitened channels (n, …), beside the nuisance."""
+        """(free, …) of whitened channels (n, …), orthogonal to the nuisance."""
         return self._turned(whitened)[len(whitened) - self.free :]
 
     def seen(self, stacked: np.ndarray) -> np.ndarray:
@@ -77,7 +77,7 @@ class Projection:
         return self._own.own(stacked)
 
     def _turned(self, whitened: np.ndarray) -> np.ndarray:
-        """(n, …) of whitened channels (n, …): first along the nuisance, then beside it."""
+        """(n, …) of whitened channels (n, …): first along the nuisance, then orthogonal to it."""
         from scipy.linalg.lapack import dormqr
 
         factored, tau = self._reflections
@@ -88,19 +88,19 @@ class Projection:
         return dormqr("L", "T", factored, tau, columns, room)[0].reshape(whitened.shape)
 
     def beside(self, whitened: np.ndarray) -> np.ndarray:
-        """Whitened channels (n, …) without what the nuisance takes of them."""
+        """Whitened channels (n, …) without their part along the nuisance."""
         return whitened - self.q @ (self.q.T @ whitened)
 
     def scatters(self, whitened: np.ndarray) -> np.ndarray:
-        """(…,) sums of squares of residuals (n, …) over the rows that tell the noise's scale, as ``Selection`` takes them."""
+        """(…,) sums of squares of residuals (n, …) over the rows that determine the noise's scale, as ``Selection`` takes them."""
         left = (whitened - self._wide @ (self._wide.T @ whitened))[self._scale_rows]
         return np.sum(left**2, axis=0)
 
     def studentised(self, gain: np.ndarray, rank: np.ndarray, scatter: np.ndarray | float) -> np.ndarray:
-        """Gains (F, …) of forms of rank (F,) as they would be if the noise's scale were what the scatter says.
+        """Gains (F, …) of forms of rank (F,) with the noise's scale estimated from the scatter.
 
-        For a normal law of unknown scale, twice the logarithm of how much likelier it is with a form than without, with Bartlett's factor,
-        which makes a chi-square of it.  The scatter is that of some rows; the gain is of all, so it is held against as many as there are.
+        This is twice the log likelihood ratio of a normal law of unknown scale with and without the form, with Bartlett's factor, which
+        makes it a chi-square.  The scatter is of some rows and the gain of all, so the scatter is scaled to the number of rows.
         """
         rank = np.minimum(rank, self.free / 2).reshape(-1, *(1,) * (gain.ndim - 1))
         share = gain / (np.asarray(scatter) * self.free / self.freedom)
@@ -108,7 +108,7 @@ class Projection:
 
 
 def _reflections(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Householder's, that turn orthonormal columns (n, p) onto the first p axes, as LAPACK keeps them: (n, p) and (p,)."""
+    """Householder reflections that turn orthonormal columns (n, p) onto the first p axes, in LAPACK's form: (n, p) and (p,)."""
     from scipy.linalg.lapack import dgeqrf
 
     if not q.shape[1]:
@@ -122,15 +122,15 @@ def _unit(columns: np.ndarray) -> np.ndarray:
     return columns[:, size > 0] / size[size > 0]
 
 
-# From a form's columns to what it promises.
+# From a form's columns to its promise.
 
-#: a direction that the nuisance leaves less of than this is not seen.  What is left of a rate that a calibration takes up is the noise of
-#: the rate itself, 2e-4, which is in the residuals, too; of the faintest law beside it, a dead zone of a hundredth of the range, 2e-2
+#: least share of a direction outside the nuisance for it to be visible.  Beyond a calibration, a rate leaves its own noise, 2e-4, which is
+#: also in the residuals; the faintest law, a dead zone of a hundredth of the range, leaves 2e-2
 FAINT = 5e-3
 
 
 def price(bits: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Twice the logarithm of what forms cost before they are looked at, as ``evidence.price``: bits (F,), sizes (F,) coefficients."""
+    """Twice the logarithm of forms' prior odds, as ``evidence.price``: bits (F,), sizes (F,) coefficients."""
     return 2 * (np.log(2) * bits + np.log(SCALES / PRIOR_ODDS)) + sizes
 
 
@@ -141,10 +141,10 @@ def promise(gain: np.ndarray, rank: np.ndarray, price: np.ndarray) -> np.ndarray
 
 
 def seen_directions(free: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """weights (F, P, P), rank (F,) and left (F,) of forms' columns: free (F, P, m) beside the nuisance, length (F, P) with it.
+    """weights (F, P, P), rank (F,) and left (F,) of forms' columns: free (F, P, m) orthogonal to the nuisance, length (F, P) with it.
 
-    ``weights @ free`` are orthonormal rows, then zeros: a direction is dropped that the nuisance leaves less than ``FAINT`` of, as
-    ``selection.left_of`` drops one; left: the share of the columns' squared length that is seen.
+    ``weights @ free`` are orthonormal rows, then zeros: a direction of which less than ``FAINT`` is outside the nuisance is dropped, as
+    ``evidence.left_of`` does; left: the visible share of the columns' squared length.
     """
     length = np.where(length > 0, length, 1.0).astype(float)
     unit = free / length[:, :, None]
@@ -156,23 +156,23 @@ def seen_directions(free: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, n
     return weights, kept.sum(axis=1), np.sum(size * kept, axis=1) / size.shape[1]
 
 
-# Forms that are the same in this recording: their columns, as a look sees them, span the same directions.
+# Forms that are the same in this recording: their projected columns span the same directions.
 #
-# Gains in draws of noise hang on the span alone.  Of two forms of one rank, the mean square of their gains' difference is four times the
-# sum of the squared sines of the angles between them, so a few dozen draws tell which forms are near, whatever their columns.
+# Gains in draws of noise depend on the span alone.  For two forms of one rank, the mean square of their gains' difference is four times
+# the sum of the squared sines of the angles between them, so a few dozen draws show which forms are near, whatever their columns.
 
 #: cosine of the largest angle between two forms that are the same
 SAME = 0.99
 #: mean square of the difference of their gains
 NEAR = 4 * (1 - SAME**2)
-#: of draws, which miss that by a quarter or so: how much farther is worth a closer look
+#: margin on that for its sampling error of about a quarter: pairs within it are compared exactly
 SLACK = 3.0
-#: forms that are compared at once, and those that are looked at closely
+#: forms that are compared at once, and those that are compared exactly
 AT_ONCE, MOST_CLOSE = 1024, 400
 
 
 def leaders(marks: np.ndarray, rank: np.ndarray, bits: np.ndarray) -> np.ndarray:
-    """(F,) of each form the simplest that is near it; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
+    """(F,) the simplest form near each form; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
     found = np.full(len(marks), -1)
     for own_rank in np.unique(rank[rank > 0]):
         members = np.flatnonzero(rank == own_rank)
@@ -204,7 +204,7 @@ def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def basis_of(form: LawForm, responses: Responses, projection: Projection) -> np.ndarray:
-    """(m, r) orthonormal: what a look sees of a form."""
+    """(m, r) orthonormal: the span of a form in a projection."""
     return seen_basis(responses.columns(form), projection)
 
 
@@ -224,7 +224,7 @@ def equivalent_forms(
     rank: np.ndarray,
     forms: Sequence[LawForm],
 ) -> list[int]:
-    """Numbers of the forms that span what this one does; noise (n, D): of which marks (F, ≤ D) are the gains."""
+    """Numbers of the forms with the same span as this one; noise (n, D): the draws whose gains are marks (F, ≤ D)."""
     basis = basis_of(form, responses, projection)
     if not basis.shape[1]:
         return []

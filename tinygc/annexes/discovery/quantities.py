@@ -12,8 +12,8 @@ import numpy as np
 from tinygc.effects import Movement, Reach, signals, without_vibration
 from tinygc.effects.movement import HAND_S, NOWHERE
 
-# Functions of one quantity: what a law makes of it before it multiplies.  The Python of each is its one definition: the search evaluates
-# it, and an effect file holds it.
+# Functions of one quantity, applied before it multiplies.  The Python of each is its one definition: the search evaluates it, and an
+# effect file contains it.
 
 #: names that the Python of a function or a quantity may use
 _NAMES = {"np": np, "signals": signals, "without_vibration": without_vibration}
@@ -25,10 +25,10 @@ class Function:
     """name; shown: an equation's text, ``{x}`` the quantity and ``{c}`` its constant; words about it, likewise; source: Python of ``x``
     and ``c``.
 
-    constant: the constant's name in JSON where it has one, which has the quantity's unit; odd: whether it changes sign with x; phases:
-    numbers for each x, a further last axis where there are several; power: of the quantity's unit, that of the values: 0 for a function
-    that divides by its constant or takes a sign; memory: whether it depends on the whole log, whose samples are the first axis; decided:
-    whether the constant decides at a few moments alone, so that the values change by steps with it.
+    constant: the constant's name in JSON where it has one, in the quantity's unit; odd: whether it changes sign with x; phases: values for
+    each x, a further last axis where there are several; power: of the quantity's unit in the values, 0 for a function that divides by its
+    constant or takes a sign; memory: whether it depends on the whole log, whose samples are the first axis; decided: whether the constant
+    acts at a few moments alone, so that the values are stepwise in it.
     """
 
     name: str
@@ -188,16 +188,16 @@ FUNCTIONS: dict[str, Function] = {
 }
 
 
-# The quantities that an error may follow: each with its unit, and how it comes from a log's movement.
+# The quantities that an error may follow: each with its unit and its source in a log's movement.
 
 
 @dataclass(frozen=True, eq=False)
 class SignalQuantity:
-    """name; symbol in an equation, ``{i}`` where an axis stands; words; unit that its values have.
+    """name; symbol in an equation, ``{i}`` where an axis stands; words; unit of its values.
 
     components: 3 for a vector of the sensor's axes, 6 for one with two directions for each axis (axis * 2 + direction), 1 for a scalar;
     source: Python over a movement ``m``, (N,) or (N, 3, …); inputs and reach: as an ``Effect`` declares them; memory: whether it is summed
-    over the log, so that no later movement knows it; positive: whether it is never below zero.
+    over the log, so that it cannot be predicted for a later movement; positive: whether it is never below zero.
     """
 
     name: str
@@ -226,7 +226,7 @@ class SignalQuantity:
 
     @property
     def directions(self) -> int:
-        """Numbers of each axis."""
+        """Components of each axis."""
         return max(self.components // 3, 1)
 
 
@@ -356,19 +356,19 @@ QUANTITIES: dict[str, SignalQuantity] = {
 }
 
 
-# How large each quantity is in a recording, and whether it varies enough to be asked.
+# The size of each quantity in a recording, and whether it varies enough to be searched.
 
 #: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
 LEAST_CHANGE_C = 0.5
-#: g^2: below this nothing but the accelerometer's own noise vibrates (a thousandth of g, of a part of 100 ug/rtHz at 100 Hz)
+#: g^2: less is the accelerometer's own noise (a thousandth of g, for 100 ug/rtHz at 100 Hz)
 LEAST_VIBRATION_G2 = 1e-6
 
 
 def largest_of(movements: Sequence[Movement]) -> dict[str, float]:
     """Quantity -> its largest finite size over all logs of two rows or more; 0 where it is missing in one, or varies too little.
 
-    Readers refuse a reading that is no number, so a temperature is missing in a whole log or nowhere.  It is then not asked for, as
-    ``candidates`` asks no effect of the catalogue; ``learnable`` says of it that no law would be found.
+    Readers reject non-finite readings, so a temperature is missing in a whole log or nowhere.  It is then excluded from the search, as
+    ``candidates`` excludes catalogue effects; ``learnable`` reports that no law of it would be found.
     """
     movements = [movement for movement in movements if len(movement.t_s) > 1]
     if not movements:

@@ -1,4 +1,4 @@
-"""A discovery written out: effect files, table, page, picture."""
+"""Write a discovery: effect files, table, page, picture."""
 
 from __future__ import annotations
 
@@ -37,35 +37,35 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Laws as effect files in a folder, where a person may have edited what an earlier run wrote: no edit is ever lost.
+# Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.
 #
-# A file's last line has the hash of what stands above it.  A file whose hash is right is this tool's own: the next run replaces it, or
-# takes it away where its law was not found again.  Any other file is a person's, and stays; a law that would have its name gets another.
+# A file's last line has the hash of the text above it.  A file with the right hash is this tool's own: the next run replaces it, or deletes
+# it where its law was not found again.  Any other file is a user's and stays; a law that needs its name gets another.
 
 #: folder of a session's ``explain``
 FOLDER = "effects"
 SEAL = "# Written by calibrate.py explain --discover.  Edit it as you like: an edited file is never replaced.  sha256 of the lines above: "
 LAST = re.compile(re.escape(SEAL) + r"([0-9a-f]{64})\n")
-#: of a file that is looked at; ours have some kB
+#: bytes of a file that is read; ours have some kB
 MOST_EFFECT = MB
 
 
 @dataclass(frozen=True)
 class Saved:
-    """files: of each law, in order; says: a line for each thing that a person should know."""
+    """files: of each law, in order; says: lines of notes for the user."""
 
     files: tuple[Path, ...]
     says: tuple[str, ...]
 
 
 def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
-    """Write each law into the folder, and take away what an earlier run wrote there and this one did not find.
+    """Write each law into the folder, and delete those that an earlier run wrote and this one did not find.
 
-    Without a law the folder is not made, and left only with what is a person's.  Raises StorageError, or an OSError with the file's name,
-    where it cannot be written.
+    Without a law no folder is made; an existing one remains only if it holds a user's files.  Raises StorageError, or an OSError with the
+    file's name, where it cannot be written.
     """
     own = sorted(path for path in folder.glob("discovered_*.py") if is_own(path)) if folder.is_dir() else []
-    # What was named with --effects was a name of the catalogue for this search: it looked for other laws.
+    # Effects loaded with --effects were part of the catalogue for this search, which looked for other laws.
     named = folder.resolve() in [each.resolve() for each in loaded_folders()]
     earlier = [] if named else own
     files: list[Path] = []
@@ -93,7 +93,7 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
 
 
 def _free(folder: Path, name: str, earlier: list[Path], taken: list[Path]) -> str:
-    """The first of name, name_2, name_3, … that is no person's file and none of this run's."""
+    """The first of name, name_2, name_3, … that is neither a user's file nor written in this run."""
     number, tried = 1, name
     while True:
         path = folder / f"discovered_{tried}.py"
@@ -109,11 +109,11 @@ def sealed(text: str) -> str:
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file is as this tool wrote it; a link, and what cannot be read, is not."""
+    """Whether a file is unchanged since this tool wrote it; False for a link or an unreadable file."""
     try:
         if path.is_symlink():
             return False
-        text = read_bytes(path, MOST_EFFECT).decode().replace("\r\n", "\n")  # as Windows writes it
+        text = read_bytes(path, MOST_EFFECT).decode().replace("\r\n", "\n")  # Windows line ends
     except (FormatError, UnicodeDecodeError):
         return False
     above, _, last = text.removesuffix("\n").rpartition("\n")
@@ -125,11 +125,11 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-# An explanation and the discovery beside it, told: one table, the page of the terminal, the picture, the files.
+# An explanation together with its discovery: table, terminal page, picture, files.
 
 
 class DiscoveryReport(ExplanationReport):
-    """What is made of both, each once."""
+    """The outputs of an explanation and its discovery, each computed once."""
 
     def __init__(self, explanation: Explanation, discovery: Discovery):
         super().__init__(explanation)
@@ -139,7 +139,7 @@ class DiscoveryReport(ExplanationReport):
 
     @cached_property
     def pairs(self) -> list[Pair]:
-        """Each law refitted, beside its runner-up."""
+        """Each law and its runner-up, refitted."""
         return pairs_of(self.explanation, self.discovery)
 
     @cached_property
@@ -148,21 +148,21 @@ class DiscoveryReport(ExplanationReport):
         return next_of(self.explanation, self.discovery, pairs)
 
     def to_json(self) -> dict:
-        """``tinygc-explain/1``.  What to do next is what the search asks for."""
+        """``tinygc-explain/1``, with the search's advice on what to do next."""
         return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
 
     def page(self) -> Group:
-        """What the terminal shows: the explanation, then the search, which has the last word on what to do next."""
+        """The terminal's page: the explanation, then the search with its advice on what to do next."""
         return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.to_json()))
 
     def figure(self) -> Figure:
-        """``discover.png``, of an answer with laws.  CalibrationError without matplotlib."""
+        """``discover.png``, for an answer with laws.  CalibrationError without matplotlib."""
         return figure_of(self.explanation, self.discovery, self.pairs)
 
     def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
-        """The explanation's files, an effect file for each law, and the picture of them; returns the folder.
+        """Save the explanation's files, an effect file for each law, and the picture of them; return the folder.
 
-        A file that somebody has edited stays; ``notes`` says what was done instead.  Raises what ``ExplanationReport.save`` raises.
+        An edited file stays; ``notes`` has the alternative taken.  Raises what ``ExplanationReport.save`` raises.
         """
         folder = folder or self.explanation.session.own_folder("explain")
         saved = save_laws(self.discovery.laws, self._where(), folder / FOLDER)
@@ -170,7 +170,7 @@ class DiscoveryReport(ExplanationReport):
         super().save(folder, pictures)
         if pictures and self.discovery.laws:
             save_figure(self.figure(), folder / "discover.png")
-        else:  # that of an earlier run shows another answer
+        else:  # a picture of an earlier run shows another answer
             with naming(folder / "discover.png"):
                 (folder / "discover.png").unlink(missing_ok=True)
         return folder

@@ -1,4 +1,4 @@
-"""What was found beyond the catalogue: the equations of an ``explain --discover``, what bears them out, and how they are used."""
+"""Report section on laws beyond the catalogue: the equations of an ``explain --discover``, their evidence, and their use."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 
 def section(evidence: ReportData) -> Section | None:
-    """None where nothing was searched."""
+    """The section, or None where nothing was searched."""
     found = evidence.searched
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""Responses of all forms at once: what products of factors do to the channels."""
+"""Responses of the channels to products of factors, for all forms at once."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import QUANTITIES
 from tinygc.noise.refit import Replay
 
-# Which products of factors the forms need, sorted so that each factor is evaluated once or so and most of the work is matrix products.
+# The products of factors that the forms need, ordered so that each factor is evaluated about once and most work is matrix products.
 #
 # A form's coefficient adds a product of one component of each of its factors.  Of two factors, the one with more partners is the hub: the
-# hub times the channels' sensitivity is a small matrix, and its products with all partners at once are one matrix product.  A form of one
-# factor has the hub ``ONE``, which is 1.
+# hub times the channels' sensitivity is a small matrix, and one matrix product gives its products with all partners.  A form of one factor
+# has the hub ``ONE``, which is 1.
 
 #: the hub of forms that have one factor
 ONE = 0
@@ -24,8 +24,8 @@ ONE = 0
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """Of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of each
-    coefficient."""
+    """Terms of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of
+    each coefficient."""
 
     axis: np.ndarray
     hub: np.ndarray
@@ -33,14 +33,14 @@ class Wiring:
 
     @property
     def size(self) -> int:
-        """Coefficients."""
+        """Number of coefficients."""
         return len(self.axis)
 
 
 @dataclass(frozen=True, eq=False)
 class ColumnPlan:
-    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which
-    of the wirings it has; wirings."""
+    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): its
+    index among the wirings; wirings."""
 
     factors: tuple[Factor | None, ...]
     width: np.ndarray
@@ -55,7 +55,7 @@ class ColumnPlan:
         return np.array([wiring.size for wiring in self.wirings])[self.wiring]
 
     def tiles(self, most: int) -> Iterator[np.ndarray]:
-        """The partners, so many components of them at a time, neighbours sharing their hubs as far as can be."""
+        """Partners in tiles of at most so many components, ordered to share hubs within a tile."""
         order = self._order()
         ends = np.cumsum(self.width[order])
         first = 0
@@ -73,7 +73,7 @@ class ColumnPlan:
 
 
 def planned(forms: Sequence[LawForm]) -> ColumnPlan:
-    """Of these forms."""
+    """The column plan of these forms."""
     numbers: dict[Factor | None, int] = {None: ONE}
     pairs = np.empty((len(forms), 2), dtype=int)
     for row, form in zip(pairs, forms, strict=True):
@@ -85,7 +85,7 @@ def planned(forms: Sequence[LawForm]) -> ColumnPlan:
     wirings: list[Wiring] = []
     which = np.empty(len(forms), dtype=int)
     for number, (form, turned) in enumerate(zip(forms, first_is_hub.tolist(), strict=True)):
-        # What the terms of a form are depends on its pattern and on how many numbers its factors have, never on which they are.
+        # A form's terms depend on its pattern and on its factors' numbers of components alone.
         key = (form.pattern, turned, *((factor.of.components, factor.through.phases) for factor in form.factors))
         if key not in made:
             made[key] = len(wirings)
@@ -98,7 +98,7 @@ def planned(forms: Sequence[LawForm]) -> ColumnPlan:
 
 
 def _first_is_hub(pairs: np.ndarray, factors: int) -> np.ndarray:
-    """(F,) whether the first of a form's factors has more partners; of forms with one, never: ``ONE`` has."""
+    """(F,) whether the first of a form's factors has more partners; False for forms of one factor, whose hub is ``ONE``."""
     distinct = np.unique(np.sort(pairs, axis=1), axis=0)
     partners = np.bincount(distinct[:, 0], minlength=factors) + np.bincount(distinct[:, 1], minlength=factors)
     partners[ONE] = len(pairs) + 1
@@ -121,7 +121,7 @@ def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
 
 
 class SessionValues:
-    """Of a replay's movement: its logs one behind the other, as the twin sees them."""
+    """Values over a replay's movement: its logs concatenated, as the twin has them."""
 
     def __init__(self, replay: Replay):
         self.movements = [movement.with_rate(rate) for movement, rate in zip(replay.twin.movements, replay.rates, strict=True)]
@@ -137,19 +137,19 @@ class SessionValues:
 
     @cached_property
     def calibration(self) -> np.ndarray:
-        """(N, 4) orthonormal: what a bias and a matrix of one axis can say."""
+        """(N, 4) orthonormal: the span of a bias and a matrix row for one axis."""
         rates = np.concatenate([movement.rate for movement in self.movements])
         return np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))[0]
 
     def of(self, factor: Factor | None) -> np.ndarray:
-        """(components, N), float64, as ``Factor.values`` has it; of None, which is ``plan.ONE``, ones."""
+        """(components, N), float64, as ``Factor.values``; ones for ``ONE``."""
         if factor is None:
             return np.ones((1, self.samples))
         logs = zip(self.movements, self.quantity(factor.quantity), strict=True)
         return np.concatenate([factor.values(movement, known) for movement, known in logs]).T
 
     def single(self, factor: Factor | None) -> tuple[np.ndarray, float]:
-        """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or one that is no number."""
+        """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or it is not finite."""
         values = self.of(factor)
         largest = float(np.abs(values).max(initial=0.0))
         if not np.isfinite(largest) or largest == 0:
@@ -157,25 +157,24 @@ class SessionValues:
         return (values / largest).astype(np.float32, order="C"), largest
 
 
-# What products of factors do to the channels: the columns of all forms at once, as ``Twin.effect_columns`` makes those of one effect.
+# Effects of products of factors on the channels: the columns of all forms at once, as ``Twin.effect_columns`` for one effect.
 #
 # A product's rate, added to an axis, moves the closure of a segment by the sum over its samples of sensitivity times product, the mean rate
-# of a still by its mean there, and no length of gravity.  Sums over all forms are single precision, which is enough to rank by: they are
-# right to some 1e-6 of the largest, where ``selection.UNSEEN`` leaves out what is below 1e-4 (tests/test_discovery_screen.py: gains to
-# 1e-3).
+# of a still by its mean there, and no length of gravity.  Sums over all forms are single precision, which is enough for ranking: they are
+# accurate to some 1e-6 of the largest, where ``evidence.UNSEEN`` drops less than 1e-4 (tests/test_discovery_screen.py: gains to 1e-3).
 
 
 @dataclass(frozen=True, eq=False)
 class ResponseBlock:
     """Responses of a hub's components times partners' components: closure (S, d, 3, H, K), the third the axis that is added to; still
-    (Q, H, K), which is the same for whatever axis."""
+    (Q, H, K), which is the same for every axis."""
 
     closure: np.ndarray
     still: np.ndarray
 
 
 class Responses:
-    """Of one replay; segments, stills: numbers of those that are looked at, all where None; values: of the replay, where they are known."""
+    """Responses of one replay; segments, stills: numbers of those that are used, all where None; values: of the replay, where known."""
 
     def __init__(
         self, replay: Replay, segments: np.ndarray | None = None, stills: np.ndarray | None = None, values: SessionValues | None = None
@@ -191,7 +190,7 @@ class Responses:
             segment = twin.segments[number]
             count, begin = segment.stop - segment.start, starts[segment.log] + segment.start
             self._turns.append(slice(begin, begin + count))
-            # -: of what is corrected, as the twin has it
+            # Negative, as corrections are in the twin.
             turn = -replay.sensitivity[number, :count].reshape(count, -1).T
             self._sensitivity.append(np.ascontiguousarray(turn))
         for number in self.stills:
@@ -205,11 +204,11 @@ class Responses:
 
     @property
     def channels(self) -> int:
-        """Rows of the stacked channels that are looked at."""
+        """Rows of the stacked channels that are used."""
         return len(self.segments) * self.angles + 4 * len(self.stills)
 
     def block(self, hub: np.ndarray, partners: np.ndarray) -> ResponseBlock:
-        """Of every product of hub (H, N) and partners (K, N), in their precision."""
+        """Responses of every product of hub (H, N) and partners (K, N), in their precision."""
         sensitivity, weights = self._single if partners.dtype == np.float32 else (self._sensitivity, self._weights)
         closure = np.empty((len(self._turns), 3 * self.angles * len(hub), len(partners)), dtype=partners.dtype)
         for row, rows, turn in zip(closure, self._turns, sensitivity, strict=True):

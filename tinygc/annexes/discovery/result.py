@@ -30,7 +30,7 @@ from tinygc.annexes.discovery.words import (
 )
 from tinygc.explanation.claims import measured, p_entry, p_words
 
-# A discovery as ``tinygc-explain/1`` has it, key ``discovery`` (docs/formats.md); the page and the report are made of the same table.
+# A discovery as the key ``discovery`` of ``tinygc-explain/1`` (docs/formats.md); the page and the report are made from the same table.
 
 
 def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
@@ -104,18 +104,18 @@ def _runner_up(each: RunnerUp) -> dict:
 
 
 def other_equation(each: RunnerUp) -> str:
-    """Equation of a form or of a named effect."""
+    """Equation of a form or of a catalogue effect."""
     return each.effect.equation if each.form is None else equation(each.form)
 
 
 def briefly(text: str) -> str:
-    """An equation without what its symbols are."""
+    """An equation without the definitions of its symbols."""
     for note in (*SYMBOLS.values(), NEIGHBOURS, *ABBREVIATIONS.values()):
         text = text.split(f", {note}")[0]
     return text
 
 
-# A discovery in the terminal: equation, evidence, alternatives, and how to use it.
+# A discovery in the terminal: equation, evidence, alternatives, and use.
 
 HEADLINES = {
     "found": ("an equation was found", "green"),
@@ -124,11 +124,11 @@ HEADLINES = {
 }
 MOST_RUNNERS_UP = 3
 MOST_SAME = 3
-#: of an effect beside the laws
+#: most numbers printed of a catalogue effect that accompanies the laws
 MOST_NUMBERS = 9
-#: of chance: what noise was drawn for tells of no smaller one
+#: smallest chance printed, by the number of noise draws
 LEAST_P = 1e-4
-#: quantities of which the page says from what size on a law would have been found
+#: quantities whose detection limits are on the page
 MOST_LEARNABLE = 6
 
 
@@ -152,7 +152,7 @@ def discovery_page(explained: dict) -> Group:
         lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
     elif table["forms"]:
-        # Names without a law are those of a part of the recording, which nothing has proved: the explanation above has named its own.
+        # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         lines.append(_best_against_chance(table))
     if table["why"]:
         lines.append(one_line(table["why"]))
@@ -179,7 +179,7 @@ def _law_lines(law: dict) -> list[Text]:
 
 
 def evidence_words(law: dict) -> list[str]:
-    """Evidence for a law: chi-square, chance, held-out segments, and the size from which on it is found."""
+    """Evidence for a law: chi-square, chance, held-out segments, and its detection limit."""
     chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
     found = [
         f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
@@ -214,7 +214,7 @@ def _without_unit(name: str) -> str:
 
 
 def _heads(rows: list, terms: list[str]) -> list[list[str]]:
-    """Of each number, what stands before it: nothing where there is one for each axis; ``x ← y `` in a row's first, then ``z ``."""
+    """The label before each number: empty where there is one for each axis; ``x ← y `` for a row's first, then ``z ``."""
     if len(rows) == 1:
         return [[""] * len(rows[0])]
     given, heads = iter(terms), []
@@ -226,7 +226,7 @@ def _heads(rows: list, terms: list[str]) -> list[list[str]]:
 
 
 def abbreviated(table: dict) -> str:
-    """What the page's equations abbreviate and do not say themselves."""
+    """Definitions of the page's abbreviations that its equations do not define themselves."""
     said = [law["equation"] for law in table["laws"]]
     others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
     return "; ".join(meaning for meaning in abbreviations(" ".join([*said, *others])) if not any(meaning in text for text in said))
@@ -265,19 +265,19 @@ def held_out_words(each: dict) -> str:
 
 
 def learnable_words(factor: float) -> str:
-    """From what size on this search finds the law here (``learnable.SURE``)."""
+    """Detection limit of the law here, as a factor on its size (``detection_limits.SURE``)."""
     if factor <= 1:
         return f"in 19 of 20 draws of noise this search finds it here from {factor:.2g} of its size on"
     return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
 
 
 def same_words(law: dict) -> str:
-    """Forms that this recording cannot tell from a law."""
+    """Forms that this recording cannot distinguish from a law."""
     return _listed([briefly(text) for text in law["same_here"]], MOST_SAME)
 
 
 def runner_up_words(each: dict) -> str:
-    """Equation, how much worse, how alike, and what would tell."""
+    """Equation, evidence against it, correlation with the law, and what would discriminate."""
     name = f"{each['id']}  " if each["id"] else ""
     return f"{name}{briefly(each['equation'])} (worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}): {each['splits']}"
 

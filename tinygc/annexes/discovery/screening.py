@@ -1,4 +1,4 @@
-"""Screen all forms by their linear columns, and what chance makes of so many."""
+"""Screen all forms by their linear columns, with a correction for the number of forms."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
-# Plain laws, one of each quantity: what a recording that shows no law is asked for.
+# Plain laws, one of each quantity, for the detection limits of a recording without a law.
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A law with all coefficients alike: quantity, form; whitened (n,): its response in the look's whitened channels, unit (m,) the same
-    beside the nuisance, of length one, at the size rms: rad/s of the rate that it adds beside what a calibration takes up."""
+    """A law with equal coefficients: quantity, form; whitened (n,): its response in the projection's whitened channels, unit (m,): the same
+    orthogonal to the nuisance and normalised, at the size rms: rad/s of its added rate beyond a calibration."""
 
     quantity: str
     form: LawForm
@@ -32,7 +32,7 @@ class Probe:
 
 
 def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projection) -> tuple[Probe, ...]:
-    """Of each quantity, that law of one function of it, without a constant, the same for each axis, which shows at the smallest rate."""
+    """For each quantity, the constant-free law of one function, the same for each axis, that is visible at the smallest rate."""
     best: dict[str, Probe] = {}
     for form in forms:
         (factor, *others) = form.factors
@@ -42,7 +42,7 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
         whitened = projection.whitened(response)
         free = projection.free_of(whitened)
         length = float(np.linalg.norm(free))
-        if not length > FAINT * float(np.linalg.norm(whitened)):  # or no number
+        if not length > FAINT * float(np.linalg.norm(whitened)):  # also true for NaN
             continue
         rms = beside_calibration(form, np.ones(form.size), responses.values) / length
         if factor.quantity not in best or rms < best[factor.quantity].rms:
@@ -51,7 +51,7 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
 
 
 def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) -> float:
-    """rad/s rms over samples and axes: the rate that a law of coefficients theta (P,) adds, less what a bias and a matrix take up."""
+    """rad/s rms over samples and axes: the rate added by a law of coefficients theta (P,), less its regression on a bias and a matrix."""
     found = {factor: values.of(factor) for factor in form.factors}
     added = np.zeros((3, values.samples))
     for term, size in zip(form.terms(), theta, strict=True):
@@ -63,17 +63,17 @@ def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) 
     return float(np.sqrt(np.mean(left**2)))
 
 
-# Of a long session, the turns by which all forms are screened.
+# The turns of a long session by which all forms are screened.
 
-#: turns: screening grows with their square (benchmarks/discover_speed.py)
+#: turns: the work grows with their square (benchmarks/discover_speed.py)
 MOST_TURNS = 120
-#: neighbours that are taken together, so that they share the stills between them
+#: neighbours selected together, so that they share the stills between them
 TURN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class TurnSample:
-    """Numbers of segments and of stills, and where they are (n,) among the stacked channels."""
+    """Numbers of segments and of stills, and their rows (n,) among the stacked channels."""
 
     segments: np.ndarray
     stills: np.ndarray
@@ -81,7 +81,7 @@ class TurnSample:
 
 
 def spread(twin: Twin) -> TurnSample | None:
-    """Groups of neighbouring turns, evenly over the session, with the stills beside them; None where there are few enough for all."""
+    """Select groups of neighbouring turns, evenly over the session, with their stills; None where there are few enough to use all."""
     count, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
     if count <= MOST_TURNS:
         return None
@@ -98,21 +98,21 @@ def spread(twin: Twin) -> TurnSample | None:
     return TurnSample(segments, stills, np.concatenate(rows))
 
 
-# What the best of all forms promises in noise alone, for this very recording.
+# The distribution of the best promise of all forms in noise alone, for this recording.
 
-#: share of the draws that tell the tail
+#: share of the draws that determine the tail
 TAIL = 0.2
-#: the tail's scale in promise, where nothing else is known: that of the chi-square's, e^(-gain/2)
+#: the tail's prior scale in promise: that of the chi-square's, e^(-gain/2)
 USUAL_SCALE = 2.0
-#: draws that this is worth: a scale from so few exceedances is no better
+#: weight of the prior in draws: a scale from so few exceedances is no better
 WORTH = 20
 
 
 class Chance:
-    """drawn: the best studentised promise of all forms, of each draw.
+    """drawn: the best studentised promise of all forms in each draw.
 
-    Beyond the upper fifth of them the tail is exponential: the promise is a logarithm of odds, whose tail is e^(-promise/2) whatever the
-    forms (Markov's bound; Gumbel's law for the largest of many), so the scale that the draws show is held near that.
+    The tail beyond the upper fifth of the draws is exponential: the promise is a logarithm of odds, whose tail is e^(-promise/2) whatever
+    the forms (Markov's bound; Gumbel's law for the largest of many), so the scale estimated from the draws is shrunk towards that.
     """
 
     def __init__(self, drawn: np.ndarray):
@@ -136,11 +136,11 @@ class Chance:
         return float(np.quantile(self.drawn, 1 - share))
 
 
-# One pass over all forms: their columns as each look sees them, block by block, so that memory does not grow with them.
+# One pass over all forms: their projected columns, block by block, so that memory does not grow with the number of forms.
 
-#: bytes of partners' values at once, and products of components that are seen through a look at once (benchmarks/discover_speed.py)
+#: bytes of partners' values at once, and products of components that are projected at once (benchmarks/discover_speed.py)
 TILE_BYTES, TOGETHER = 1 << 26, 1536
-#: partners between two that are wanted, which are computed for nothing rather than apart (benchmarks/discover_speed.py)
+#: most unwanted partners between two wanted ones for which one larger product is faster than two (benchmarks/discover_speed.py)
 GAP = 16
 
 Progress = Callable[[str, int, int], None]
@@ -148,8 +148,8 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Passed:
-    """Some forms of one size P beside one look, single precision, each column of an arbitrary length: forms (F,), their numbers; free
-    (F, P, m): columns beside the nuisance; length (F, P): with it; along (F, P, T): free times the look's targets."""
+    """Forms of one size P in one projection, single precision, each column of an arbitrary length: forms (F,), their numbers; free (F, P,
+    m): columns orthogonal to the nuisance; length (F, P): with it; along (F, P, T): free times the projection's targets."""
 
     projection: int
     forms: np.ndarray
@@ -165,7 +165,7 @@ def passed(
     targets: Sequence[np.ndarray],
     progress: Progress = lambda what, done, of: None,
 ) -> Iterator[Passed]:
-    """Every form that is not zero or no number throughout, beside each look; targets (m, T): of each look."""
+    """Every form with finite columns that are not all zero, in each projection; targets (m, T): of each projection."""
     matrices = [projection.matrix() for projection in projections]
     goals = [each.astype(np.float32) for each in targets]
     order = np.lexsort([plan.wiring, plan.partner, plan.hub])
@@ -201,7 +201,7 @@ def _blocks(plan: ColumnPlan, responses: Responses, tile: np.ndarray) -> Iterato
 
 
 def _runs(wanted: np.ndarray, ends: np.ndarray, width: np.ndarray, most: int) -> Iterator[list[int]]:
-    """Neighbours among the wanted partners, so many components at once."""
+    """Runs of neighbouring wanted partners, of at most so many components."""
     run: list[int] = []
     for number in wanted.tolist():
         if run and (ends[number] - ends[run[0]] + width[run[0]] > most or number - run[-1] > GAP):
@@ -214,7 +214,7 @@ def _runs(wanted: np.ndarray, ends: np.ndarray, width: np.ndarray, most: int) ->
 def _rows(
     plan: ColumnPlan, forms: list[np.ndarray], partners: np.ndarray, block: ResponseBlock, alive: np.ndarray
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
-    """By size P: numbers (F,) of the forms of each partner, and where their columns (F, P) are among ``axis * products + product``."""
+    """By size P: numbers (F,) of the forms of each partner, and the indices (F, P) of their columns, ``axis * products + product``."""
     _, _, _, h, k = block.closure.shape
     begins = np.concatenate([[0], np.cumsum(plan.width[partners])])
     numbers: dict[int, list[int]] = {}
@@ -244,7 +244,7 @@ def _through(
 
 
 def _seen(matrix: np.ndarray, closure: list[np.ndarray], still: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(U, n) columns, ``axis * products + product``, through a look's matrix."""
+    """(U, n) columns, ``axis * products + product``, multiplied by a projection's matrix."""
     turns, products = len(closure[0]), still.shape[1]
     found = np.empty((len(used), len(matrix)), dtype=np.float32)
     for axis in range(3):
@@ -256,26 +256,26 @@ def _seen(matrix: np.ndarray, closure: list[np.ndarray], still: np.ndarray, used
     return found
 
 
-# All forms by their linear columns beside each look, and what chance makes of so many.
+# All forms by their linear columns in each projection, and the chance level of so many forms.
 
 #: draws of noise alone: a level of 5 % is then known to 1.5 % (binomial)
 DRAWS = 200
-#: draws whose gains are kept of each form: what tells apart forms that differ in nothing else
+#: draws whose gains are kept for each form, to recognise forms with the same columns
 MARKS = 48
-#: of a session that is screened by part of its turns: forms that are weighed with all of them
+#: forms that are evaluated with all turns, in a session screened by part of them
 FINALISTS = 2000
-#: forms of other constants that a law is asked with: of one constant those within a factor of five on the coarsest grid, of two a ring
+#: neighbouring forms for a law's chance: those within a factor of five of one constant on the coarsest grid, or a ring of two
 NEIGHBOURS = 8
 
 
 class Screening:
-    """What one pass gathers of forms, beside each of the projections.
+    """Results of one pass over the forms, in each of the projections.
 
-    bits, sizes, price (F,): of each form, sizes in coefficients; of every projection (L, F): gain in chi-square, promise, rank: directions
-    that are seen, left: the share of the columns' length, squared, that the nuisance leaves.  marks (F, MARKS): gains in draws of noise
-    (n, D), beside the last projection; probes: plain laws of each quantity, shares (F, probes): of each one's response what a form can
-    say; responses, projections: of the turns that all forms are screened by, all_responses, all_projections: of all turns; seed: of
-    whatever else is drawn.
+    bits, sizes, price (F,): of each form, sizes in coefficients; of every projection (L, F): gain in chi-square, promise, rank: number of
+    visible directions, left: share of the columns' squared length outside the nuisance.  marks (F, MARKS): gains in draws of noise (n, D),
+    in the last projection; probes: plain laws of each quantity, shares (F, probes): of each one's response that a form can represent;
+    responses, projections: of the turns by which all forms are screened, all_responses, all_projections: of all turns; seed: of all other
+    random draws.
     """
 
     def __init__(
@@ -300,9 +300,9 @@ class Screening:
         self.shares = np.zeros((len(forms), len(probes)), dtype=np.float32)
 
     def screen(self, progress: Progress) -> None:
-        """One pass over all forms."""
+        """Make one pass over all forms."""
         draws = slice(1, 1 + self.noise.shape[1])
-        # A column for the recording, one for each draw, and one for each probe, which the last projection alone has.
+        # A column for the recording, one for each draw, and one for each probe; the probes are in the last projection alone.
         last = self.projections[-1]
         responses = np.stack([probe.unit for probe in self.probes], axis=1) if self.probes else np.zeros((last.free, 0))
         targets, scatters = [], []
@@ -334,16 +334,16 @@ class Screening:
         final.screen(progress)
         for name in ("gain", "promise", "rank", "left", "_tested"):
             getattr(self, name)[:, best] = getattr(final, name)
-        del self.order  # of the promises before
+        del self.order  # of the former promises
 
     @cached_property
     def tested(self) -> np.ndarray:
-        """(F,) studentised promise beside the projection that shows most, which is what ``chance`` is of."""
+        """(F,) the largest studentised promise over the projections, to which ``chance`` refers."""
         return self._tested.max(axis=0)
 
     @property
     def best_beside_last(self) -> float:
-        """The largest studentised promise beside the last projection, the likeliest hypothesis as it is."""
+        """The largest studentised promise in the last projection, that of the most probable hypothesis."""
         return float(self._tested[-1].max())
 
     @cached_property
@@ -353,12 +353,12 @@ class Screening:
 
     @cached_property
     def order(self) -> np.ndarray:
-        """(F,) numbers of the forms, the most promising first, each by the look that shows most."""
+        """(F,) numbers of the forms, the most promising first, each by its best projection."""
         return np.argsort(-self.promise.max(axis=0), kind="stable")
 
     @cached_property
     def chance(self) -> Chance:
-        """Of the best of all forms in noise alone."""
+        """Distribution of the best of all forms in noise alone."""
         return Chance(self.drawn)
 
     def chance_p(self, promise: float) -> float:
@@ -366,7 +366,7 @@ class Screening:
         return self.chance.p(promise)
 
     def price_of(self, form: LawForm) -> float:
-        """As ``price``, of any form: that of those which differ from it by their constants alone, the dearest's where there are none."""
+        """The price of any form: that of the forms which differ from it by constants alone, or the highest where there are none."""
         return self._prices.get(form.shape, float(self.price.max()))
 
     @cached_property
@@ -386,12 +386,12 @@ class Screening:
         return found
 
     def refined(self, form: LawForm, projection: int = -1) -> RefinedForm:
-        """Its constants at their best beside one of the looks."""
+        """The form with its constants refined in one of the projections."""
         return refined(form, self.all_responses, self.all_projections[projection])
 
     @cached_property
     def leaders(self) -> np.ndarray:
-        """(F,) of each form the simplest that this recording hardly tells from it; -1: nothing of it is seen."""
+        """(F,) the simplest form that is nearly equal to each form in this recording; -1: the form is not visible."""
         return leaders(self.marks, self.rank[-1], self.bits)
 
     @property
@@ -400,7 +400,7 @@ class Screening:
         return len(np.unique(self.leaders[self.leaders >= 0]))
 
     def same_as(self, form: LawForm, most: int = 8) -> list[LawForm]:
-        """Forms whose columns span what this one's do (cosine of every principal angle above ``alike.SAME``), the simplest first."""
+        """Forms with the same span (cosines of the principal angles above ``projections.SAME``), the simplest first."""
         numbers = equivalent_forms(form, self.responses, self.projections[-1], self.noise, self.marks, self.rank[-1], self.forms)
         numbers = sorted(numbers, key=lambda number: (self.bits[number], self.sizes[number], number))
         return [self.forms[number] for number in numbers if self.forms[number] != form][:most]
@@ -415,11 +415,10 @@ def screened(
     draws: int = DRAWS,
     progress: Progress = lambda what, done, of: None,
 ) -> Screening:
-    """Every form beside each look (whiten, fit); they share the signals of one replay.  bits (F,) of each form among all.
+    """Screen all forms in each projection (whiten, fit), which share the signals of one replay.  bits (F,) of each form among all.
 
-    A session of many turns is screened by some of them, spread over it (``spread.MOST_TURNS``), and the most promising forms are weighed
-    with all; what chance does is drawn for the former, whose best promise is as large: it hangs on how many forms differ, hardly on how
-    many rows there are.
+    A session of many turns is screened by some of them, spread over it (``MOST_TURNS``), and the most promising forms are evaluated with
+    all. The chance level is drawn for the selected turns: it depends on how many forms differ and hardly on the number of rows.
     """
     every = Responses(replay)
     all_projections = tuple(Projection(replay.twin, whiten, fit) for whiten, fit in projections)
@@ -437,11 +436,11 @@ def screened(
     return screening
 
 
-# What one form promises beside a hypothesis that was not screened: the rest of what stands, in the noise as it is with the form.
+# The promise of one form against a hypothesis that was not screened, in the noise estimated with the form.
 
 
 def promised_beside(screening: Screening, form: LawForm, projection: Projection) -> float:
-    """Studentised, as ``Screening.tested``; -inf where nothing of it is seen.  look: of all turns, at the rest."""
+    """Studentised promise, as ``Screening.tested``; -inf where the form is not visible.  projection: of all turns, without the form."""
     basis = basis_of(form, screening.all_responses, projection)
     if not basis.shape[1]:
         return -np.inf

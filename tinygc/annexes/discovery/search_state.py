@@ -1,4 +1,4 @@
-"""The state of a search: what it may see, what it found, its rivals, and why a law is refused."""
+"""The state of a search: its held-out data, results and rivals, and the reasons to reject a law."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from tinygc.noise.session_noise import SessionNoise, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
-# What the search sees, and what it never sees: a third of the turns and stills, and of several recordings one whole.
+# The searched and the held-out data: a third of the turns and stills is held out, and one whole recording of several.
 #
-# Turns are left out in runs: the stills between two of them then belong to them alone, and nothing of them is left in what is seen.
+# Turns are held out in runs: the stills between two of them then belong to them alone and leave no trace in the searched data.
 
-#: turns that are left out together, of three times as many: so few that each part of a session has some, so many that most of their stills
-#: are their own
+#: turns that are held out together, of three times as many: few enough to sample each part of a session, and enough that most of their
+#: stills are their own
 RUN = 4
-#: of three
+#: searched runs of three
 SEEN = 2
-#: turns by which a law can be judged: all of four improve in one of sixteen cases by chance; a session needs three times so many
+#: fewest turns for a test: all of four improve in one of sixteen cases by chance; a session needs three times as many
 FEWEST = 5
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutSplit:
-    """seen: the problem that is searched; parts, recording: used segments (indices) of the whole problem that are left out, in runs and
-    with one whole log, whose number is ``log``; None where there is one log."""
+    """seen: the problem that is searched; parts, recording: used segments (indices) of the whole problem that are held out, in runs and as
+    one whole log, whose number is ``log``; None where there is one log."""
 
     seen: Problem
     parts: np.ndarray
@@ -52,9 +52,9 @@ class HeldOutSplit:
 
 
 def parted(problem: Problem, seed: int) -> HeldOutSplit:
-    """Of a problem's used segments; which third is left out is drawn, in runs that are counted through all logs, or, where there are so
-    few that a third of runs may be too few to judge by, as one piece.  Of several recordings the smallest that is enough to judge by is
-    left out whole, where the others are enough to search."""
+    """Split a problem's used segments: a random third is held out, in runs counted through all logs, or as one piece where a third of the
+    runs may be too few for a test.  Of several recordings the smallest that is large enough for a test is held out whole, where the others
+    suffice for the search."""
     used, rng = problem.used, np.random.default_rng(seed)
     logs = np.array([segment.log for segment in used])
     counts = np.bincount(logs)
@@ -71,7 +71,7 @@ def parted(problem: Problem, seed: int) -> HeldOutSplit:
 
 
 def without(problem: Problem, held: np.ndarray) -> Problem:
-    """The problem without some of its used segments, held (S,) bool, and without the stills that no other of them touches."""
+    """The problem without the used segments held (S,) bool, and without the stills that only they touch."""
     used = problem.used
     gone = {id(used[i]) for i in np.flatnonzero(held)}
     kept_stills = {id(still) for i in np.flatnonzero(~held) for still in used[i].stills}
@@ -86,7 +86,7 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
         return replace(segment, problem=LEFT_OUT) if id(segment) in gone else segment
 
     rates = problem.still_rates
-    return replace(  # its bias instability, where stills tell it, from its own stills
+    return replace(  # its bias instability is estimated from its own stills where possible
         problem,
         segments=[segment_of(segment) for segment in problem.segments],
         batch=problem.batch.pick(~held),
@@ -104,24 +104,24 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
 
 
 def _floor(floor: Floor, held: np.ndarray) -> Floor:
-    """Of the segments that stay: two that were no neighbours share no still."""
+    """The floor of the remaining segments: two that were not neighbours share no still."""
     kept = np.flatnonzero(~held)
     neighbours = np.diff(kept) == 1
     shared = np.where(neighbours[:, None, None], floor.shared[kept[:-1]], 0.0)
     return replace(floor, own=floor.own[kept], shared=shared, wider=None if floor.wider is None else floor.wider[kept])
 
 
-# What the search for an equation answers.
+# The result of a search for an equation.
 
 VERDICTS = ("found", "ambiguous", "none")
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Of what the search never saw: closure (tilt, rms) rad with the names alone, with the law as well, and the noise's; removed: share of
-    the excess over the noise that the law takes away, None where there was none to speak of; p_value: of chance improving it as much;
-    noise_p: of the sensor's own noise leaving as much as the law leaves; segments: how
-    many; recording: the log that was left out whole, None where these are parts of each."""
+    """Test on held-out data: closure (tilt, rms) rad with the catalogue's effects alone, with the law in addition, and the noise's;
+    removed: share of the excess over the noise that the law removes, None where there was hardly any; p_value: of chance improving it as
+    much; noise_p: of the sensor's own noise leaving as much as the law leaves; segments: how many; recording: the log that was held out
+    whole, None where these are parts of each."""
 
     before_rad: float
     after_rad: float
@@ -135,9 +135,9 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
-    """A form that was weighed in the law's place, or a name of the catalogue: equation; worse: -2 log evidence by which it is worse, with
-    the price of descriptions or without, whichever is less; correlation of the rate that it adds with the law's, beside what a
-    calibration takes up; splits: what would tell them apart."""
+    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: -2 log evidence by which it is worse, with
+    the price of descriptions or without, whichever is less; correlation of its added rate with the law's, beyond a calibration; splits:
+    what would distinguish them."""
 
     form: LawForm | None
     effect: Effect
@@ -149,9 +149,9 @@ class RunnerUp:
 @dataclass(frozen=True, eq=False)
 class Law:
     """One law: form, and as an effect with its id and equation; theta (P,) and covariance (P, P) SI, of all rows; constants_sigma: of the
-    form's constants, in their order; bits: of the form among all; gain: chi-square that it takes up; better: -2 log evidence by which it
+    form's constants, in their order; bits: of the form among all; gain: chi-square that it removes; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
-    recording that was left out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
+    recording that was held out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
     learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any."""
 
     form: LawForm
@@ -171,7 +171,7 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """An effect of the catalogue that stands beside the laws: id; parameters and their std as docs/formats.md names them."""
+    """An effect of the catalogue that accompanies the laws: id; parameters and their std as docs/formats.md names them."""
 
     id: str
     parameters: dict
@@ -180,10 +180,10 @@ class Beside:
 
 @dataclass(frozen=True, eq=False)
 class Discovery:
-    """verdict: "found": the laws are said; "ambiguous": they stand, but a rival of another rate is as good, or too little is seen of them,
-    or they leave more than noise; "none": no equation of this grammar; why: one line, of the last two.
+    """verdict: "found": the laws are reported; "ambiguous": laws are supported, but a rival of another rate is as good, they are barely
+    observable, or they leave more than noise; "none": no equation of this grammar; why: one line, of the last two.
 
-    laws; beside: the catalogue's effects that stand with them, or alone; forms: how many were enumerated, distinct: how many of them differ
+    laws; beside: the catalogue's effects that accompany them, or alone; forms: how many were enumerated, distinct: how many of them differ
     in this recording; chance_promise: what the best form of all promises in noise alone, 95 % of the time less;
     best_promise: of the recording itself; learnable: quantity -> size, rms rad/s, from which a law of it alone is found here in 19 of 20
     draws of noise, None where not at all.
@@ -201,18 +201,18 @@ class Discovery:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Ids of the catalogue's effects that stand beside the laws."""
+        """Ids of the catalogue's effects that accompany the laws."""
         return tuple(each.id for each in self.beside)
 
 
-# What the search never saw, predicted with the law and without it.
+# Prediction of the held-out data with the law and without it.
 #
-# Parameters come from the seen turns alone.  Each left-out turn counts with the left-out still at its beginning, in the sigmas of the noise
-# that the law's hypothesis has.  Turns are paired: Wilcoxon's signed ranks say how probable it is that chance improves as many.
+# Parameters come from the searched turns alone.  Each held-out turn counts with the held-out still at its beginning, in the sigmas of the
+# noise under the law's hypothesis.  Turns are paired: Wilcoxon's signed-rank test gives the probability that chance improves as many.
 
 
 class Unseen:
-    """A whole recording, of which a search saw a part.  whole: its twin; seen: the twin that was searched."""
+    """A whole recording, part of which was searched.  whole: its twin; seen: the twin that was searched."""
 
     def __init__(self, whole: Twin, seen: Twin):
         self.whole, self.white = whole, Whitener(whole)
@@ -222,12 +222,12 @@ class Unseen:
         self._left_out = np.array([(log, still.start) not in in_seen for log, still in whole.stills], dtype=bool)
 
     def sigma(self, noise: SessionNoise) -> np.ndarray:
-        """(n,) of all rows, by noise that was estimated from a part of them."""
+        """(n,) of all rows, for noise that was estimated from a part of them."""
         s = np.array([noise.size(component.name) for component in self._first.components])
         return self.white.with_more(replace(self._first, s=s).covariance).sigma
 
     def assessed(self, without: Hypothesis, law: Hypothesis, held: np.ndarray, recording: str | None = None) -> HeldOut | None:
-        """How the law predicts the used segments ``held`` (indices); None where there are none."""
+        """Test the law's prediction of the used segments ``held`` (indices); None where there are none."""
         from scipy.stats import wilcoxon
 
         if not len(held):
@@ -244,28 +244,28 @@ class Unseen:
         return HeldOut(rms[0], rms[1], floor, removed, p_value, self._noise_p(after.stacked(), held), len(held), recording)
 
     def _noise_p(self, after: np.ndarray, held: np.ndarray) -> float:
-        """Of white noise and the bias instability of the sensor: nothing that the law leaves counts as noise because it is there."""
+        """Under white noise and the sensor's bias instability only, so that what the law leaves does not raise the noise."""
         closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
         return chi_square_above(float(np.sum(closure**2)), closure.size)
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
-        """(S,) of rows (n,) in sigmas: of each segment, and of the still at its beginning where that was left out, too."""
+        """(S,) of rows (n,) in sigmas: of each segment, and of the still at its beginning where that was held out, too."""
         closure, still, length = (rows[part] ** 2 for part in self.white.parts.values())
         of_stills = (still.reshape(-1, 3).sum(axis=1) + length) * self._left_out
         return closure.reshape(len(self.whole.segments), -1).sum(axis=1) + of_stills[self.whole.first]
 
 
-# What a search has come to: the best hypothesis of names, the best with laws, and what was put away.
+# The state of a search: the best hypothesis of catalogue effects, the best with laws, and the held-out data.
 
-#: chance that the sensor's own noise leaves as much as laws leave, below which something is left
+#: chance of the sensor's own noise leaving as much as the laws leave, below which the residuals exceed noise
 NOISE_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class SearchState:
-    """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
-    that have none; best: with laws; rounds of the search; entered: of each law's id, the number of the round that brought it; forms that
-    were tried; why: a law was refused."""
+    """evidence of the searched data; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with
+    unnamed shapes in addition; best: with laws; rounds of the search; entered: each law's id -> the number of the round that added it;
+    forms that were tried; why: the reason to reject a law."""
 
     evidence: FormEvidence
     unseen: Unseen
@@ -285,7 +285,7 @@ class SearchState:
         return [effect for effect in self.best.effects if effect.id in self.evidence.forms]
 
     def held_out_of(self, law: Effect) -> tuple[HeldOut, ...]:
-        """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
+        """Tests of a law on the held-out parts of each recording, and on a whole one, where there are several."""
         split, unseen, without = self.split, self.unseen, self.without(law)
         log = None if split.log is None else unseen.whole.problem.session.logs[split.log].path.name
         tests = (unseen.assessed(without, self.best, split.parts), unseen.assessed(without, self.best, split.recording, log))
@@ -296,60 +296,60 @@ class SearchState:
         return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
 
     def chance_p(self, law: Effect) -> float:
-        """Probability that the best of all forms promises as much in noise alone as a law does beside all that stands with it.
+        """Probability that the best of all forms promises as much in noise alone as a law does with the rest of the hypothesis.
 
-        Noise was asked with the constants of the grid; so is the law, by the best of its neighbours there.
+        The noise draws use the constants of the grid; so does the law, by the best of its neighbours there.
         """
         screening, projection = self.round_of(law).screening, self.projection_without(law)
         on_grid = screening.neighbours(self.evidence.forms[law.id])
         return screening.chance_p(max(promised_beside(screening, form, projection) for form in on_grid))
 
     def projection_without(self, law: Effect) -> Projection:
-        """At all that stands but one of the laws, in the noise as it is with all."""
+        """Projection beside the best hypothesis without one law, in the noise estimated with all."""
         whiten = self.best.whiten
         return Projection(self.evidence.twin, whiten, rewhitened(self.without(law), whiten))
 
     @property
     def closes_to_noise(self) -> bool:
-        """Whether the turns that were searched close as well as white noise and the sensor's bias instability allow."""
+        """Whether the searched turns close as well as white noise and the sensor's bias instability allow."""
         whiten, twin = self.evidence.first_whiten, self.evidence.twin
         closure = (twin.residuals(self.best.fit.state).stacked() / whiten.sigma)[whiten.parts["closure"]]
         return chi_square_above(float(closure @ closure), closure.size) > NOISE_P
 
     def round_of(self, law: Effect) -> SearchRound:
-        """That in which a law was found: a later one has it as known, and nothing in its place."""
+        """The round in which a law was found: later rounds contain it and no alternatives to it."""
         return self.rounds[self.entered[law.id]]
 
     @property
     def tried(self) -> list[Effect]:
-        """Forms that were weighed in any round."""
+        """Forms that were tried in any round."""
         return list(dict.fromkeys(effect for each in self.rounds for effect in each.tried))
 
 
-# The rate that a law adds, sample by sample, beside what a calibration takes up: by this, two laws are the same or not.
+# The rate that a law adds, sample by sample, beyond a calibration: two laws that add the same rate are the same.
 
-#: of the rates that two laws add, from which on they are one law in numbers
+#: correlation of the added rates above which two laws are numerically the same
 EQUAL = 0.99
 
 
 def beside_calibration(rate: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """What of an added rate (N, 3) no E m + B gives: each axis less its regression on one and the three rates."""
+    """The part of an added rate (N, 3) that no E m + B gives: each axis less its regression on one and the three rates."""
     measured = np.concatenate([movement.rate for movement in movements])
     q, _ = np.linalg.qr(np.column_stack([np.ones(len(measured)), measured]))
     return rate - q @ (q.T @ rate)
 
 
 def correlation(first: np.ndarray, second: np.ndarray) -> float:
-    """Of two added rates (N, 3), about zero, all axes together; 0 where one of them adds nothing."""
+    """Correlation of two added rates (N, 3), about zero, all axes together; 0 where one of them is zero."""
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.sum(first * second)) / size if size > 0 else 0.0
 
 
-# Whether a law's constant differs by axis, so that the one that is said for all makes another law of it.
+# Whether a law's constant differs by axis, so that a constant common to all axes makes another law of it.
 
 
 def differing(searched: SearchState, law: Effect) -> ByAxis | None:
-    """The constants of each axis that take up most, where they are as much better as a rival must be and add another rate; else None."""
+    """The best constants by axis, where they improve by as much as a rival must and add another rate; else None."""
     form, movements = searched.evidence.forms[law.id], searched.evidence.twin.movements
     responses, projection = searched.round_of(law).screening.all_responses, searched.projection_without(law)
     found = max(by_axis(form, responses, projection), key=lambda each: each.more, default=None)
@@ -361,19 +361,18 @@ def differing(searched: SearchState, law: Effect) -> ByAxis | None:
     return None if correlation(one, other) > EQUAL else found
 
 
-# Which forms and names could stand in the law's place, by how much they are worse, and whether they add another rate.
+# Forms and catalogue effects that could replace the law: by how much they are worse, and whether they add another rate.
 
-#: -2 log evidence within which a rival is worth refitting exactly, beyond what is said: linear columns may misjudge it by as much
+#: -2 log evidence beyond the reported limit within which a rival is refitted exactly: the error of the linear approximation
 MARGIN = 6.0
-#: refitted exactly, at most; more that come near are rivals of unknown rate
+#: most rivals refitted exactly; further near ones are rivals of unknown rate
 MOST_EXACT = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence; fits_worse:
-    the same, had neither paid for its description; correlation of the whole rate that is added with the law's hypothesis', 0 where it is
-    unknown."""
+    """effect in the law's place; hypothesis with it, None where only its linear columns were evaluated; worse: -2 log evidence; fits_worse:
+    the same without the price of descriptions; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
 
     effect: Effect
     hypothesis: Hypothesis | None
@@ -383,12 +382,12 @@ class Rival:
 
     @property
     def nearest(self) -> float:
-        """How much worse it is by whichever is less: bits may decide what to search, and no more."""
+        """The lesser of the two disadvantages: the price of descriptions may guide the search and no more."""
         return min(self.worse, self.fits_worse)
 
 
 def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
-    """Of the others, those that were weighed in the place of ``law`` and come nearest, the best first."""
+    """The nearest of the other effects when they take the place of ``law``, the best first."""
     rest = [other for other in others if other.id != law.id and other.id not in best.ids]
     fits = evidence.unpriced(best)
     guessed = [evidence.guess(best, without=law, add=other) for other in rest]
@@ -401,7 +400,7 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
             weighed = evidence.of(effects, best)
             if not believable(weighed, best):
                 continue
-            if other.id in evidence.forms:  # the law's own constants are as good as can be: so must be a rival's
+            if other.id in evidence.forms:  # the law's constants are optimal, so a rival's must be
                 lacking = min(weighed.score - best.score, evidence.unpriced(weighed) - fits) - STAND_IN
                 weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
@@ -411,7 +410,7 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
 
 
 def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
-    """(N, 3) rad/s that all effects of a hypothesis add to the rate, beside what a calibration takes up."""
+    """(N, 3) rad/s that all effects of a hypothesis add to the rate, beyond a calibration."""
     movements = twin.movements
     total = np.zeros((sum(len(movement.t_s) for movement in movements), 3))
     for claim in hypothesis.fit.state.claims:
@@ -420,21 +419,21 @@ def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
     return beside_calibration(total, movements)
 
 
-# Why a law is not said.
+# Reasons to reject a law.
 
-#: searches of which chance makes one as good, at most: benchmarks/discover.py states no law where none is hidden with it
+#: largest share of searches in which chance does as well: benchmarks/discover.py reports no law where none is hidden with it
 CHANCE = 0.01
-#: of chance, that what was put away improves as much: one-sided, as ``explain``'s own veto
+#: largest p of chance improving the held-out data as much: one-sided, as ``explain``'s own veto
 HELD_OUT_P = 0.05
-#: of the excess over the noise, that laws must take away to be said where what they leave is more than noise: stand-ins take about half
+#: share of the excess over the noise that reported laws must remove where their residuals exceed noise: stand-ins remove about half
 MOST_OF_IT = 0.9
-#: and to be found.  A law whose rate correlates EQUAL with the truth's leaves 1 - EQUAL^2 of its square; a dozen turns
-#: know that share to half
+#: the same for found laws: one whose rate correlates EQUAL with the truth's leaves 1 - EQUAL^2 of its square; a dozen turns determine
+#: that share to half
 ALL_OF_IT = 1 - (1 - EQUAL**2) / 2
 
 
 def refused(searched: SearchState, law: Effect) -> str | None:
-    """Why a law of the best hypothesis is not said, or None."""
+    """Why a law of the best hypothesis is rejected, or None."""
     best, evidence = searched.best, searched.evidence
     chance_p, said = searched.chance_p(law), equation(evidence.forms[law.id])
     if chance_p > CHANCE:
@@ -458,11 +457,11 @@ def refused(searched: SearchState, law: Effect) -> str | None:
 
 
 def leaves_something(searched: SearchState) -> bool:
-    """Whether a further law is asked for; what was put away has no part in it, as it is to judge that law, too."""
+    """Whether a further law is to be searched; the held-out data have no part in this, as they are to test that law, too."""
     return searched.best.noise.unusual or not searched.closes_to_noise
 
 
 def taken(searched: SearchState) -> float:
-    """The least share of the excess that a law takes away of what was put away; one where what is left is the sensor's own noise."""
+    """The least share of the held-out excess that a law removes; one where the residuals are the sensor's own noise."""
     tests = (test for law in searched.laws for test in searched.held_out_of(law))
     return min((test.removed for test in tests if test.removed is not None and test.noise_p < NOISE_P), default=1.0)

@@ -1,4 +1,4 @@
-"""What an earlier ``explain --discover`` of this session found beyond the catalogue, as its folder holds it; nothing there is run."""
+"""Read what an earlier ``explain --discover`` of this session found beyond the catalogue, without running its files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from session.io.files import MB, read_bytes
 from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
 
 DO = "explain again, or remove it"
-#: of discover.png, which has some 100 kB
+#: bytes of discover.png, which has some 100 kB
 MOST_PICTURE = 8 * MB
 PNG = b"\x89PNG\r\n\x1a\n"
 _HELD_OUT = Keys(
@@ -54,7 +54,7 @@ SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "l
 
 @dataclass(frozen=True, eq=False)
 class SavedDiscovery:
-    """folder of the explanation; table: its ``discovery``; following: what to do next, or nothing; picture: discover.png, or None."""
+    """folder of the explanation; table: its ``discovery``; following: what to do next, or empty; picture: discover.png, or None."""
 
     folder: Path
     table: dict
@@ -63,7 +63,7 @@ class SavedDiscovery:
 
 
 def searched(folder: Path, logs: Mapping[str, str]) -> SavedDiscovery | None:
-    """Of ``explain`` in a session's folder; logs: the hashes of the session's logs by name.
+    """Read the folder of ``explain`` in a session; logs: the hashes of the session's logs by name.
 
     None where nothing was searched, or in other logs.  FormatError for an explanation that cannot be read.
     """
@@ -81,7 +81,7 @@ def searched(folder: Path, logs: Mapping[str, str]) -> SavedDiscovery | None:
 
 
 def _require_numbers(law: dict, where: str) -> None:
-    """Coefficients and their sigmas: one for each axis, or a row for each."""
+    """Require coefficients and their sigmas: one for each axis, or a row for each."""
     for name in ("parameters", "std"):
         require(law.get(name), MapOf(Array((3,)) if _is_flat(law.get(name)) else Array((3, None))), f"{where}.{name}", DO)
     if not all(np.shape(law["std"].get(name)) == np.shape(values) for name, values in law["parameters"].items()):
@@ -94,7 +94,7 @@ def _is_flat(table: object) -> bool:
 
 
 def _picture(path: Path) -> bytes | None:
-    """A PNG of a size that a page can hold."""
+    """A PNG small enough for a page."""
     try:
         data = read_bytes(path, MOST_PICTURE) if path.is_file() else b""
     except FormatError:

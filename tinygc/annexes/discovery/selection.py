@@ -1,4 +1,4 @@
-"""Refit the best forms exactly, and search among them by evidence."""
+"""Refit the best forms exactly, and select among them by evidence."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import LINEAR, Twin
 
-# The evidence of forms: as that of the catalogue's effects, but each pays for its own description.
+# The evidence of forms: as that of the catalogue's effects, with a price for each form's description.
 #
 #     -2 log p = ... + 2 (ln 2 · bits + log(scales / odds)) + coefficients
 #
-# The bits are those of the form among all that the grammar can say; that the recording shows anything outside the catalogue is as
-# improbable beforehand as any one effect of it.  This is Rissanen's two-part code, in natural units: bits of the form, coefficients to
-# their sigma, remainder under the noise.  A constant within a function, such as a width, pays for the choices of its grid alone, however
-# sharply it is known; so rivals are compared by their fit as well (``rivals``).
+# The bits are those of the form among all of the grammar; that the recording shows anything outside the catalogue is as improbable
+# a priori as any one effect of it.  This is Rissanen's two-part code, in natural units: bits of the form, coefficients to their sigma,
+# residuals under the noise.  A constant within a function, such as a width, costs the bits of its grid alone, however precisely it is
+# estimated; so rivals are compared by their fit as well (``rivals``).
 
-#: what is weighed and is no name of the catalogue
+#: prefix of a form's id, which no effect of the catalogue has
 FORM = "discovered."
 
 
 class FormEvidence(Evidence):
-    """Evidence in which forms are weighed, too; each is known by an id of its own while the search lasts."""
+    """Evidence that includes forms, each with an id of its own during the search."""
 
     def __init__(self, twin: Twin):
         self.forms: dict[str, LawForm] = {}
@@ -44,7 +44,7 @@ class FormEvidence(Evidence):
         super().__init__(twin)
 
     def effect_of(self, form: LawForm) -> Effect:
-        """The form as an effect, always the same one."""
+        """The form as an effect, always the same object."""
         if form not in self._ids:
             name = f"{FORM}n{len(self._ids)}"
             self.forms[name] = form
@@ -52,12 +52,12 @@ class FormEvidence(Evidence):
         return self._ids[form]
 
     def price(self, effect: Effect) -> float:
-        """As ``Evidence.price``, of a form by its bits."""
+        """As ``Evidence.price``, with a form's bits."""
         form = self.forms.get(effect.id)
         return super().price(effect) if form is None else float(price(np.array(bits(form)), np.array(effect.parameter.size)))
 
     def unpriced(self, have: Hypothesis | Guess) -> float:
-        """The score of a hypothesis as if nothing had been paid for its description but its coefficients: how well it fits."""
+        """The score of a hypothesis without the price of descriptions but with that of coefficients: its goodness of fit."""
         return have.score - sum(self.price(effect) - effect.parameter.size for effect in have.effects)
 
     def form_in(self, have: tuple[Effect, ...]) -> list[LawForm]:
@@ -66,34 +66,34 @@ class FormEvidence(Evidence):
 
 
 def rms_of(form: LawForm, movements: list[Movement]) -> float:
-    """Of the form's products over a recording."""
+    """Rms of the form's products over a recording."""
     squares = [np.mean(columns[columns != 0] ** 2) for m in movements if (columns := as_effect(form).columns(m)).any()]
     return float(np.sqrt(np.mean(squares))) if squares else 1.0
 
 
-# Whether a fit with a law is one that a gyroscope could have: its score alone does not say so.
+# Whether a fit with a law is plausible for a gyroscope, which its score alone does not show.
 
-#: of residuals in sigmas, mean square: one by the noise that was estimated with them, unless the fit has not arrived there
+#: largest mean square of residuals in sigmas: one under the noise that was estimated with them, unless the fit has not converged
 MOST_LEFT = 2.0
-#: of the scale factor and the misalignments, that a law may take over: five times the sensitivity's tolerance on the data sheet.  A rate,
-#: and a rate that is cut off above its range, are nearly one: each may have any size while their sum has none, and the calibration is lost.
-#: benchmarks/discover_real.py: on injected/case09 such laws took 0.4
+#: change of the scale factor and misalignments that a law may cause: five times the sensitivity's tolerance on the data sheet.  A rate
+#: and the same rate clipped above its range are nearly collinear: each may have any size while their sum is small, and the calibration is
+#: lost.  benchmarks/discover_real.py: on injected/case09 such laws took 0.4
 MOST_TAKEN = 0.05
-#: the same by linear columns, which are not believed by half of it
+#: the same by linear columns, which are accurate to about half of it
 MOST_TAKEN_LINEARLY = 2 * MOST_TAKEN
 
 
 def believable(have: Hypothesis, base: Hypothesis) -> bool:
-    """Of a hypothesis with a law, beside one without it: its fit leaves what its score was computed with, and the calibration stays."""
+    """Whether a hypothesis with a law is plausible against one without it: its fit has converged, and the calibration stays."""
     arrived = float(have.fit.r @ have.fit.r) < MOST_LEFT * len(have.fit.r)
     return arrived and float(np.abs(have.fit.state.model.E - base.fit.state.model.E).max()) < MOST_TAKEN
 
 
 def takes_calibration(form: LawForm, responses: Responses, projection: Projection, fit: Refit) -> bool:
-    """Whether a form, at its best by linear columns beside a fit in a look's noise, would take the calibration's place.
+    """Whether a form, at its best by linear columns against a fit in a projection's noise, would replace the calibration.
 
-    What differs from the rate in one turn alone takes up that turn, and the scale factor of all others: it promises much, and is not
-    believed once it is refitted.
+    A form that differs from the rate in one turn alone fits that turn while it changes the scale factor of all others: its promise is
+    large, but its refit is rejected.
     """
     columns = projection.whitened(responses.columns(form))
     theta = np.linalg.lstsq(projection.free_of(columns), projection.residual, rcond=None)[0]
@@ -101,29 +101,29 @@ def takes_calibration(form: LawForm, responses: Responses, projection: Projectio
     return bool(np.abs(moved[LINEAR][MATRIX]).max() > MOST_TAKEN_LINEARLY)
 
 
-# A law's constants, fitted with all else: linear columns, by which they were sharpened, know only the rate that the law still disturbs.
+# A law's constants, fitted with all else: the linear columns that refined them contain only the rate still disturbed by the law.
 #
-# Gauss-Newton, as ``explanation.twin.shapes`` has it for one scanned number; a step is kept where the recording is more probable with it.
-# What is not known of the constants widens what is said of the coefficients.
+# Gauss-Newton, as for the one scanned number of a catalogue effect; a step is kept where the recording is more probable with it.
+# The uncertainty of the constants widens that of the coefficients.
 
-#: ln of a constant, for a central difference: some samples pass a threshold that moves so far
+#: ln of a constant, for a central difference: large enough that some samples pass a moving threshold
 STEP = 0.01
-#: ln of a constant: a prior's sigma, as wide as any grid; and the farthest that one step goes
+#: ln of a constant: sigma of its prior, as wide as any grid; and the largest step
 LOOSE, FARTHEST = 1.0, 0.3
-#: steps, and shares of one that are tried
+#: steps, and fractions of one that are tried
 STEPS, SHARES = 6, (1.0, 0.3)
-#: of the residuals' squares, what a step is thought to leave at least
+#: least share of the residuals' squares that a step is assumed to leave
 LEAST_LEFT = 0.01
-#: sigmas: a step so short is the last
+#: sigmas: a step this short is the last
 ENOUGH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """What one fit tells of the K constants of one of its laws, in ln of each.
+    """Estimates from one fit for the K constants of one of its laws, in ln of each.
 
-    step (K,): to where the linear columns are best; covariance (K, K): all else free; along (p, K): how the fit's parameters follow them;
-    worth: -2 log evidence that the step promises, the noise's size following what is left.
+    step (K,): to the optimum of the linear columns; covariance (K, K): all else free; along (p, K): derivatives of the fit's parameters
+    with respect to them; worth: -2 log evidence that the step promises, with the noise's size following the residuals.
     """
 
     step: np.ndarray
@@ -133,7 +133,7 @@ class Constants:
 
     @classmethod
     def of(cls, twin: Twin, have: Hypothesis, law: Effect, form: LawForm) -> Constants:
-        """Of a law that has constants."""
+        """Estimates for a law that has constants."""
         fit, replay = have.fit, Replay(twin, have.fit)
         moves = have.whiten(_moves(twin, have, law, form, replay))
         along = fit.covariance @ (fit.J.T @ moves)
@@ -144,16 +144,16 @@ class Constants:
         return cls(step, np.linalg.inv(information), along, -rows * np.log(max(1 - share, LEAST_LEFT)))
 
     def sigmas(self, form: LawForm) -> tuple[float, ...]:
-        """Of each constant, in its unit."""
+        """Sigma of each constant, in its unit."""
         return tuple((np.sqrt(np.diag(self.covariance)) * form.constants).tolist())
 
     def widened(self, covariance: np.ndarray) -> np.ndarray:
-        """(p, p) of the fit's parameters, the constants free."""
+        """(p, p) of the fit's parameters, with the constants free."""
         return covariance + self.along @ self.covariance @ self.along.T
 
 
 def exact(evidence: FormEvidence, have: Hypothesis, law: Effect) -> tuple[Hypothesis, Effect]:
-    """The hypothesis with a law's constants at their best, and the law."""
+    """The hypothesis with a law's constants at their optimum, and the law."""
     for _ in range(STEPS if evidence.forms[law.id].constants else 0):
         known = Constants.of(evidence.twin, have, law, evidence.forms[law.id])
         if np.all(np.abs(known.step) < ENOUGH * np.sqrt(np.diag(known.covariance))):
@@ -166,7 +166,7 @@ def exact(evidence: FormEvidence, have: Hypothesis, law: Effect) -> tuple[Hypoth
 
 
 def one_step(evidence: FormEvidence, have: Hypothesis, law: Effect, lacking: float) -> tuple[Hypothesis, Effect]:
-    """The same after one step, where it promises what the hypothesis is lacking, -2 log evidence; else as it is."""
+    """The same after one step, where it promises the lacking -2 log evidence; else unchanged."""
     form = evidence.forms[law.id]
     if not form.constants:
         return have, law
@@ -177,7 +177,7 @@ def one_step(evidence: FormEvidence, have: Hypothesis, law: Effect, lacking: flo
 
 
 def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, step: np.ndarray) -> tuple[Hypothesis, Effect] | None:
-    """After a step, where the recording is more probable with it, and the fit is believed."""
+    """The result of a step, or None where the recording is less probable with it or the fit is not plausible."""
     form = evidence.forms[law.id]
     other = evidence.effect_of(form.with_constants(form.constants * np.exp(step)))
     trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
@@ -185,7 +185,7 @@ def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, step: np.nda
 
 
 def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Replay) -> np.ndarray:
-    """(n, K) how the stacked residuals change with ln of each constant."""
+    """(n, K) derivatives of the stacked residuals with respect to ln of each constant."""
     claim = next(claim for claim in have.fit.state.claims if claim.effect is law)
     state, found = have.fit.state, []
     for number in range(len(form.constants)):
@@ -199,26 +199,26 @@ def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Rep
     return np.stack(found, axis=1)
 
 
-# The search over forms beside a hypothesis: screened linearly, sharpened, weighed with the noise anew, refitted exactly.
+# The search over forms against a hypothesis: screened linearly, refined, ranked with re-estimated noise, refitted exactly.
 
-#: shapes that are sharpened and weighed by their linear columns, of each look: benchmarks/discover.py finds the law among the first three
-#: in nearly all sessions
+#: shapes that are refined and ranked by their linear columns in each projection: benchmarks/discover.py finds the law among the first
+#: three in nearly all sessions
 MOST_REFINED = 14
-#: most promising forms that are asked, in each look, whether they would take the calibration's place
+#: most promising forms in each projection that are checked for replacing the calibration
 MOST_ASKED = 60
-#: of those, refitted exactly and believed; and tried, where some are not
+#: of those, plausible exact refits; and refits tried, where some are not plausible
 MOST_EXACT, MOST_TRIED = 4, 12
-#: refitted exactly for their promise alone
+#: exact refits for the promise alone
 MOST_PROMISED = 3
 #: -2 log evidence within which one more is refitted exactly
 NEAR = 12.0
-#: -2 log evidence by linear columns, of a form beside a hypothesis
+#: -2 log evidence by linear columns, of a form added to a hypothesis
 Trial = tuple[float, Effect, Hypothesis]
 
 
 @dataclass(frozen=True, eq=False)
 class SearchRound:
-    """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed as the one more,
+    """best: the hypothesis with one more form, or None; screening: of all forms; tried: effects of forms that were tried as the added one,
     the best first."""
 
     best: Hypothesis | None
@@ -229,7 +229,7 @@ class SearchRound:
 def with_a_form(
     evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
 ) -> SearchRound:
-    """The best hypothesis with one form more than one of the bases has, the likeliest of them last."""
+    """The best hypothesis with one form more than one of the bases, of which the last is the most probable."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
     projections = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
     priced = np.array([bits(form) for form in forms])
@@ -258,8 +258,8 @@ def with_a_form(
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:
-    """Exactly, with their constants, those that may be the best: by their linear columns with the noise anew, and by what the screening
-    promised.  Where a strong law bends the calibration that all begin from, either may be misled."""
+    """Refit the best candidates exactly with their constants: by their linear columns in re-estimated noise, and by the screening's
+    promise. Either ranking may be misled where a strong law bends the calibration from which all start."""
     found: list[Hypothesis] = []
 
     def refit(effect: Effect, base: Hypothesis) -> None:
@@ -278,7 +278,7 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
 
 
 def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_calibration: Callable[[LawForm], bool]) -> list[int]:
-    """Numbers of the most promising forms that leave the calibration its place, of those that differ by their constants alone the first."""
+    """Numbers of the most promising forms that keep the calibration; of those that differ by constants alone the first."""
     found: dict[LawForm, int] = {}
     asked = 0
     for number in np.argsort(-promise, kind="stable"):
@@ -294,7 +294,7 @@ def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_ca
 
 
 def _best_of_each_shape(evidence: FormEvidence, trials: list[Trial]) -> list[Trial]:
-    """Of sorted trials, the first of those that differ by their constants, or by what they stand beside."""
+    """Of sorted trials, the first of those that differ by their constants or their base alone."""
     found: dict[LawForm, Trial] = {}
     for trial in trials:
         found.setdefault(evidence.forms[trial[1].id].shape, trial)

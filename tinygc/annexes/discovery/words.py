@@ -1,4 +1,4 @@
-"""A law in words: its equation, a sentence, names of files and parameters, its constants and terms as a person writes them."""
+"""Describe a law: its equation, a sentence, names of files and parameters, its constants and terms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from session.io.units import DEG
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.quantities import FUNCTIONS
 
-#: what a symbol of an equation stands for, where it is no symbol of the catalogue's
+#: definition of an equation's symbol, where it is not one of the catalogue's
 SYMBOLS = {
     "rate": "u = ω / FS",
     "rate_size": "u = ω / FS",
@@ -41,7 +41,7 @@ SHORT = {
     "temperature": "the temperature since the session's beginning",
     "time": "the time since the session began",
 }
-#: of constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
+#: displayed constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
 PEOPLES = {
     "rate": ("", " of full scale", 1.0),
     "rate_size": ("", " of full scale", 1.0),
@@ -59,7 +59,7 @@ BRIEF = {
     **{"temperature": "temp", "acceleration": "accel", "vibration": "vib", "warming": "warming"},
 }
 LONGEST = 40
-#: what to change on purpose, for each quantity
+#: what to vary deliberately, for each quantity
 SPLITS = {
     "rate": "turn about each axis slowly and fast, in both senses",
     "rate_size": "turn slowly and fast, and look at the axes that do not turn",
@@ -77,7 +77,7 @@ SPLITS = {
     "level": "hold the same attitudes at four headings",
     "world": "hold the same attitudes at four headings",
 }
-#: the catalogue's variables, their units; of what stands beside another, the one that is named first here is drawn against
+#: the catalogue's variables and their units; of two quantities, the first in this order is the plotted variable
 REGIMES = {
     "temperature": ("temperature", "°C"),
     "temperature_rate": ("temperature", "°C"),
@@ -96,7 +96,7 @@ REGIMES = {
     "rate": ("rate", "dps"),
 }
 NEIGHBOURS = "i, j, k = x, y, z in turn"
-#: what an equation abbreviates -> what that is
+#: abbreviation in an equation -> definition
 ABBREVIATIONS = {
     "lag": "lag(x, τ) first-order",
     "dz": "dz(x, c) = x beyond ±c",
@@ -108,7 +108,7 @@ ABBREVIATIONS = {
 
 
 def equation(form: LawForm) -> str:
-    """One line, as the catalogue's: constants in people's units, then what its symbols are."""
+    """One line in the catalogue's style: constants in displayed units, then the definitions of its symbols."""
     indices = {"each": "ii", "full": "jj", "cross": "jj", "next": "jk", "last": "kj", "leant": "ij"}[form.pattern]
     shown = [_shown(factor, index) for factor, index in zip(form.factors, indices, strict=False)]
     waves = [factor for factor in form.factors if factor.through.phases > 1]
@@ -127,7 +127,7 @@ def equation(form: LawForm) -> str:
 
 
 def abbreviations(text: str) -> list[str]:
-    """What the abbreviations of an equation are, of those that it uses."""
+    """Definitions of the abbreviations that an equation uses."""
     return [meaning for name, meaning in ABBREVIATIONS.items() if f"{name}(" in text]
 
 
@@ -157,7 +157,7 @@ def _number(value: float) -> str:
 
 
 def constant_of(form: LawForm, number: int) -> tuple[str, float]:
-    """One of a form's constants in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
+    """One of a form's constants in a sentence, as ``width (of full scale)``; and how many of the displayed unit its own unit has."""
     found: list[tuple[str, float]] = []
     for factor in form.factors:
         _, unit, times = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
@@ -167,7 +167,7 @@ def constant_of(form: LawForm, number: int) -> tuple[str, float]:
 
 
 def in_words(form: LawForm) -> str:
-    """A sentence that a person at the bench understands."""
+    """One sentence in plain words."""
     words = [_words(factor) for factor in form.factors]
     late = [_late(factor) for factor in form.factors]
     waved = any(factor.through.phases > 1 or factor.of.directions > 1 for factor in form.factors)
@@ -227,20 +227,20 @@ def splits(form: LawForm) -> str:
 
 
 def regime(form: LawForm) -> tuple[str, str]:
-    """Variable and unit that it is drawn against: of a product, the condition rather than the rate that it multiplies."""
+    """Variable and unit that it is plotted against: for a product, the condition rather than the rate that it multiplies."""
     order = list(REGIMES)
     return REGIMES[min((factor.quantity for factor in form.factors), key=order.index)]
 
 
-# What each number of a law adds to, and what it follows: ``x ← y``.
+# The axis that each coefficient of a law adds to, and what it follows: ``x ← y``.
 
-#: of a function with phases, each of its numbers
+#: phases of a function, by their number
 PHASES = {2: ("cos", "sin"), 6: ("cos", "sin", "cos 3", "sin 3", "cos 5", "sin 5")}
 ARROW = " ← "
 
 
 def terms_of(form: LawForm) -> list[str]:
-    """Of each coefficient, in order: the axis that it adds to, and, of more than one for each axis, what it is of."""
+    """For each coefficient, in order: the axis that it adds to, and, where an axis has several, what it follows."""
     terms = form.terms()
     if form.size == 3:
         return ["xyz"[term.axis] for term in terms]
@@ -249,15 +249,15 @@ def terms_of(form: LawForm) -> list[str]:
 
 def _followed(form: LawForm, parts: tuple[tuple[Factor, int], ...]) -> str:
     words = [_component(factor, component) for factor, component in parts]
-    if form.pattern == "leant":  # the first is of the axis itself
+    if form.pattern == "leant":  # the first factor has the axis itself
         words[0] = words[0][1:].strip()
     if form.pattern in ("full", "cross", "each") and len(words) == 2 and words[0][:1] == words[1][:1]:
-        words[1] = words[1][1:].strip()  # both are of one axis, which is said once
+        words[1] = words[1][1:].strip()  # both have the same axis, which is named once
     return " ".join(word for word in words if word)
 
 
 def _component(factor: Factor, component: int) -> str:
-    """``y``, ``y cos``, ``y 2 sin``: axis, direction in the world, phase; nothing of a scalar."""
+    """``y``, ``y cos``, ``y 2 sin``: axis, direction in the world, phase; empty for a scalar."""
     phases, directions = factor.through.phases, factor.of.directions
     axis = "xyz"[component // factor.each] if factor.vector else ""
     direction = str(component % factor.each // phases + 1) if directions > 1 else ""
@@ -265,13 +265,13 @@ def _component(factor: Factor, component: int) -> str:
     return " ".join(word for word in (axis, direction, phase) if word)
 
 
-# A form's constants as a file has them: by name, in a person's unit, to as many digits as they are known.
+# A form's constants in a file: by name, in displayed units, to the digits that are known.
 
-#: digits behind the first of a sigma: what rounding takes off is a thousandth of it
+#: digits after the first of a sigma: rounding changes it by a thousandth
 BEYOND_SIGMA = 2
-#: digits of a constant whose sigma nobody knows
+#: digits of a constant of unknown sigma
 DIGITS = 5
-#: unit of a quantity -> that of a person, its size in the quantity's unit, Python of that size, ending of a name
+#: unit of a quantity -> displayed unit, its size in the quantity's unit, Python of that size, ending of a name
 BENCH_UNITS = {
     "rad": ("deg", DEG, " * DEG", "deg"),
     "1": ("", 1.0, "", "share"),
@@ -288,8 +288,8 @@ BENCH_UNITS = {
 @dataclass(frozen=True)
 class Constant:
     """One of a form's constants.  word: what it is, such as ``threshold`` or ``lag``; python: its name in capitals; json: its name there;
-    number: in its unit, rounded; sigma: likewise, None unknown; unit: a person's; si: the size of that unit; times: Python of the same;
-    of: number of its factor, lag: whether it is a lag."""
+    number: in its unit, rounded; sigma: likewise, None unknown; unit: the displayed one; si: the size of that unit; times: Python of the
+    same; of: number of its factor, lag: whether it is a lag."""
 
     word: str
     python: str
@@ -304,7 +304,7 @@ class Constant:
 
     @property
     def value(self) -> float:
-        """In the quantity's own unit, as the form has it."""
+        """The value in the quantity's own unit, as in the form."""
         return self.number * self.si
 
     @property
@@ -314,7 +314,7 @@ class Constant:
 
 
 def constants_of(form: LawForm, sigmas: Sequence[float] = ()) -> list[Constant]:
-    """In the order of ``form.constants``; sigmas: theirs, in the quantities' own units."""
+    """The constants in the order of ``form.constants``; sigmas: theirs, in the quantities' own units."""
     known = list(sigmas) or [float("nan")] * len(form.constants)
     given = iter(known)
     found = []
@@ -343,24 +343,24 @@ def _rounded(value: float, sigma: float | None) -> float:
 
 
 def rounded(form: LawForm, sigmas: Sequence[float] = ()) -> LawForm:
-    """The form with its constants as a file has them."""
+    """The form with its constants rounded as in a file."""
     return form.with_constants(tuple(constant.value for constant in constants_of(form, sigmas)))
 
 
-# What a written file says of a form beside its words: the parameter's name, what one number of it means, and where it is seen.
+# Entries of a written file in addition to its sentence: the parameter's name, its meaning, and where it is observable.
 
 #: quantities that are zero at rest, and functions that are not zero there
 OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
 NOT_AT_ZERO = ("decay", "wave", "clock")
 #: quantities that follow the rate sample by sample
 OF_THE_RATE = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
-#: of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
+#: uncertainty of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1
-#: of all that a function gives between minus and plus three, what it changes by from one of so many steps to the next where it jumps
+#: a jump: share of a function's range over −3 to 3 by which it changes within one of so many steps
 JUMP, STEPS = 0.1, 30_001
-#: quantities that jump, whatever the function, when a turn begins or turns over
+#: quantities that jump, whatever the function, when a turn begins or reverses
 JUMPING = ("sense", "rest")
-#: signs of a unit and what a name has for them
+#: characters of a unit and their replacement in a name
 LETTERS = (
     ("°C", "c"),
     ("(", ""),
@@ -374,12 +374,12 @@ LETTERS = (
     ("⁶", "6"),
     ("^", "_"),
 )
-#: signs of a sentence that names a number and what it follows: a check's longest is 300
+#: characters of a clause: a check allows 300 for the sentence with its number
 LONGEST_CLAUSE = 230
 
 
 def coefficient_unit(form: LawForm) -> tuple[str, str]:
-    """Of a coefficient, as a person reads it, and the coefficients' name in the JSON: dps/°C, ``dps_per_c``."""
+    """A coefficient's printed unit, and the coefficients' name in the JSON: dps/°C, ``dps_per_c``."""
     unit = name = form.coefficient_unit
     for sign, letters in LETTERS:
         name = name.replace(sign, letters)
@@ -387,14 +387,14 @@ def coefficient_unit(form: LawForm) -> tuple[str, str]:
 
 
 def follows(form: LawForm) -> str:
-    """What the error does, in a part of a sentence."""
+    """What the error does, as part of a sentence."""
     words = in_words(form).rstrip(".")
     words = words if len(words) <= LONGEST_CLAUSE else equation(form).split(", ")[0]
     return words.replace("The error of", "the error of", 1)
 
 
 def seen_in(form: LawForm) -> tuple[str, ...]:
-    """Turns alone, where a factor is zero at rest and remembers nothing."""
+    """Turns alone, where a factor is zero at rest and has no memory."""
     of_turns = any(
         f.quantity in OF_TURNS and f.lag_s is None and not f.through.memory and f.function not in NOT_AT_ZERO for f in form.factors
     )
@@ -402,12 +402,12 @@ def seen_in(form: LawForm) -> tuple[str, ...]:
 
 
 def known_to(form: LawForm) -> float:
-    """Share to which what it follows can be known, which no residual shows."""
+    """Relative uncertainty of the quantity that it follows, which no residual shows."""
     return round(sum(VIBRATION_KNOWN_TO * float(factor.through.power) for factor in form.factors if factor.quantity == "vibration"), 3)
 
 
 def jumps(form: LawForm) -> bool:
-    """Whether a rate that changes a little may change what it adds by much."""
+    """Whether a small change of the rate may change the added rate by much."""
     return any(_jumps(factor) for factor in form.factors)
 
 

@@ -1,9 +1,9 @@
-"""Effects: everything that can make a recording differ from its simulation, one record each, and the catalogue of them all.
+"""Effects: everything that can make a recording differ from its simulation, one record each, and their catalogue.
 
-A file that defines ``EFFECT``, an ``Effect``, is an effect, wherever it lies: in ``entries`` here, in an installed package (an entry
+A file that defines ``EFFECT``, an ``Effect``, is an effect.  It may lie in ``entries`` here, in an installed package (an entry
 point of the group ``tinygc.effects``), or in a folder that the user names (``load_folder``, ``--effects DIR``).  Nothing else has to be
-changed: naming, refitting, simulating, drawing, live use, exports and C follow from what the record declares.
-``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` proves an effect.
+changed: model selection, refitting, simulation, plots, live use, exports and C follow from the record.
+``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` tests an effect.
 """
 
 from tinygc.effects import signals

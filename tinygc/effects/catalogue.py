@@ -1,4 +1,4 @@
-"""The catalogue: effects of this package, of installed packages, and of folders that the user named."""
+"""The catalogue of effects: those of this package, of installed packages, and of folders that the user named."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ from session.io.units import DEG
 from tinygc.effects.effect import Effect
 from tinygc.effects.movement import EffectError, Movement
 
-# A first try of an effect that comes from outside: what is plainly wrong is said where the file can still be named.
+# A first test of an external effect: plain mistakes are reported while the file can still be named.
 
 SAMPLES, RATE_HZ, FULL_SCALE_DPS = 64, 104.0, 500.0
 
 
 def tried(effect: Any, where: str) -> Effect:
-    """The effect, if it is one and gives what it should for a short movement.  EffectError that begins with ``where``."""
+    """Return the effect if its functions return the right shapes for a short movement.
+
+    Raises EffectError that begins with ``where``.
+    """
     if not isinstance(effect, Effect):
         raise EffectError(f"{where}: EFFECT is of type {type(effect).__name__}, expected tinygc.effects.Effect")
     try:
@@ -59,7 +62,7 @@ def _expect(effect: Effect, name: str, value: Any, shape: tuple[int, ...]) -> No
 
 
 def short_movement() -> Movement:
-    """Half a second of a hand's turn, warming up, vibrated."""
+    """Return half a second of a hand's turn with warm-up and vibration."""
     t_s = np.arange(SAMPLES) / RATE_HZ
     turn = np.stack([np.sin(9 * t_s), np.cos(7 * t_s), np.sin(5 * t_s + 1)], axis=-1)
     force = turn / np.linalg.norm(turn, axis=1, keepdims=True)
@@ -72,9 +75,9 @@ def short_movement() -> Movement:
 
 
 def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
-    """Each effect with its file, in the order of the names; ``said``: the folder as the user wrote it.
+    """Load each effect with its file, in the order of the names; ``said``: the folder as the user wrote it.
 
-    Raises EffectError for a folder that is none or holds no effect, and for a file that cannot be loaded or defines none.
+    Raises EffectError for a path that is no folder, a folder without effects, and a file that cannot be loaded or defines no effect.
     """
     if folder.is_file():
         raise EffectError(f"{said}: that is a file; give its folder, {said.parent}")
@@ -88,7 +91,7 @@ def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
 
 
 def _package(folder: Path) -> str:
-    """A package of the folder's files alone, freshly: its name is no file's, so that nothing else imports it by chance."""
+    """Make a new package of the folder's files; its name cannot be imported by accident."""
     name = f"tinygc_effects_folder_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]}"
     for loaded in [module for module in sys.modules if module == name or module.startswith(f"{name}.")]:
         del sys.modules[loaded]
@@ -116,7 +119,7 @@ def _effect(package: str, path: Path, said: Path) -> Effect:
 
 
 def _words(error: BaseException, path: Path) -> str:
-    """In one line: the kind, what it says, and the file's line where that is known."""
+    """Describe an error in one line: its type, its message, and the file's line where that is known."""
     line, at = getattr(error, "lineno", None), error.__traceback__
     while at is not None:
         if Path(at.tb_frame.f_code.co_filename) == path:
@@ -126,19 +129,19 @@ def _words(error: BaseException, path: Path) -> str:
     return f"{type(error).__name__}: {what}" + ("" if line is None else f" (line {line})")
 
 
-# The catalogue: the effects of this package, of installed packages, and of the folders that the user named; from nowhere else.
+# The catalogue holds the effects of this package, of installed packages, and of the folders that the user named, and no others.
 #
-# A session folder and a model file only name ids: reading them executes nothing.
+# A session folder and a model file contain only ids: reading them executes nothing.
 
 ENTRIES, GROUP = "tinygc.effects.entries", "tinygc.effects"
-#: how the ids begin of effects that ``explain --discover`` writes
+#: prefix of the ids of effects that ``explain --discover`` writes
 FOUND = "discovered."
 #: folder -> its effects by id, each with the file that defines it
 _folders: dict[Path, dict[str, tuple[Effect, Path]]] = {}
 
 
 def catalogue() -> dict[str, Effect]:
-    """All effects by id, in the order of their ids.  EffectError for an installed effect that is broken."""
+    """Return all effects by id, sorted by id.  Raises EffectError for an installed effect that is broken."""
     whole = dict(_installed())
     for effects in _folders.values():
         whole |= {name: effect for name, (effect, _) in effects.items()}
@@ -146,7 +149,7 @@ def catalogue() -> dict[str, Effect]:
 
 
 def effect_of(name: str) -> Effect:
-    """The effect with that id.  EffectError, with what to do, where this machine has none."""
+    """Return the effect with that id.  Raises EffectError, with what to do, where it is not installed."""
     known = catalogue()
     if name not in known and name.startswith(FOUND):
         raise EffectError(
@@ -162,11 +165,11 @@ def effect_of(name: str) -> Effect:
 
 
 def load_folder(path: Path | str) -> list[Effect]:
-    """Add the effects of a folder, one file each, to the catalogue; loading it again takes its files as they are now.
+    """Add the effects of a folder, one file each, to the catalogue; a second call reloads the files.
 
-    Files whose names begin with an underscore are no effects; effects may import them (``from ._name import …``).
-    Raises EffectError, which names the file, for a folder or file that cannot be read, an effect of the wrong type, and an id that is
-    another effect's.
+    Files whose names begin with an underscore are not effects; effects may import them (``from ._name import …``).
+    Raises EffectError, which names the file, for a folder or file that cannot be read, an effect of the wrong type, and an id that
+    another effect has.
     """
     folder = Path(path).resolve()
     before = _folders.pop(folder, None)
@@ -188,7 +191,7 @@ def load_folder(path: Path | str) -> list[Effect]:
 
 @contextmanager
 def using(folders: Iterable[Path | str]) -> Iterator[None]:
-    """The catalogue with the effects of these folders; as it was afterwards."""
+    """Add the effects of these folders to the catalogue within a ``with`` block."""
     before = dict(_folders)
     try:
         for folder in folders:
@@ -201,7 +204,7 @@ def using(folders: Iterable[Path | str]) -> Iterator[None]:
 
 @contextmanager
 def having(effect: Effect) -> Iterator[None]:
-    """The catalogue with one effect in the place of any with its id; as it was afterwards."""
+    """Add one effect to the catalogue within a ``with`` block; it replaces any effect with its id."""
     before = dict(_folders)
     try:
         _folders[Path(f"<{effect.id}>")] = {effect.id: (effect, Path("<given>"))}
@@ -212,13 +215,13 @@ def having(effect: Effect) -> Iterator[None]:
 
 
 def loaded_folders() -> list[Path]:
-    """The folders that are loaded, in order: what a further process has to be told."""
+    """Return the loaded folders in order, as another process needs them."""
     return list(_folders)
 
 
 @cache
 def _installed() -> dict[str, Effect]:
-    """The package's own effects, and those of installed packages."""
+    """Return the effects of this package and of installed packages."""
     own = importlib.import_module(ENTRIES)
     names = sorted(module.name for module in pkgutil.iter_modules(own.__path__) if not module.name.startswith("_"))
     effects = {effect.id: effect for effect in (importlib.import_module(f"{ENTRIES}.{name}").EFFECT for name in names)}

@@ -1,6 +1,6 @@
-"""An effect on a microcontroller: C statements and the NumPy that does the same in single precision, or why there is none.
+"""An effect on a microcontroller: C statements and equivalent single-precision NumPy, or the reason why there is none.
 
-``in`` is the sample: ``in->force[i]`` m/s^2, ``in->temp_c`` degC.  ``r[3]`` is the rate, rad/s, from which the effect is taken off.
+``in`` is the sample: ``in->force[i]`` m/s^2, ``in->temp_c`` degC.  ``r[3]`` is the rate, rad/s, which the effect is subtracted from.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import numpy as np
 
 from tinygc.effects.movement import Conditions
 
-#: passes of rate <- measured - add(rate): each leaves the effect's own size, some per cent, of what was wrong before
+#: passes of rate <- measured - add(rate): each multiplies the error by the effect's own size, some per cent
 PASSES = 3
-#: of C, where each sample takes as many: what 3 leave of a strong effect is more than single precision rounds
+#: passes in C, the same for each sample: after 3, a strong effect leaves more than single-precision rounding
 PASSES_IN_C = 5
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Floating-point operations for one sample."""
+    """Number of floating-point operations for one sample."""
 
     multiply: int = 0
     add: int = 0
@@ -33,11 +33,11 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class PerAxisC:
-    """r_i -= term, by one coefficient for each axis.
+    """The correction r_i -= term with one coefficient for each axis.
 
-    name: of the coefficients in C, capital letters; says: a line of the header's formula; term: a C expression of ``NAME[i]``,
-    ``in``, other constants, and ``w``, the rate about axis i, where the term follows it (then it is repeated ``passes`` times);
-    numpy(c, w, inputs) -> (N, 3) float32, the same in the same order, c: name -> constant, w (N, 3), ``inputs.force`` (N, 3),
+    name: the coefficients' name in C, capital letters; says: a line of the header's formula; term: a C expression of ``NAME[i]``,
+    ``in``, other constants, and ``w``, the rate about axis i, where the term depends on it (then it is repeated ``passes`` times);
+    numpy(c, w, inputs) -> (N, 3) float32, the same operations in the same order, c: name -> constant, w (N, 3), ``inputs.force`` (N, 3),
     ``inputs.temp_c`` (N,); constants(theta, known) -> name -> array, ``name`` itself first; cost of one term.
     """
 
@@ -50,13 +50,13 @@ class PerAxisC:
     constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]] | None = None
 
     def values(self, theta: np.ndarray, known: Conditions) -> dict[str, np.ndarray]:
-        """The constants in double precision: theta itself where nothing else is declared."""
+        """Return the constants in double precision: theta itself where nothing else is declared."""
         return {self.name: theta} if self.constants is None else self.constants(theta, known)
 
 
 @dataclass(frozen=True, eq=False)
 class MatrixC:
-    """r -= K f, f the specific force in m/s^2; matrix(theta, known) -> K (3, 3); name and says as of ``PerAxisC``."""
+    """The correction r -= K f, f the specific force in m/s^2; matrix(theta, known) -> K (3, 3); name and says as in ``PerAxisC``."""
 
     name: str
     says: str
@@ -65,11 +65,11 @@ class MatrixC:
 
 @dataclass(frozen=True, eq=False)
 class StageC:
-    """Any other C, with a memory if it needs one.
+    """Any other correction in C, with a state if it needs one.
 
-    body: statements that change ``r``; constants as of ``PerAxisC``; numpy(c, rate, inputs) -> (N, 3) float32: what the body does to N
-    samples, one after the other; state: C members (names that no other effect uses), state_bytes their size, start: statements that set
-    them; functions: static C functions that the body calls; cost of one sample.
+    body: statements that change ``r``; constants as in ``PerAxisC``; numpy(c, rate, inputs) -> (N, 3) float32: what the body does to N
+    samples, one after the other; state: C members (names that no other effect uses), state_bytes: their size, start: statements that set
+    them; functions: static C functions that the body calls; cost: of one sample.
     """
 
     says: str
@@ -85,7 +85,7 @@ class StageC:
 
 @dataclass(frozen=True)
 class NoC:
-    """There is none, and why."""
+    """The reason why an effect has no C code."""
 
     why: str
 

@@ -1,4 +1,4 @@
-"""What an effect declares of itself: parameters, columns, correction, occurrence, picture.  All other parts read this record."""
+"""The record of an effect: parameters, columns, correction, occurrence, picture.  All other parts read this record."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
 from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown
 
-# When it happened: of an effect that is found in the registers or in the stills, which of its JSON parameters tells the moments.
+# Time of occurrence: for an effect found in the registers or in the stills, the JSON parameter that contains the times.
 
 #: rows of all logs together, seconds of the session, numbers of stills, or the readings that stand at a level
 ROWS, SECONDS, IN_STILLS, LEVEL = "rows", "seconds", "stills", "level"
@@ -22,21 +22,22 @@ ROWS, SECONDS, IN_STILLS, LEVEL = "rows", "seconds", "stills", "level"
 
 @dataclass(frozen=True)
 class Occurrence:
-    """key of the parameter, and what it counts."""
+    """The times of an event: key of the JSON parameter, and the unit that it counts in."""
 
     key: str
     counts: str
 
 
-# What the closure cannot fix of an effect's parameters, and what fixes it instead: declared here, done where there is a recording.
+# Gauges: combinations of an effect's parameters that the closure does not determine, and the rule that determines them instead.
+# They are declared here and applied where there is a recording.
 
 
 @dataclass(frozen=True, eq=False)
 class Convention:
-    """Parameters that differ by what no recording shows; a rule chooses among them.
+    """A rule that chooses among parameters that no recording can distinguish.
 
-    settle(theta) -> theta (P,) by the rule; slope(theta) -> (P, P), its derivative there, which the covariance follows;
-    delays: entries of theta (for x, y, z) that to first order delay an axis, where there are such.
+    settle(theta) -> theta (P,) by the rule; slope(theta) -> (P, P), its derivative there, which propagates the covariance;
+    delays: entries of theta (for x, y, z) that to first order delay an axis, if any.
     """
 
     settle: Callable[[np.ndarray], np.ndarray]
@@ -46,10 +47,11 @@ class Convention:
 
 @dataclass(frozen=True)
 class CommonDelay:
-    """Entries of theta that to first order delay x, y and z: what they share the closure hardly sees; gravity in the turns does.
+    """Entries of theta that to first order delay x, y and z.
 
-    late: +1 where a positive entry is late, -1 where it is early; never_negative: of a lag, whose common part the closure sees by its
-    square alone: it is moved only where it would be negative or gravity contradicts it, and as far as the closure allows.
+    The closure hardly observes their common part; gravity during the turns does.
+    late: +1 where a positive entry is a delay, -1 where it is an advance; never_negative: for a lag, whose common part the closure
+    observes through its square alone.  It is moved only where it would be negative or gravity contradicts it, as far as the closure allows.
     """
 
     delays: tuple[int, int, int]
@@ -60,12 +62,12 @@ class CommonDelay:
 Gauge = Convention | CommonDelay
 
 
-# Where a law's numbers were found, for what proves an effect: elsewhere it may do nothing at all.
+# Reference conditions of a law's constants, for testing an effect: elsewhere the effect may be zero.
 
 
 @dataclass(frozen=True)
 class FoundAt:
-    """Of the session: full scale fs_rps, to which its turns go; first_temp_c, from which it warms up."""
+    """Conditions of the test session: full scale fs_rps, which its turns reach; first_temp_c, where its warm-up begins."""
 
     fs_rps: float = 500 * DEG
     first_temp_c: float = 25.0
@@ -74,12 +76,12 @@ class FoundAt:
 ANYWHERE = FoundAt()
 
 
-# An effect's numbers: its parameter, what a person reads instead of it, and one shape number that is searched for.
+# An effect's numbers: its parameter, the quantity displayed instead of it, and one shape number that is found by a search.
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """name in the JSON; shape; unit for a person and its size in SI; plausible: a generous sigma, SI, that keeps a fit from wandering."""
+    """A fitted parameter: name in the JSON; shape; display unit and its size in SI; plausible: a wide prior sigma, SI."""
 
     name: str
     shape: tuple[int, ...]
@@ -89,13 +91,13 @@ class Parameter:
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of elements."""
         return int(np.prod(self.shape))
 
 
 @dataclass(frozen=True, eq=False)
 class Derived:
-    """What the JSON says instead of the parameter: name with its unit, and ``of``, from theta (P,) SI to that number.
+    """A quantity that the JSON contains instead of the parameter: name with its unit, and ``of``, from theta (P,) SI to that number.
 
     Its std follows from theta's covariance to first order.
     """
@@ -114,8 +116,11 @@ class Derived:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What the JSON says of a parameter whose numbers are of several kinds: names with their units, the size of each unit in SI, and where
-    its numbers stand in theta.  told: the projection (P, P) on what any recording tells of theta."""
+    """A parameter that the JSON splits into several quantities.
+
+    parts: names with their units, the size of each unit in SI, and the quantity's indices in theta; told: the projection (P, P) onto the
+    observable part of theta.
+    """
 
     parts: tuple[tuple[str, float, tuple[int, ...]], ...]
     told: np.ndarray
@@ -128,7 +133,7 @@ class Parts:
         return shown, spread
 
     def theta(self, parameters: dict) -> np.ndarray:
-        """(P,) SI of JSON parameters."""
+        """Return theta (P,) SI from JSON parameters."""
         found = np.zeros(sum(len(at) for _, _, at in self.parts))
         for name, si, at in self.parts:
             found[list(at)] = np.multiply(parameters[name], si)
@@ -137,12 +142,12 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
+    """A nonlinear shape number, such as the time of a step, that is found by a grid search.
 
-    name in the JSON; unit for a person and its size in SI; make(value) -> the ``Effect`` with that value, SI;
-    grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session;
-    smooth: what the effect adds changes smoothly with the value, as with a time constant: the value's own uncertainty then widens the
-    parameters' stated std.
+    name in the JSON; display unit and its size in SI; make(value) -> the ``Effect`` with that value, SI;
+    grid(movements) -> the values (K,), SI, to try on a recording, increasing; by default the middles of its turns, s of the session;
+    smooth: the effect varies smoothly with the value, as with a time constant; the value's uncertainty then widens the parameters'
+    stated std.
     """
 
     name: str
@@ -153,15 +158,15 @@ class Scan:
     smooth: bool = False
 
 
-# How an effect is drawn: the name of a pair of panels that there is, or a function that draws its own from plain data.
+# How an effect is plotted: the name of a built-in pair of panels, or a function that draws its own from plain data.
 
-#: pairs of panels: where the mismatch lives, and a second look at it
+#: pairs of panels: the mismatch in the stills or in the turns, and a second view of it
 STILLS, TURNS = "stills", "turns"
 CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES = "clipped turn", "false readings", "lost samples"
 CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH = "creeping stills", "clocks", "gravity's length"
 WORLD, EARTH = "a rate fixed in the world", "the Earth's rate"
-#: laws that turns show, of an effect with one parameter for each axis: a scale error along the regime, a lag (of a matrix, too), a zero
-#: along the regime; and what a log loses that is sampled too slowly
+#: pairs for laws that turns show, for an effect with one parameter for each axis: a scale error along the regime, a lag (also of a matrix),
+#: a bias along the regime; and the loss in a log that is sampled too slowly
 SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE = "scale law", "lag law", "energy law", "data rate"
 PAIRS = (
     *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH),
@@ -173,13 +178,13 @@ OF_TURNS = ("rate", "angular acceleration", "vibration")
 
 @dataclass(frozen=True, eq=False)
 class PictureData:
-    """What an effect's own picture is handed, of Q stills and S segments of one explained recording; SI, in the sensor's axes.
+    """Input of an effect's own picture: Q stills and S segments of one explained recording; SI, in the sensor's axes.
 
-    theta (P,); parameters and std as in the JSON; variable, unit: what the effect's regime names, in people's units, its mean in each
-    still of_stills (Q,) and its greatest in each segment of_segments (S,); stills_s (Q,) s, the middle of each still;
-    before, after (Q, 3) rad/s: rate in each still beyond the prediction, without the effect and with it; says (Q, 3) rad/s: what the
-    effect adds in each still; numbers (S,) of the segments; closure_says, closure_recorded (S, d) rad: what it adds to the closure of
-    each segment, and what the recording has of it; floor_rad: rms closure that noise alone leaves.
+    theta (P,); parameters and std as in the JSON; variable, unit: the effect's regime in display units, its mean in each
+    still of_stills (Q,) and its maximum in each segment of_segments (S,); stills_s (Q,) s, the middle of each still;
+    before, after (Q, 3) rad/s: residual rate in each still, without the effect and with it; says (Q, 3) rad/s: the effect's
+    contribution in each still; numbers (S,) of the segments; closure_says, closure_recorded (S, d) rad: predicted and measured
+    contribution to the closure of each segment; floor_rad: rms closure that noise alone leaves.
     """
 
     theta: np.ndarray
@@ -203,16 +208,16 @@ class PictureData:
 OwnPicture = Callable[[PictureData, Any, Any], None]
 
 
-# What an effect declares of itself; everything that any other part of the tool knows of one effect is in this record.
+# The record of an effect; all that the other parts of the tool know of one effect is in it.
 #
-# An effect describes what it adds to the true rate that the element feels, before the linear errors: the calibrated rate E m + B is
-# ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` knows the unit and the name in which a person reads them.
+# An effect describes what it adds to the true rate of the sensing element, before the linear errors: the calibrated rate E m + B is
+# ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` has their display name and unit.
 
-#: what the JSON says of an effect that happens to the readings
+#: JSON value of an effect that acts on the readings
 READINGS = "readings"
 KINDS = ("rate", "force", "earth", "register", "motion", "truth")
 SEEN_IN = ("still", "turn", "reference", "timing")
-#: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
+#: effects that a format with a matrix or a slope can store: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
 LINEAR_IN = ("force", "temperature")
 
 
@@ -221,34 +226,34 @@ class Effect:
     """One entry of the catalogue.
 
     id; equation; parameter; seen_in: some of "still", "turn", "reference", "timing";
-    columns(movement) -> (N, 3, P): what each parameter adds to the rate per SI unit, linear, for naming;
-    says(theta) -> one plain sentence for the operator; splits: the movement that tells it from its lookalikes;
-    kind: "rate", or what it bends instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (what
-    is found, and mended, before any fit), "motion" (nothing: what the readings miss of the motion itself adds variance to the closure, and
-    nothing undoes it), "truth" (a truth file).
+    columns(movement) -> (N, 3, P): the rate per SI unit of each parameter, linear, for model selection;
+    says(theta) -> one plain sentence for the operator; splits: the movement that discriminates it from similar effects;
+    kind: "rate", or what it changes instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (found
+    and repaired before any fit), "motion" (motion that the readings miss: it adds variance to the closure and cannot be corrected),
+    "truth" (a truth file).
 
-    What it looks at.  inputs: some of ``INPUTS`` that it reads beside the rate; reach: how far around a sample it looks, or
+    Inputs.  inputs: members of ``INPUTS`` that it reads in addition to the rate; reach: how far around a sample it reads, or
     reach(theta) where that depends on its parameters.
 
-    Exact forms.  exact_correct(measured, movement, theta) -> (N, 3): the rate freed of the effect; without it ``distort`` is undone by
-    repeated substitution (``undo``), in as many ``passes`` as it declares: by itself three where it has a reach, else until each sample
-    stands still.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
-    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate: the same as ``columns``, without the
-    zeros.  Parameter i * 3 + axis is the share of curve i; a parameter of shape (3, K) has a row for each axis.
-    bends(force_g (N, 3)) -> (N, 3, P): of kind "force", what each parameter adds to the specific force that is measured, linear.
+    Exact forms.  exact_correct(measured, movement, theta) -> (N, 3): the rate without the effect; by default ``distort`` is inverted by
+    repeated substitution in ``passes`` passes: by default three where it has a reach, else until each sample converges.
+    exact_distort(movement, theta) -> (N, 3): the rate with the effect; by default from ``columns``.
+    basis(movement) -> (N, K): for a bias of each axis that follows K known curves at any rate: ``columns`` without the zero entries.
+    Parameter i * 3 + axis is the coefficient of curve i; a parameter of shape (3, K) has a row for each axis.
+    bends(force_g (N, 3)) -> (N, 3, P): for kind "force", the measured specific force per unit of each parameter, linear.
 
-    Its numbers.  scan: a shape number that is searched for; shape: its value here, by JSON name; derived: what the JSON says instead
-    of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: share to which the variable that it
-    follows can be known, which no residual shows: it widens the stated std; gauge: what the closure cannot fix of it;
-    occurs: of a register effect, which parameter tells the moments.
+    Numbers.  scan: a shape number found by a search; shape: its value here, by JSON name; derived: the quantity in the JSON instead
+    of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: relative uncertainty of the variable that
+    it follows, which no residual shows; it widens the stated std; gauge: what the closure does not determine;
+    occurs: for a register effect, the parameter that contains the times.
 
-    In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
-    of_readings: the same effect where it happens to the readings, after the linear errors: both are weighed; ``on_readings``: that form.
-    wider: the same cause with more numbers; both are weighed.  found_at: full scale and temperature to which its constants belong, where
-    the proof of an effect tries it.
-    device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
+    Use.  regime: variable and unit that it is plotted and located along; picture: a name of ``picture.PAIRS`` or a function;
+    of_readings: the same effect acting on the readings, after the linear errors; ``on_readings``: whether this is that form.
+    wider: the same cause with more numbers.  Model selection compares these forms with the effect.  found_at: full scale and temperature
+    of its constants, where it is tested.
+    device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can store it.
 
-    Raises EffectError for a declaration that cannot be.
+    Raises EffectError for an invalid declaration.
     """
 
     id: str
@@ -312,7 +317,7 @@ class Effect:
             raise EffectError(f"effect {self.id!r}: {name} is {getattr(self, name, 'something else')!r}, expected {expected}")
 
     def distort(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
-        """The rate (N, 3) rad/s that the element reports for the true one.  EffectError where it reads what it does not declare."""
+        """Return the rate (N, 3) rad/s with the effect.  Raises EffectError where the effect reads an input that it does not declare."""
         return self._distorted(self.shown(movement), theta)
 
     def _distorted(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
@@ -324,7 +329,7 @@ class Effect:
         return movement.rate + (columns.reshape(-1, len(theta)) @ theta).reshape(-1, 3)  # one flat product: many times faster
 
     def correct(self, measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
-        """The true rate (N, 3) rad/s behind the calibrated one; ``movement.rate`` is where the search begins."""
+        """Return the rate (N, 3) rad/s without the effect; ``movement.rate`` is where the search begins."""
         movement = self.shown(movement)
         if self.exact_correct is not None:
             return self.exact_correct(measured, movement, theta)
@@ -334,59 +339,59 @@ class Effect:
 
     @property
     def _passes(self) -> int | None:
-        """Of substitution; None where no row looks around, so that each may go on until it stands still."""
+        """Number of substitutions; None where no row uses its neighbours, so that each may go on until it converges."""
         return self.passes if self.passes is not None or not self.reach else PASSES
 
     @property
     def has_rows(self) -> bool:
-        """Whether the parameters of a basis are a row for each axis."""
+        """Whether the parameters of a basis have a row for each axis."""
         return self.parameter.shape[0] == 3 and len(self.parameter.shape) == 2
 
     def shares(self, theta: np.ndarray) -> np.ndarray:
-        """(K, 3): of each curve of the basis, in each axis."""
+        """Return the coefficients (K, 3) of each curve of the basis, for each axis."""
         return theta.reshape(3, -1).T if self.has_rows else theta.reshape(-1, 3)
 
     def shown(self, movement: Movement) -> Movement:
-        """What of a movement the effect may read."""
+        """Return the movement with only the fields that the effect may read."""
         return shown(self.id, self.inputs, bool(self.reach), movement)
 
     def looks(self, theta: np.ndarray) -> Reach:
-        """How far around a sample the rate freed of the effect depends on the log, its inputs' own means counted."""
+        """Return how far around a sample the corrected rate depends on the log, including the means in its inputs."""
         reach = self.reach if isinstance(self.reach, Reach) else self.reach(theta)
         once = self.exact_correct is not None or self.basis is not None
         return sum((INPUT_REACH.get(name, NOWHERE) for name in self.inputs), reach.times(1 if once else self._passes or 1))
 
     @property
     def needs_rate_hz(self) -> bool:
-        """Whether the sampling rate matters to it."""
+        """Whether it depends on the sampling rate."""
         return bool(self.reach) or "time" in self.inputs or any(name in INPUT_REACH for name in self.inputs)
 
     @property
     def of_one_session(self) -> bool:
-        """Whether it follows the time of the session that it was fitted to, and so says nothing of any other."""
+        """Whether it follows the time of the session that it was fitted to, and so does not apply to any other."""
         return "time" in self.inputs
 
     def at(self, value: float) -> Effect:
-        """The effect with its scanned shape at a value, SI."""
-        assert self.scan is not None  # who has a value for it has seen it
+        """Return the effect with its scanned shape at a value, SI."""
+        assert self.scan is not None  # callers check it
         made = self.scan.make(float(value))
         if not isinstance(made, Effect) or made.id != self.id or made.parameter.size != self.parameter.size:
             raise EffectError(f"{self.id}: scan.make must give an Effect with the same id and parameter, got {made!r:.80}")
         return replace(made, scan=self.scan, shape={self.scan.name: float(value) / self.scan.si})
 
     def variants(self, values: np.ndarray) -> list[Effect]:
-        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none, in all of its forms."""
+        """Return one effect for each value (K,), SI, of a scanned shape; the effect itself without one, in all of its forms."""
         if self.scan is not None:
             return [self.at(value) for value in values]
         return [self, *(form for form in (self.of_readings, self.wider) if form is not None)]
 
     def moved_to_readings(self, equation: str) -> Effect:
-        """The same effect, after the linear errors instead of before them."""
+        """Return the same effect acting after the linear errors instead of before them."""
         return replace(self, equation=equation, on_readings=True, shape={**self.shape, "of": READINGS})
 
     @property
     def pair(self) -> str | OwnPicture:
-        """Its picture: the one declared, or what suits where it is seen; a still knows nothing of what only turns have."""
+        """Return its picture: the one declared, or a default for where it is observable; stills do not show what only turns have."""
         turning = self.regime is not None and self.regime[0] in OF_TURNS
         return self.picture or (STILLS if "still" in self.seen_in and not turning else TURNS)
 
@@ -395,7 +400,7 @@ def _some_of(names: object, known: Container[str]) -> bool:
     return isinstance(names, tuple) and all(isinstance(name, str) and name in known for name in names)
 
 
-# An effect with its parameters, as a model undoes it and a state of the physics holds it.
+# An effect with its parameters, as a model corrects it and a state of the physics contains it.
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Undo what an effect adds to a rate: repeated substitution, and effects that jump with the rate."""
+"""Inversion of an effect: repeated substitution, and effects that jump with the rate."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import numpy as np
 from tinygc.effects.device import PASSES
 from tinygc.effects.movement import Movement, Reach
 
-# The way back from what an effect adds: repeated substitution, rate <- measured - added(rate).
+# Inversion by repeated substitution, rate <- measured - added(rate).
 #
-# Each pass leaves a share of what was wrong before: the slope of what is added.  Where no row looks at its neighbours, each goes on until
-# it stands still, so that a strong effect takes more passes than a weak one.  Where rows look around, all of them take as many passes as
-# are declared: so a log in pieces gives what it gives whole, and it is known how far around a row the answer looks.
+# Each pass multiplies the error by the slope of what is added.  Where no row uses its neighbours, each goes on until
+# it converges, so that a strong effect takes more passes than a weak one.  Where rows use their neighbours, all of them take the declared
+# number of passes.  A log in pieces then gives the same result as the whole log, and the result has a known reach.
 
-#: a share of 0.5 is then a billionth; what leaves more in a pass is no error but another sensor
+#: a slope of 0.5 then leaves a billionth; a larger slope is not a sensor error
 MOST_PASSES = 30
-#: of plain substitution, before slopes are learned: a share of 0.03 of 5 dps is then settled, and most effects are weaker
+#: passes of plain substitution, before slopes are estimated: a slope of 0.03 of 5 dps has then converged, and most effects are weaker
 PLAIN_PASSES = 7
 #: rad/s: a millionth of any register's step, a tenth of what a log in pieces and a whole one may differ by
 SETTLED_RPS = 1e-10
-#: steps of one row, one half of the other, that come no nearer
+#: successively halved steps of one row without improvement
 MOST_HALVES = 4
-#: of a step, what it must have changed to say something of the slope
+#: least relative and absolute change by which a step shows the slope
 TOLD, LEAST_TOLD = 0.05, 1e-28
 
 
 def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int | None = None) -> np.ndarray:
-    """The rate (N, 3) rad/s with rate + added(movement with that rate) = measured (N, 3).
+    """Solve rate + added(movement with that rate) = measured (N, 3) for the rate (N, 3) rad/s.
 
-    passes: of all rows alike; None: rows are alone, and each goes on until it stands still.  A row that does not, because what is added
-    has a slope of 1 or more there, or jumps, is given the rate that came nearest to it.
+    passes: number for all rows; None: rows are independent, and each goes on until it converges.  A row that does not converge, because
+    what is added has a slope of 1 or more there, or jumps, gets the rate with the smallest error.
     """
     if passes is None:
         return _until_settled(measured, movement, added)
@@ -39,17 +39,17 @@ def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movem
     for _ in range(passes):
         before, rate = rate, measured - added(movement.with_rate(rate))
         if np.abs(rate - before).max(initial=0.0) < SETTLED_RPS:
-            break  # what does not follow the rate is there at once
+            break  # an effect that does not depend on the rate converges at once
     return rate
 
 
 def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray]) -> np.ndarray:
-    """Each row by itself: most stand still after few substitutions, and what does not has its slope learned."""
+    """Solve each row independently: most converge after few substitutions; for the others the slope is estimated."""
     rate, settled = measured, np.zeros(len(measured), dtype=bool)
     for _ in range(PLAIN_PASSES):
         missing = measured - added(movement.with_rate(rate)) - rate
-        # What is done stays as it is: a row's answer does not hang on how long another takes.  One more substitution costs nothing
-        # where it is known already, and takes off what is smaller than ``SETTLED_RPS``, too.
+        # Converged rows stay: a row's result does not depend on how long another takes.  One more substitution costs nothing
+        # here, and removes an error smaller than ``SETTLED_RPS``.
         rate = np.where(settled[:, None], rate, rate + missing)
         settled |= np.abs(missing).max(axis=1, initial=0.0) < SETTLED_RPS
         if settled.all():
@@ -61,9 +61,10 @@ def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Mo
 
 
 def _with_slopes(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], rows: np.ndarray) -> np.ndarray:
-    """The rate (K, 3) of rows (K,), with the slope of what is added there learned on the way (Broyden's method).
+    """Solve for the rate (K, 3) of rows (K,) by Broyden's method.
 
-    A first step is plain substitution; so is one after a step that came no nearer, from where it began, and then half of it.
+    The first step is plain substitution.  After a step without improvement, plain substitution is repeated from where that step began,
+    then with half the step.
     """
     rate, aim = measured.copy(), measured[rows]
     here = found = aim
@@ -80,7 +81,7 @@ def _with_slopes(measured: np.ndarray, movement: Movement, added: Callable[[Move
             inverse = np.where(nearer[:, None, None], _learned(inverse, step, left - missing), np.eye(3))
         found, left = np.where(nearer[:, None], here, found), np.where(nearer[:, None], missing, left)
         least = np.where(nearer, off, least)
-        # A row is done, or nothing comes nearer: what is added jumps there.
+        # A row has converged, or no step improves it: what is added jumps there.
         if not ((least >= SETTLED_RPS) & (since < MOST_HALVES)).any():
             break
         step = np.einsum("nij,nj->ni", inverse, left) * 0.5 ** np.maximum(since - 1, 0)[:, None]
@@ -89,7 +90,7 @@ def _with_slopes(measured: np.ndarray, movement: Movement, added: Callable[[Move
 
 
 def _learned(inverse: np.ndarray, step: np.ndarray, answer: np.ndarray) -> np.ndarray:
-    """The inverse slopes (N, 3, 3) once steps (N, 3) changed what they are of by ``answer`` (N, 3); as before where that says nothing."""
+    """Update the inverse slopes (N, 3, 3) by steps (N, 3) and the changes ``answer`` (N, 3) that they caused, if large enough."""
     expected = np.einsum("nij,nj->ni", inverse, answer)
     along = np.einsum("ni,ni->n", step, expected)
     told = np.abs(along) > np.maximum(TOLD * np.einsum("ni,ni->n", step, step), LEAST_TOLD)
@@ -98,23 +99,23 @@ def _learned(inverse: np.ndarray, step: np.ndarray, answer: np.ndarray) -> np.nd
     return inverse + share[:, None, None] * (step - expected)[:, :, None] * backward[:, None, :]
 
 
-# The way back from an effect that jumps with the rate: at a threshold, at zero, where a sense turns over.
+# Inversion of an effect that jumps with the rate: at a threshold, at zero, where the sense of rotation reverses.
 #
-# A jump that takes off what it adds makes some readings belong to two rates, one on each side of it; repeated substitution takes either.  A
-# rate is smooth: of the two, the one is right that goes on as the rate did before.
+# A downward jump makes some readings belong to two rates, one on each side of it; repeated substitution finds either.  A
+# rate is smooth: the right one of the two continues the rate before it.
 
-#: samples in a row that may belong to two rates, and whose beginning tells which: a hand passes a threshold within some
+#: samples in a row that may belong to two rates: a hand passes a threshold within some
 JUMPS_REACH = Reach(before_samples=64)
-#: of what the effect adds at most: rates that are so near are one
+#: rates that differ by less than this share of the effect's maximum are the same
 ALIKE = 0.01
 
 
 def undone_with_jumps(
     measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int = PASSES
 ) -> np.ndarray:
-    """The rate (N, 3) rad/s with rate + added(movement with that rate) = measured; of several, the one that goes on as it did before.
+    """Solve rate + added(movement with that rate) = measured for the rate (N, 3) rad/s; of several, take the one that continues smoothly.
 
-    passes: of substitution; a strong effect needs more.
+    passes: number of substitutions; a strong effect needs more.
     """
 
     def without(rate: np.ndarray) -> np.ndarray:
@@ -124,7 +125,7 @@ def undone_with_jumps(
 
     plain = without(measured)
     step = np.abs(measured - plain).max(axis=0, initial=0.0)
-    # The true rate is no farther than a step from the measured one, so it is on the side of one of these.
+    # The true rate is at most a step from the measured one, so it is on the side of one of these.
     outward = step * np.where(measured < 0, -1.0, 1.0)
     found = np.stack([plain, without(measured + outward), without(measured - outward)])
     holds = np.stack([np.abs(measured - added(movement.with_rate(rate)) - rate) <= ALIKE * step for rate in found])
@@ -136,7 +137,7 @@ def undone_with_jumps(
 
 
 def _go_on(rate: np.ndarray, rows: np.ndarray, found: np.ndarray, holds: np.ndarray) -> None:
-    """Of the rates (K, N) of an axis that hold in these rows, into ``rate`` (N,), the nearest to a straight line through those before."""
+    """Write into ``rate`` (N,) that of the valid rates (K, N) of an axis which is nearest to a straight line through the rates before."""
     for row in rows:
         before = rate[max(row - 2, 0) : row]
         ahead = 2 * before[-1] - before[0] if len(before) else 0.0

@@ -1,4 +1,4 @@
-"""What an effect is given: the movement of one log, sample by sample, and what the effect declares to need of it."""
+"""Input of an effect: the movement of one log, sample by sample, and the parts of it that the effect declares to need."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from session.io.errors import CalibrationError
 from session.io.samples import Samples
 from session.io.units import G
 
-# What is wrong with an effect, or with the file that should define one.
+# Errors of an effect, or of the file that should define one.
 
 
 class EffectError(CalibrationError):
-    """An effect that cannot be: one line that names the file or the id, what was expected, and what to do; exit code 2."""
+    """An invalid effect: one line with the file or the id, what was expected, and what to do; exit code 2."""
 
 
-# What an effect is given: what happened in one log, sample by sample.
+# Input of an effect: the movement in one log, sample by sample.
 
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """What happened in one log, at each of its N samples.
+    """The movement in one log, at each of its N samples.
 
-    t_s (N,) s since the session began; dt_s sampling period; rate (N, 3) rad/s, the true rate as well as it is known, in the sensor's
+    t_s (N,) s since the session began; dt_s sampling period; rate (N, 3) rad/s, the best estimate of the true rate, in the sensor's
     axes; force_g (N, 3) specific force in g; temp_c (N,) degC or NaN; vibration_g2 (N,) mean square specific force above the hand's
     band; duration_s of the session; fs_rps full scale; first_temp_c at the session's beginning.
     """
@@ -44,25 +44,25 @@ class Movement:
 
     @property
     def acceleration(self) -> np.ndarray:
-        """(N, 3) rad/s^2, by central differences."""
+        """Angular acceleration (N, 3) rad/s^2, by central differences."""
         return np.gradient(self.rate, self.dt_s, axis=0)
 
     def with_rate(self, rate: np.ndarray) -> Movement:
-        """The same log with other rates (N, 3) rad/s."""
+        """Return the same log with other rates (N, 3) rad/s."""
         return replace(self, rate=rate)
 
 
-# From a log's samples to the movement that effects are given.
+# From a log's samples to the movement that is the input of effects.
 
-#: a temperature has no business moving within this; its register's noise is taken off
+#: averaging time of the temperature, which removes the register's noise
 TEMPERATURE_S = 1.0
-#: vibration is what is faster than the first, its energy is taken over the second
+#: vibration is faster than the first; its energy is averaged over the second
 HAND_S, ENERGY_S = 0.05, 0.25
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What effects refer to: duration_s of the session they were fitted to, full scale fs_rps, first_temp_c or NaN."""
+    """Reference conditions of effects: duration_s of the session they were fitted to, full scale fs_rps, first_temp_c or NaN."""
 
     duration_s: float
     fs_rps: float
@@ -70,8 +70,8 @@ class Conditions:
 
 
 def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: float = 0.0, live: bool = False) -> Movement:
-    """The movement of one log that began ``began_s`` into the session; samples with the pre-calibrated force, rate (N, 3) rad/s;
-    live: the temperature as it comes, since its mean would need what is yet to come."""
+    """Return the movement of one log that began ``began_s`` into the session; samples with the pre-calibrated force, rate (N, 3) rad/s;
+    live: use the unfiltered temperature, since its mean needs later samples."""
     dt_s, force_g, mean_s = samples.period_s, samples.accel / G, 0.0 if live else TEMPERATURE_S
     return Movement(
         t_s=began_s + samples.t_s,
@@ -87,42 +87,42 @@ def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: 
 
 
 def without_vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
-    """(N, 3) what a hand does to the specific force, and gravity."""
+    """Return the specific force (N, 3) of the hand's motion and gravity."""
     return _mean(force_g, HAND_S, dt_s)
 
 
 def vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
-    """(N,) g^2: mean square of what is faster than a hand, mean of the axes."""
-    # Twice the mean: once, between 20 and 40 Hz, it turns what it leaves upside down, and half as much energy again would be seen there.
+    """Return the mean square (N,) g^2 of the force faster than a hand's motion, averaged over the axes."""
+    # The mean is taken twice: a single one inverts the sign between 20 and 40 Hz, which would add half as much energy again there.
     fast = force_g - without_vibration(without_vibration(force_g, dt_s), dt_s)
     return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s)
 
 
 def _mean(values: np.ndarray, window_s: float, dt_s: float) -> np.ndarray:
-    """Moving mean along the samples."""
-    from scipy.ndimage import uniform_filter1d  # a fit that needs none of this need not wait for it
+    """Return the moving mean along the samples."""
+    from scipy.ndimage import uniform_filter1d  # imported late, since most fits do not need it
 
     return uniform_filter1d(values, max(1 if values.ndim == 1 else 3, round(window_s / dt_s)), axis=0, mode="nearest")
 
 
-# What an effect has to be told beside the rate, and how far around a sample it looks.
+# Inputs of an effect in addition to the rate, and how far around a sample it reads them.
 
-#: what an effect may declare in ``inputs``: the fields of a ``Movement`` that it then may read
+#: names that an effect may declare in ``inputs``: the fields of a ``Movement`` that it then may read
 INPUTS = {
     "force": ("force_g",),
     "temperature": ("temp_c", "first_temp_c"),
     "vibration": ("vibration_g2",),
     "time": ("t_s", "duration_s", "dt_s"),
 }
-#: the fields that hold for samples beside this one: who looks around may read them, too
+#: fields that give the spacing of neighbouring samples: an effect with a reach may read them
 AROUND = ("t_s", "dt_s")
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far before and after a sample an effect looks, in samples and in seconds, which add up.
+    """How far before and after a sample an effect reads, in samples and in seconds, which add up.
 
-    One evaluation of ``columns``, ``exact_distort`` or ``exact_correct`` is meant; that the default ``correct`` repeats itself is known.
+    It holds for one evaluation of ``columns``, ``exact_distort`` or ``exact_correct``; repetitions in the default ``correct`` are added.
     """
 
     before_samples: int = 0
@@ -132,7 +132,7 @@ class Reach:
 
     @classmethod
     def around(cls, samples: int = 0, seconds: float = 0.0) -> Reach:
-        """As far to both sides."""
+        """Return a symmetric reach."""
         return cls(samples, samples, seconds, seconds)
 
     def __add__(self, other: Reach) -> Reach:
@@ -144,34 +144,34 @@ class Reach:
         )
 
     def times(self, count: int) -> Reach:
-        """Of ``count`` evaluations, one after the other."""
+        """Return the reach of ``count`` evaluations, one after the other."""
         return Reach(count * self.before_samples, count * self.after_samples, count * self.before_s, count * self.after_s)
 
     @property
     def is_ahead(self) -> bool:
-        """Whether it needs samples that are yet to come."""
+        """Whether it needs later samples."""
         return self.after_samples > 0 or self.after_s > 0
 
     def __bool__(self) -> bool:
         return self != NOWHERE
 
     def rows(self, rate_hz: float) -> tuple[int, int]:
-        """Samples before and after at a sampling rate."""
+        """Return the number of samples before and after at a sampling rate."""
         return self.before_samples + ceil(self.before_s * rate_hz), self.after_samples + ceil(self.after_s * rate_hz)
 
 
 NOWHERE = Reach()
 #: a derivative by central differences
 NEIGHBOURS = Reach.around(samples=1)
-#: of an input itself: vibration is taken from the force by three centred means (``conditions``), twice half of 0.05 s and half of 0.25 s
+#: reach of an input itself: vibration is computed from the force by three centred means, twice half of 0.05 s and half of 0.25 s
 INPUT_REACH = {"vibration": Reach.around(samples=5, seconds=0.175)}
 
 
-# Only what an effect declares is shown to it: what it reads beyond that is said in one line, not used as NaN.
+# An effect sees only the fields that it declares: reading another raises an error in one line, instead of using NaN.
 
 
 class Undeclared:
-    """Stands where a field of the movement was not declared; any use of it is an EffectError."""
+    """Placeholder for an undeclared field of the movement; any use of it raises EffectError."""
 
     def __init__(self, effect: str, field: str, ways: str):
         self._says = f"{effect}: reads movement.{field}, which it does not declare; add {ways} to its Effect(...)"
@@ -195,9 +195,9 @@ for _name in _USES.split():
 
 
 def shown(effect: str, inputs: Iterable[str], looks_around: bool, movement: Movement) -> Movement:
-    """The movement as the effect with that id, its declared inputs and a reach or none may see it."""
+    """Return the movement with placeholders for the fields that the effect with that id did not declare."""
     may_read = {field for name in inputs for field in INPUTS[name]} | set(AROUND if looks_around else ())
-    hidden: dict[str, Any] = {}  # of the fields' own types nothing is left
+    hidden: dict[str, Any] = {}  # placeholders have none of the fields' types
     for name, fields in INPUTS.items():
         for field in fields:
             if field not in may_read:
@@ -206,23 +206,23 @@ def shown(effect: str, inputs: Iterable[str], looks_around: bool, movement: Move
     return replace(movement, **hidden)
 
 
-# Columns that many effects share, and words about their parameters.
+# Columns that many effects share, and helpers for describing their parameters.
 
 
 def diagonal(values: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) columns of a per-axis parameter from what one unit of it adds to each axis (N, 3) or to all (N,)."""
+    """Return columns (N, 3, 3) of a per-axis parameter from the rate per unit for each axis (N, 3) or for all (N,)."""
     columns = np.zeros((len(values), 3, 3))
     columns[:, range(3), range(3)] = values[:, None] if values.ndim == 1 else values
     return columns
 
 
 def per_axis(basis: Callable[[Movement], np.ndarray]) -> Callable[[Movement], np.ndarray]:
-    """``columns`` of a ``basis``."""
+    """Return the ``columns`` of a ``basis``."""
     return lambda movement: np.concatenate([diagonal(curve) for curve in basis(movement).T], axis=-1)
 
 
 def rows(values: np.ndarray) -> np.ndarray:
-    """(N, 3, 3 K) columns of a (3, K) parameter, a row for each axis, from what one unit of each adds to its axis: values (N, 3, K), or
+    """Return columns (N, 3, 3 K) of a (3, K) parameter, a row for each axis, from the rate per unit: values (N, 3, K), or
     (N, 1, K) where they are the same for all axes."""
     count, _, each = values.shape
     columns = np.zeros((count, 3, 3, each))
@@ -231,35 +231,35 @@ def rows(values: np.ndarray) -> np.ndarray:
 
 
 def full(inputs: np.ndarray) -> np.ndarray:
-    """(N, 3, 9) columns of a 3x3 parameter, row by row, that multiplies inputs (N, 3)."""
+    """Return columns (N, 3, 9) of a 3x3 parameter, row by row, that multiplies inputs (N, 3)."""
     return rows(inputs[:, None, :])
 
 
 def behind(values: np.ndarray) -> np.ndarray:
-    """(N, 3, …) at each axis what the axis behind it has: at x that of y, at y that of z, at z that of x."""
+    """Return the values (N, 3, …) of the next axis: at x that of y, at y that of z, at z that of x."""
     return values[:, [1, 2, 0]]
 
 
 def before(values: np.ndarray) -> np.ndarray:
-    """(N, 3, …) at each axis what the axis before it has: at x that of z, at y that of x, at z that of y."""
+    """Return the values (N, 3, …) of the previous axis: at x that of z, at y that of x, at z that of y."""
     return values[:, [2, 0, 1]]
 
 
 def cross(inputs: np.ndarray) -> np.ndarray:
-    """(N, 3, 6) columns of a (3, 2) parameter: for each axis the shares of inputs (N, 3) of the axis behind and the one before."""
+    """Return columns (N, 3, 6) of a (3, 2) parameter that multiplies, for each axis, inputs (N, 3) of the next and the previous axis."""
     return rows(np.stack([behind(inputs), before(inputs)], axis=-1))
 
 
 def nothing(size: int) -> Callable[[Movement], np.ndarray]:
-    """``columns`` (N, 3, size) of what adds nothing to the rate: it bends the reference, or is found in the registers."""
+    """Return zero ``columns`` (N, 3, size) for an effect that adds nothing to the rate but changes the reference or the registers."""
     return lambda movement: np.zeros((*movement.rate.shape, size))
 
 
 def largest(theta: np.ndarray) -> float:
-    """The parameter of the greatest size, with its sign."""
+    """Return the parameter of the greatest magnitude, with its sign."""
     return float(theta.ravel()[np.argmax(np.abs(theta))])
 
 
 def axis_of(theta: np.ndarray) -> str:
-    """The axis (row) whose parameter is greatest."""
+    """Return the axis (row) whose parameter is greatest."""
     return "xyz"[int(np.argmax(np.abs(theta).reshape(3, -1).max(axis=1)))]

@@ -1,9 +1,9 @@
-"""What the past and the attitude leave behind: signals that laws with a memory follow, as an effect file may compute them.
+"""Signals of past motion and attitude for laws with a memory, for use in an effect file.
 
-Each function takes what a ``Movement`` holds and gives arrays of its N samples.  All look back alone.  They are integrals and lags over
-time, not sums over samples, so a log, the same log at another data rate, and one whose rests are thinned to a row a second give the same.
-How far a function looks back is a ``Reach`` here: ``lag_reach(tau_s)``, ``SLOPE`` and, for what is summed since the log began, ``WHOLE``.
-An effect of the last kind declares ``inputs=("time",)``, too: it holds for its own session, whose logs are known from their beginning.
+Each function takes the fields of a ``Movement`` and returns arrays of its N samples.  All are causal.  They are integrals and lags over
+time, not sums over samples, so they do not depend on the data rate, or on thinning the rests to a row a second.
+How far a function reads back is a ``Reach`` here: ``lag_reach(tau_s)``, ``SLOPE`` and, for integrals since the log began, ``WHOLE``.
+An effect of the last kind also declares ``inputs=("time",)``: it holds for its own session, whose logs are known from their beginning.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ from session.io.units import DEG
 from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement, Reach
 
-#: rad/s: a hand that turns is faster, a table at rest, with a bias of a few dps, is slower
+#: rad/s: a hand turns faster; a sensor at rest, with a bias of a few dps, reads less
 TURNING_RPS = 10 * DEG
-#: rad/s: below the first, over all axes, a reading of a calibrated rate is noise; above the second it is movement.  A hand passes both
-#: within some samples.  Between them it counts the more, so that a law does not jump there: it could not be undone to more than the jump.
+#: rad/s: below the first, over all axes, a calibrated rate is noise; above the second it is movement.  A hand passes both within some
+#: samples.  The weight rises continuously between them: a law with a jump could only be inverted to within the jump.
 MOVING_RPS, FULLY_MOVING_RPS = 1 * DEG, 3 * DEG
-#: s: means over so long, one after the other, of which the rate of temperature is taken; a package takes tens of seconds, a register's
+#: s: length of each of the two means whose difference gives the temperature rate; a package takes tens of seconds, and a register's
 #: noise of 0.01 degC at 100 Hz leaves 2e-4 degC/s
 SLOPE_S = 5.0
 SLOPE = Reach(before_samples=1, before_s=2 * SLOPE_S)
-#: time constants after which a lag has forgotten: 2e-12 is left, which of a hand's rate no sensor of any kind shows
+#: time constants after which a lag has decayed to 2e-12, which is not measurable in a hand's rate
 FORGOTTEN = 27.0
 #: s: longer than any log
 WHOLE = Reach(before_samples=1, before_s=30 * 86400.0)
-#: s to either side over which the rate's derivative is taken, or a sample if that is longer: at 104 Hz it is the neighbours', at more it is
-#: the same.  A hand's 5 Hz lose 1 %; over a sample at 833 Hz a law of 1 ms would take off as much noise as it is given.
+#: s to either side over which the rate's derivative is computed, or a sample if that is longer: at 104 Hz between the neighbours.
+#: A hand's motion at 5 Hz loses 1 %; over a sample at 833 Hz, correcting a law of 1 ms would add as much noise as there is.
 DERIVATIVE_S = 0.008
 DERIVATIVE = Reach.around(samples=1, seconds=DERIVATIVE_S)
-#: s: over which gravity is taken when a log begins; a protocol's stills are a second
+#: s: averaging time of gravity when a log begins; a protocol's stills are a second
 LEVEL_S = 0.5
-#: of a sampling period: rows whose distances differ by less are filtered as if they were equally far apart (stamps jitter); a rest that is
-#: thinned, and a gap, differ by more
+#: share of a sampling period: rows whose spacing differs by less (jitter of the stamps) are filtered as equally spaced; a thinned rest
+#: and a gap differ by more
 EQUAL = 0.5
 
 
 def moving_rate(movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s, the rate, and none where all axes together turn slower than 1 dps; from 3 dps on all of it.
+    """Return the rate (N, 3) rad/s, set to zero where the norm is below 1 dps, and unchanged from 3 dps on.
 
-    At rest a reading is noise, and so is the sign, or any other bent function, of it; the means of both over a rest go together, so that
-    a law of such a function would take up the noise of every rest (benchmarks/discover_nulls.py).
+    At rest a reading is noise, and so is its sign or any other nonlinear function of it.  The means of both over a rest are correlated, so
+    a law of such a function would fit the noise of every rest (benchmarks/discover_nulls.py).
     """
     square = np.sum(movement.rate**2, axis=1, keepdims=True)
     share = (square - MOVING_RPS**2) / (FULLY_MOVING_RPS**2 - MOVING_RPS**2)
@@ -52,19 +52,19 @@ def moving_rate(movement: Movement) -> np.ndarray:
 
 
 def angular_acceleration(movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s^2, the derivative of the rate over ``DERIVATIVE_S`` to either side: the same at any data rate."""
+    """Return the derivative (N, 3) rad/s^2 of the rate over ``DERIVATIVE_S`` to either side, the same at any data rate."""
     if movement.dt_s >= DERIVATIVE_S:
         return movement.acceleration
     return derivative(movement.rate, movement)
 
 
 def angular_jerk(movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s^3, the derivative of ``angular_acceleration``, likewise."""
+    """Return the derivative (N, 3) rad/s^3 of ``angular_acceleration``, over the same time."""
     return derivative(angular_acceleration(movement), movement)
 
 
 def derivative(values: np.ndarray, movement: Movement) -> np.ndarray:
-    """(N, …) per s, of values (N, …) that are straight between samples."""
+    """Return the derivative (N, …) per s of values (N, …) that are linear between samples."""
     t_s, flat = movement.t_s, values.reshape(len(values), -1)
     if movement.dt_s >= DERIVATIVE_S:
         return np.gradient(values, t_s, axis=0)
@@ -74,13 +74,13 @@ def derivative(values: np.ndarray, movement: Movement) -> np.ndarray:
 
 
 def lag_reach(tau_s: float) -> Reach:
-    """How far a lag looks back."""
+    """Return how far a lag reads back."""
     return Reach(before_samples=1, before_s=FORGOTTEN * tau_s)
 
 
 def lagged(values: np.ndarray, tau_s: float, t_s: np.ndarray) -> np.ndarray:
-    """(N, …) through a first-order lag of ``tau_s``, straight between the samples at ``t_s`` (N,), as if it had always been what it is at
-    first.  Where a value is NaN the lag holds, and the answer is NaN."""
+    """Filter values (N, …), linear between the samples at ``t_s`` (N,), by a first-order lag of ``tau_s`` that begins in the steady state
+    of the first value.  Where a value is NaN the lag holds, and the result is NaN."""
     known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     if not known.all():
         found = np.full(np.shape(values), np.nan)
@@ -97,7 +97,7 @@ def lagged(values: np.ndarray, tau_s: float, t_s: np.ndarray) -> np.ndarray:
 
 
 def _equal_runs(t_s: np.ndarray) -> list[tuple[int, int]]:
-    """Rows (first, last), each last the next first, between which the rows are equally far apart."""
+    """Return ranges (first, last) of equally spaced rows; the last row of each is the first of the next."""
     if len(t_s) < 2:
         return []
     steps = np.diff(t_s)
@@ -107,8 +107,8 @@ def _equal_runs(t_s: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _lagged_evenly(values: np.ndarray, state: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
-    """Rows 1 … of (M, …), the state being that at row 0: exact for an input that is straight between samples (a first-order hold)."""
-    from scipy.signal import lfilter  # a fit that needs none of this need not wait for it
+    """Filter rows 1 … of (M, …) from the state at row 0: exact for an input that is linear between samples (a first-order hold)."""
+    from scipy.signal import lfilter  # imported late, since most fits do not need it
 
     keep = float(np.exp(-dt_s / tau_s))
     late = (1 - keep) * tau_s / dt_s
@@ -117,9 +117,9 @@ def _lagged_evenly(values: np.ndarray, state: np.ndarray, tau_s: float, dt_s: fl
 
 
 def temperature_rate(movement: Movement) -> np.ndarray:
-    """(N,) degC/s: the mean over the last five seconds less the mean over the five before; NaN where the temperature is.
+    """Return the temperature rate (N,) degC/s from the means over the last five seconds and the five before; NaN where the temperature is.
 
-    Before the log the temperature is taken to be what it is at first, so the first ten seconds of a warm-up say too little.
+    Before the log the first temperature is assumed, so the rate is too small in the first ten seconds of a warm-up.
     """
     t_s, known = movement.t_s, np.isfinite(movement.temp_c)
     found = np.full(len(t_s), np.nan)
@@ -133,7 +133,7 @@ def temperature_rate(movement: Movement) -> np.ndarray:
 
 
 def seconds_at_rest(movement: Movement) -> np.ndarray:
-    """(N,) s since the sensor last turned, faster than 10 dps; 0 while it turns, and since the log began where it has not turned yet."""
+    """Return the time (N,) s since the sensor last turned faster than 10 dps, or since the log began; 0 while it turns."""
     turning = np.linalg.norm(movement.rate, axis=1) > TURNING_RPS
     t_s = movement.t_s
     last = np.where(turning, t_s, max(t_s[0], 0.0))  # a simulation begins before the first sample
@@ -141,12 +141,12 @@ def seconds_at_rest(movement: Movement) -> np.ndarray:
 
 
 def last_sense(movement: Movement) -> np.ndarray:
-    """(N, 3) +1 or -1, the sense in which each axis last turned, faster than 10 dps; 0 before it has."""
+    """Return the sense (N, 3) +1 or -1 in which each axis last turned faster than 10 dps; 0 before it has."""
     return latched(movement.rate, TURNING_RPS)
 
 
 def latched(values: np.ndarray, threshold: float) -> np.ndarray:
-    """(N, …) +1 or -1, the sign that each column of the values (N, …) had when it was last beyond ±threshold; 0 before it was."""
+    """Return the sign (N, …) +1 or -1 that each column of the values (N, …) had when it was last beyond ±threshold; 0 before that."""
     beyond = np.abs(values) > threshold
     number = np.arange(len(values)).reshape(-1, *[1] * (np.ndim(values) - 1))
     rows = np.maximum.accumulate(np.where(beyond, number, 0), axis=0)
@@ -154,17 +154,17 @@ def latched(values: np.ndarray, threshold: float) -> np.ndarray:
 
 
 def play(values: np.ndarray, width: float) -> np.ndarray:
-    """(N, …) follows the values as a gear with a play of ±width does: it stands until they are that far off, and then is drawn along.
+    """Follow the values (N, …) with the backlash of a gear: the output stands until they differ by ±width, and then is drawn along.
 
-    At first it is as near to zero as the values allow.  Each row is a stop: what is below its low end is held there, what is above its high
-    end, too.  Stops one after the other are a stop, so rows are taken together in runs, and then run after run.
+    It begins as near to zero as the values allow.  Each row clips the state to an interval.  Clips in sequence are a clip,
+    so rows are combined in runs, and then the runs in order.
     """
     count, shape = len(values), np.shape(values)[1:]
     length = max(int(np.sqrt(count)), 1)
     runs = -(-count // length)
     padded = np.concatenate([values, np.broadcast_to(values[-1:], (runs * length - count, *shape))]).reshape(runs, length, *shape)
     low, high = padded - width, padded + width
-    for row in range(1, length):  # the stop of a run's rows so far, together
+    for row in range(1, length):  # the combined clip of a run's rows so far
         own_low, own_high = low[:, row].copy(), high[:, row].copy()
         low[:, row] = np.clip(low[:, row - 1], own_low, own_high)
         high[:, row] = np.clip(high[:, row - 1], own_low, own_high)
@@ -176,23 +176,23 @@ def play(values: np.ndarray, width: float) -> np.ndarray:
 
 
 def angle_turned(movement: Movement) -> np.ndarray:
-    """(N, 3) rad, the rate of each axis integrated since the log began."""
+    """Return the integral (N, 3) rad of each axis' rate since the log began."""
     rate, dt_s = movement.rate, np.diff(movement.t_s)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum(dt_s * (rate[1:] + rate[:-1]) / 2, axis=0)])
     return turned - turned[_first(movement)]
 
 
 def level_directions(movement: Movement) -> np.ndarray:
-    """(N, 3, 2) in body axes: the two level ones of ``world_directions``."""
+    """Return the two level directions (N, 3, 2) of ``world_directions``, in body axes."""
     return world_directions(movement)[:, :, :2]
 
 
 def world_directions(movement: Movement) -> np.ndarray:
-    """(N, 3, 3) in body axes: three directions, at right angles, that are fixed in the world: two level ones, and upright.
+    """Return three orthogonal directions (N, 3, 3), in body axes, that are fixed in the world: two level ones, and upright.
 
-    The first is where the level part of the sensor's x axis pointed when the log began; an x axis that stood upright then has none, and
-    gives a direction by chance.  The attitude at the beginning is that of gravity over half a second, in which the sensor should be still.
-    From there the rate alone carries it: heading and tilt drift as the rate's integral does, and with the Earth, 15 degrees an hour.
+    The first is the level part of the sensor's x axis when the log began; it is arbitrary if the x axis stood upright then.
+    The first attitude is taken from gravity over half a second, in which the sensor should be still.
+    From there the rate is integrated: heading and tilt drift as the rate's integral does, and with the Earth, 15 degrees an hour.
     """
     begin, t_s, rate = _first(movement), movement.t_s, movement.rate
     gravity = movement.force_g[begin:][t_s[begin:] < t_s[begin] + LEVEL_S].mean(axis=0)
@@ -204,5 +204,5 @@ def world_directions(movement: Movement) -> np.ndarray:
 
 
 def _first(movement: Movement) -> int:
-    """The row at which the session begins, or the log, if later: a simulation begins before its first sample."""
+    """Return the row at which the session begins, or the log, if later: a simulation begins before its first sample."""
     return int(np.argmax(movement.t_s >= 0)) if movement.t_s[0] < 0 else 0

@@ -1,4 +1,4 @@
-"""The emulated board at the end of a cable, and the session that its sensor feels."""
+"""The emulated board at the end of a cable, and the session that drives its sensor."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from tinygc.annexes.emulated.sensor import Asm330lhh, SensorPort
 from tinygc.simulation.options import SimulatedUnit
 from tinygc.simulation.virtual_board import STILL_S, BoardSource, HostClock
 
-# A session, simulated or recorded, as what the register model feels: its registers, back in physical units.
+# A session, simulated or recorded, as input of the register model: its registers, converted to physical units.
 
-SNAP = 1e-3  #: of a sample: what is nearer to one than this is that one
+SNAP = 1e-3  #: of a sample: times closer to a sample than this get that sample
 
 
 def oscillator_of(odr_hz: float) -> Oscillator:
-    """That of a unit with this true data rate: INTERNAL_FREQ_FINE, and what its steps of 0.15 % leave."""
+    """Return the oscillator of a unit with this true data rate: INTERNAL_FREQ_FINE, and the remainder of its steps of 0.15 %."""
     coefficient = 2 ** round(np.log2(CLOCK_HZ / odr_hz))
     factor = odr_hz * coefficient / CLOCK_HZ
     fine = int(np.clip(round((factor - 1) / FINE_STEP), -128, 127))
@@ -30,18 +30,18 @@ def oscillator_of(odr_hz: float) -> Oscillator:
 
 
 def with_its_own_rate(unit: SimulatedUnit, nominal_hz: float) -> SimulatedUnit:
-    """The unit at exactly the data rate that INTERNAL_FREQ_FINE states, of 6667 Hz / 2^n and not of its rounded name (416 Hz): what a
-    program computes from the register is then true."""
+    """Return the unit at exactly the data rate of its INTERNAL_FREQ_FINE, from 6667 Hz / 2^n and not the rounded name (416 Hz), so that
+    a program's computation from the register is exact."""
     coefficient = 2 ** round(np.log2(CLOCK_HZ / nominal_hz))
     fine = round((unit.odr_hz / nominal_hz - 1) / FINE_STEP)
     return replace(unit, odr_hz=CLOCK_HZ / coefficient * (1 + FINE_STEP * fine))
 
 
 class Replayed:
-    """Still, and from ``start`` on the source's samples, then still again; a ``Motion``.
+    """A still, the source's samples from ``start`` on, and another still; a ``Motion``.
 
-    A sensor with the source's true data rate, from whenever it was last set before the start, makes each of its rows once, unchanged;
-    one of another rate what lies between them, linearly.
+    A sensor with the source's true data rate, set at any time before the start, returns each row once, unchanged.  At another rate the
+    rows are interpolated linearly.
     """
 
     def __init__(self, source: BoardSource):
@@ -53,20 +53,20 @@ class Replayed:
         self._values = np.column_stack([rows[:, :3] * units.gyro_rps, rows[:, 3:6] * units.accel_mps2, temp_c])
         self._odr_hz = info.odr_hz
         self._still = max(1, min(len(rows), round(STILL_S * info.odr_hz)))
-        self._zero_s = 0.0  # of the grid of samples: one of them before the start
+        self._zero_s = 0.0  # origin of the sample grid: the time of a sample before the start
         self._start_s = np.inf
 
     @property
     def duration_s(self) -> float:
-        """Of the source."""
+        """Duration of the source."""
         return len(self._values) / self._odr_hz
 
     def start(self, t_s: float) -> None:
-        """The first row is felt at this time: more than ``readings.BLOCK_S`` from now, or what was computed ahead is still."""
+        """Set the time of the first row: more than ``readings.BLOCK_S`` from now, because samples computed ahead belong to the still."""
         self._start_s = t_s
 
     def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """At these times."""
+        """Return rate, force and temperature at these times."""
         if t_s[0] < self._start_s:
             self._zero_s = float(t_s[0])
         place = (t_s - self._zero_s) * self._odr_hz
@@ -82,47 +82,46 @@ class Replayed:
         return values[:, :3], values[:, 3:6], values[:, 6]
 
     def _rows(self, index: np.ndarray) -> np.ndarray:
-        """The source's, and the first and the last still again and again before and behind it."""
+        """Return the source's rows, with the first and the last still repeated before and after them."""
         count = len(self._values)
         before, behind = index % self._still, count - 1 - (index - count) % self._still
         return self._values[np.where(index < 0, before, np.where(index >= count, behind, index))]
 
 
-# The emulated board at the end of a cable: simulated time against the clock's, bytes through a pseudo-terminal.
+# The emulated board at the end of a cable: simulated time paced by the clock, bytes through a pseudo-terminal.
 
 SLICE_S = 0.004
 READ_AGAIN_S = 0.001
-BEHIND_S = 0.2  #: what is not made up for: the board's clock then loses against the host's
+BEHIND_S = 0.2  #: largest lag that is made up; beyond it the board's clock falls behind the host's
 
 
 class Cable(Protocol):
-    """The board's end, as ``terminal.Terminal`` has it."""
+    """The board's end, as in ``terminal.Terminal``."""
 
     @property
     def has_reader(self) -> bool:
-        """Whether somebody listens."""
+        """Whether a reader has the port open."""
 
     @property
     def waiting(self) -> int:
-        """Bytes that have not been read yet, as far as it knows."""
+        """Number of bytes not read yet, as far as known."""
 
     def write(self, data: bytes) -> bool:
-        """To the host; False where nobody listens."""
+        """Send to the host; returns False without a reader."""
 
     def read(self) -> bytes:
-        """From the host."""
+        """Receive from the host."""
 
 
 class EmulatedBoard:
     """The firmware of an ELF file, a sensor, a motion and a cable on USART1.
 
-    speed: simulated seconds in one of the clock's; None: as quickly as it goes and is read, once there is a reader.
-    lead_s: still time between the first reader and the
-    session; tail_s: still time behind it, then ``run`` returns; None: never returns.
+    speed: simulated seconds per second of the clock; None: as fast as the simulation and the reader allow, once there is a reader.
+    lead_s: still between the first reader and the session; tail_s: still after it, then ``run`` returns; None: never returns.
 
-    uid: the microcontroller's unique id, 12 bytes, from which it may make its serial number.
+    uid: the microcontroller's unique id, 12 bytes, from which it may derive its serial number.
 
-    late_s: by how much the clock went on without it, since this machine was too slow or too busy.
+    late_s: total delay of the simulation against the clock, where this machine was too slow or too busy.
     """
 
     def __init__(
@@ -144,7 +143,7 @@ class EmulatedBoard:
         self.late_s = 0.0
 
     def run(self) -> None:
-        """Until the tail is over."""
+        """Run until the end of the tail."""
         machine, cable = self.machine, self._cable
         end_s: float | None = None
         began_s, t_s = self._clock.now_s(), 0.0
@@ -164,7 +163,7 @@ class EmulatedBoard:
                 cable.write(b"")
 
     def _begin(self, t_s: float) -> float:
-        """Somebody reads: when all will be over."""
+        """Start the motion at the first reader; return the end time."""
         self._say(f"a reader is there: {self._lead_s:g} s still, then the session")
         duration_s = 0.0
         if self._motion:
@@ -173,7 +172,7 @@ class EmulatedBoard:
         return float("inf") if self._tail_s is None else t_s + self._lead_s + duration_s + self._tail_s
 
     def _pace(self, began_s: float, due_s: float) -> float:
-        """Wait for the clock, or give up what cannot be made up for."""
+        """Wait for the clock, or skip a lag that cannot be made up."""
         ahead_s = due_s - (self._clock.now_s() - began_s)
         if ahead_s > 0:
             self._clock.sleep(ahead_s)

@@ -1,4 +1,4 @@
-"""Simulated time in cycles of the core, and the peripherals behind their addresses."""
+"""Simulated time in cycles of the core, and the peripherals at their addresses."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
-# Simulated time in cycles of the core, and what is due when.
+# Simulated time in cycles of the core, and scheduled events.
 
 CORE_HZ = 168_000_000
 NEVER = math.inf
-TURN = 60  #: cycles; a loop that only waits has shorter turns, one that does something else meanwhile has longer ones
+TURN = 60  #: cycles: a waiting loop has shorter iterations, one with other work has longer ones
 
 
 class TimedCall:
-    """Something that is due at a cycle; ``cancel`` it, and it is not."""
+    """A call scheduled for a cycle, unless ``cancel`` is called."""
 
     __slots__ = ("cycle", "do")
 
@@ -24,14 +24,14 @@ class TimedCall:
         self.cycle, self.do = cycle, do
 
     def cancel(self) -> None:
-        """It will not happen."""
+        """Cancel the call."""
         self.do = None
 
 
 class CycleClock:
     """executed: instructions that the core has run since ``base`` cycles; per_instruction: cycles of each of them.
 
-    replan: told of a new or a nearer event while the core runs; skipped: cycles for which the core was spared its own waiting.
+    replan: called for a new or an earlier event while the core runs; skipped: cycles of waiting loops that were not executed.
     """
 
     def __init__(self, per_instruction: float):
@@ -44,15 +44,15 @@ class CycleClock:
         self._order = itertools.count()
 
     def now(self) -> float:
-        """Cycles since the start."""
+        """Return cycles since the start."""
         return self.base + self.executed() * self.per_instruction
 
     def now_s(self) -> float:
-        """Seconds since the start."""
+        """Return seconds since the start."""
         return self.now() / CORE_HZ
 
     def at(self, cycle: float, do: Callable[[], None]) -> TimedCall:
-        """Let it happen at a cycle."""
+        """Schedule a call for a cycle."""
         event = TimedCall(cycle, do)
         heapq.heappush(self._events, (cycle, next(self._order), event))
         if self._events[0][2] is event:
@@ -60,22 +60,22 @@ class CycleClock:
         return event
 
     def next(self) -> float:
-        """The cycle of the next event, or infinity."""
+        """Return the cycle of the next event, or infinity."""
         while self._events and self._events[0][2].do is None:
             heapq.heappop(self._events)
         return self._events[0][0] if self._events else NEVER
 
     def fire(self) -> None:
-        """All that is due by now, in its order."""
+        """Run all calls that are due, in order."""
         while self.next() <= self.now():
             do = heapq.heappop(self._events)[2].do
             if do:
                 do()
 
     def skip_to(self, cycle: float) -> None:
-        """The core waits in a loop for something that is due at a cycle: spare it the turns until then, or until the next event.
+        """Skip a waiting loop of the core until a cycle, or until the next event.
 
-        For something that will never come it waits itself.
+        A wait for an event that never comes is executed.
         """
         ahead = min(cycle, self.next()) - self.now()
         if cycle < NEVER and ahead > 0:
@@ -85,9 +85,9 @@ class CycleClock:
 
 
 class Poll:
-    """Notices a core that reads the same from a status register again and again, with nothing else done to that peripheral.
+    """Detects a core that reads the same value from a status register repeatedly, with no other access to that peripheral.
 
-    turns: after so many in a row it counts as a loop that only waits.
+    turns: number of repetitions that counts as a waiting loop.
     """
 
     def __init__(self, clock: CycleClock, turns: int = 1) -> None:
@@ -95,18 +95,18 @@ class Poll:
         self._last, self._at, self._same = -1, -NEVER, 0
 
     def again(self, value: int) -> bool:
-        """Whether it was the last value, too, and a moment ago, often enough."""
+        """Whether the value has been read often enough, each time shortly after the last."""
         now = self._clock.now()
         self._same = self._same + 1 if value == self._last and now - self._at < TURN else 0
         self._last, self._at = value, now
         return self._same >= self._turns
 
     def broken(self) -> None:
-        """Something else was done."""
+        """Reset after another access."""
         self._last = -1
 
 
-# The peripherals behind their addresses, each with its clock; what is wrong with how a program uses them.
+# The peripherals at their addresses, each with its clock; a program's errors in their use.
 
 BLOCK = 0x400
 RCC = 0x40023800
@@ -131,39 +131,39 @@ HSI_HZ, HSE_HZ = 16_000_000, 8_000_000
 
 
 class Peripheral(Protocol):
-    """A block of registers; offsets of whole words."""
+    """A block of registers, accessed by offsets of whole words."""
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
 
 
 class Kept:
-    """A peripheral that is not emulated: what is written can be read."""
+    """A peripheral that is not emulated: written values can be read back."""
 
     def __init__(self) -> None:
         self.words: dict[int, int] = {}
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         return self.words.get(offset, 0)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         self.words[offset] = value
 
 
 class Rcc(Kept):
-    """Clocks: every oscillator and the PLL are ready at once, and the switch follows what is asked for."""
+    """Clocks: every oscillator and the PLL are ready at once, and the switch follows immediately."""
 
     def __init__(self) -> None:
         super().__init__()
         self.words = {0x00: 0x83, 0x04: 0x24003010}
 
     def read(self, offset: int) -> int:
-        """A word, with the ready flags."""
+        """Read a word, with the ready flags."""
         value = super().read(offset)
         if offset == 0x00:
             return value | sum(1 << bit + 1 for bit in (0, 16, 24, 26) if value >> bit & 1)
@@ -174,13 +174,13 @@ class Rcc(Kept):
         return value
 
     def enabled(self, peripheral: int) -> bool:
-        """Whether its clock runs."""
+        """Whether the peripheral's clock runs."""
         place = CLOCKS.get(peripheral)
         return place is None or bool(super().read(place[0]) >> place[1] & 1)
 
     @property
     def core_hz(self) -> float:
-        """As the registers set it, with the usual crystal of 8 MHz."""
+        """Core clock as the registers set it, with the usual crystal of 8 MHz."""
         cfgr, pll = super().read(0x08), super().read(0x04)
         if cfgr & 3 == 2:
             source = HSE_HZ if pll >> 22 & 1 else HSI_HZ
@@ -191,24 +191,24 @@ class Rcc(Kept):
         return system / ({8: 2, 9: 4, 10: 8, 11: 16, 12: 64, 13: 128, 14: 256, 15: 512}.get(prescaler, 1))
 
     def divider(self, apb: int) -> int:
-        """Cycles of the core in one of APB1 or APB2."""
+        """Return cycles of the core per cycle of APB1 or APB2."""
         code = super().read(0x08) >> {1: 10, 2: 13}[apb] & 7
         return 1 << max(0, code - 3)
 
 
 class Bus:
-    """objections: what a program did that the part does not allow or would not follow, each said once; strangers: addresses of
-    peripherals that are not emulated and were used."""
+    """objections: errors of the program that the part does not allow or would ignore, each reported once; strangers: addresses of
+    peripherals that were used but are not emulated."""
 
     def __init__(self) -> None:
         self.rcc = Rcc()
         self.blocks: dict[int, Peripheral] = {RCC: self.rcc}
-        self._live: dict[int, Peripheral] = {}  # those of them that have been found to have their clock
+        self._live: dict[int, Peripheral] = {}  # peripherals whose clock was found to run
         self.objections: dict[str, None] = {}
         self.strangers: set[int] = set()
 
     def object(self, what: str) -> None:
-        """Something is not as it should be."""
+        """Record an error of the program, once."""
         self.objections[what] = None
 
     def _block(self, address: int) -> Peripheral | None:
@@ -226,7 +226,7 @@ class Bus:
         return block
 
     def read(self, address: int, size: int) -> int:
-        """Some bytes of a peripheral."""
+        """Read some bytes of a peripheral."""
         block = self._block(address)
         if block is None:
             return 0
@@ -234,7 +234,7 @@ class Bus:
         return value if size == 4 else value >> 8 * (address & 3) & (1 << 8 * size) - 1
 
     def write(self, address: int, size: int, value: int) -> None:
-        """Some bytes; a part of a word at its beginning is a word (the data registers), elsewhere the rest of the word is kept."""
+        """Write some bytes; a part of a word at its beginning is a word (the data registers), elsewhere the rest of the word is kept."""
         block = self._block(address)
         if block is None:
             return
@@ -246,12 +246,12 @@ class Bus:
             self._live.clear()
 
     def reset(self) -> None:
-        """As after a reset; the peripherals are to be put in again."""
+        """Reset the bus; the peripherals must be added again."""
         self.rcc = Rcc()
         self.blocks = {RCC: self.rcc}
         self._live.clear()
 
     def check_clock(self) -> None:
-        """Time here is that of 168 MHz: another clock is objected to."""
+        """Record an error if the core clock is not 168 MHz, which the simulated time assumes."""
         if abs(self.rcc.core_hz - CORE_HZ) > 1:
             self.object(f"the core's clock is set to {self.rcc.core_hz / 1e6:g} MHz; emulated are {CORE_HZ / 1e6:g}")

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from tinygc.simulation.terminal import Terminal
     from tinygc.simulation.virtual_board import BoardSource
 
-#: options of the virtual board that the program decides itself
+#: options of the virtual board that the program determines itself
 DECIDED_BY_PROGRAM = ("frames", "physical", "uptime")
 
 
 def add_board_arguments(command: argparse.ArgumentParser) -> None:
-    """Of ``board``."""
+    """Add the options of ``board``."""
     command.add_argument(
         "--firmware",
         type=path_read,
@@ -32,7 +32,7 @@ def add_board_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def check_options(args: argparse.Namespace) -> None:
-    """CalibrationError where an option does not go with ``--firmware``, or what it needs is missing."""
+    """Raise CalibrationError where an option is incompatible with ``--firmware``, or a requirement is missing."""
     from tinygc.annexes.emulated.cpu import missing
 
     for name in DECIDED_BY_PROGRAM:
@@ -53,7 +53,7 @@ def _faults(text: str) -> list[Fault]:
 
 
 def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
-    """The simulated session's sensor, at the data rate that the register model has."""
+    """Return the simulated session's sensor, at the data rate of the register model."""
     from tinygc.annexes.emulated.board import with_its_own_rate
     from tinygc.simulation.simulator import unit_of
 
@@ -61,7 +61,7 @@ def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
 
 
 def run(args: argparse.Namespace, source: BoardSource, terminal: Terminal, say: Callable[[str], None]) -> int:
-    """Stream until Ctrl-C or the end of ``--tail``.  CalibrationError where the program is none, or faults."""
+    """Stream until Ctrl-C or the end of ``--tail``.  Raises CalibrationError for an invalid program, and where the program faults."""
     from tinygc.annexes.emulated.board import EmulatedBoard, Replayed, oscillator_of
     from tinygc.annexes.emulated.cpu import ProgramError
     from tinygc.annexes.emulated.sensor import Asm330lhh

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 from tinygc.annexes.emulated.bus import NEVER, CycleClock, Poll, TimedCall
 
-# Exceptions: which are pending, which are enabled, and which is to be taken now (ARMv7-M, B1.5).
+# Exceptions: which are pending, which are enabled, and which is taken next (ARMv7-M, B1.5).
 
 SVCALL, PENDSV, SYSTICK, EXTERNAL = 11, 14, 15, 16
 LINES = 82
-IDLE = 256  #: the priority of no exception at all
+IDLE = 256  #: the priority without an exception
 PRIORITY_BITS = 0xF0  #: of eight, those that this part has
 
 
@@ -22,10 +22,10 @@ class Nvic:
         self.active: list[int] = []
         self.enabled = {SVCALL, PENDSV, SYSTICK}
         self.priority = [0] * (EXTERNAL + LINES)
-        self._high: set[int] = set()  # lines that are held
+        self._high: set[int] = set()  # interrupt lines that are high
 
     def line(self, interrupt: int, high: bool) -> None:
-        """A peripheral's interrupt line: while it is high the interrupt is pending again as soon as its handler has returned."""
+        """Set a peripheral's interrupt line: while it is high the interrupt is pending again as soon as its handler has returned."""
         number = EXTERNAL + interrupt
         if not high:
             self._high.discard(number)
@@ -34,19 +34,19 @@ class Nvic:
             self.pending.add(number)
 
     def pend(self, number: int) -> None:
-        """An exception that is no held line."""
+        """Set an exception pending that has no interrupt line."""
         self.pending.add(number)
 
     @property
     def wakes(self) -> bool:
-        """Whether a core that waits for an interrupt goes on: masked ones wake it, too."""
+        """Whether a core that waits for an interrupt continues: masked interrupts wake it, too."""
         return any(number in self.enabled and self.priority[number] < self._running() for number in self.pending)
 
     def _running(self) -> int:
         return min((self.priority[number] for number in self.active), default=IDLE)
 
     def due(self, primask: int, basepri: int) -> int:
-        """The exception that interrupts what runs now; 0 where none does."""
+        """Return the exception that preempts the running code; 0 where none does."""
         ready = [number for number in self.pending if number in self.enabled]
         if not ready:
             return 0
@@ -55,12 +55,12 @@ class Nvic:
         return number if self.priority[number] < bar else 0
 
     def enter(self, number: int) -> None:
-        """Its handler begins."""
+        """Mark an exception as active."""
         self.pending.discard(number)
         self.active.append(number)
 
     def leave(self) -> None:
-        """The innermost handler has returned."""
+        """End the innermost active exception."""
         number = self.active.pop()
         if number in self._high:
             self.pending.add(number)
@@ -68,7 +68,7 @@ class Nvic:
     # Registers, offsets from 0xE000E100
 
     def read(self, offset: int) -> int:
-        """A word of ISER, ICER, ISPR, ICPR, IABR or IPR."""
+        """Read a word of ISER, ICER, ISPR, ICPR, IABR or IPR."""
         block, place = offset >> 7, offset & 0x7F
         if offset >= 0x300:
             first = EXTERNAL + (offset - 0x300)
@@ -78,7 +78,7 @@ class Nvic:
         return sum(1 << n for n in range(32) if first + n in numbers)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         if offset >= 0x300:
             for n in range(4):
                 if EXTERNAL + offset - 0x300 + n < len(self.priority):
@@ -96,18 +96,18 @@ class Nvic:
             self.pending -= numbers - self._high
 
 
-# The core's own registers: SysTick, the cycle counter, the NVIC and what belongs to the system.
+# The core's own registers: SysTick, the cycle counter, the NVIC and the system control block.
 
 CPUID, ICSR, VTOR, AIRCR, SHPR = 0xE000ED00, 0xE000ED04, 0xE000ED08, 0xE000ED0C, range(0xE000ED18, 0xE000ED24, 4)
 DEMCR, DWT_CTRL, CYCCNT = 0xE000EDFC, 0xE0001000, 0xE0001004
 SYSTICK_CSR, SYSTICK_RVR, SYSTICK_CVR = 0xE000E010, 0xE000E014, 0xE000E018
 NVIC_FIRST, NVIC_LAST = 0xE000E100, 0xE000E4EF
 RESET_KEY, RESET_REQUEST = 0x05FA0000, 1 << 2
-TURN, TURNS, SKIP = 60, 3, 168  #: a wait for CYCCNT: turns of at most so many cycles; after so many, each is made a microsecond long
+TURN, TURNS, SKIP = 60, 3, 168  #: a wait for CYCCNT: iterations of at most so many cycles; after so many, each takes a microsecond
 
 
 class SysTick:
-    """Counts down at the core's clock, or at an eighth of it."""
+    """Counter that runs down at the core's clock, or at an eighth of it."""
 
     def __init__(self, clock: CycleClock, nvic: Nvic):
         self._clock, self._nvic = clock, nvic
@@ -133,7 +133,7 @@ class SysTick:
         self._event = self._clock.at(self._zero + self._period, self._tick)
 
     def read(self, address: int) -> int:
-        """CSR, RVR or CVR."""
+        """Read CSR, RVR or CVR."""
         if address == SYSTICK_CSR:
             value, self._counted = self._csr | self._counted << 16, False
             return value
@@ -145,7 +145,7 @@ class SysTick:
         return max(0, self._rvr - gone)
 
     def write(self, address: int, value: int) -> None:
-        """CSR, RVR or CVR, which any value sets to 0."""
+        """Write CSR, RVR or CVR, which any value sets to 0."""
         if address == SYSTICK_RVR:
             self._rvr = value & 0xFFFFFF
             return
@@ -158,14 +158,14 @@ class SysTick:
 
 
 class CycleCounter:
-    """CYCCNT of the DWT.  A loop that waits for it is spared most of its turns."""
+    """CYCCNT of the DWT.  Most iterations of a loop that waits for it are skipped."""
 
     def __init__(self, clock: CycleClock):
         self._clock, self._zero, self._on, self._stood = clock, 0.0, False, 0
         self._last, self._turns = -1e9, 0
 
     def switch(self, on: bool) -> None:
-        """Count, or stand still."""
+        """Start or stop counting."""
         if on and not self._on:
             self._zero = self._clock.now() - self._stood
         elif not on:
@@ -173,7 +173,7 @@ class CycleCounter:
         self._on = on
 
     def read(self) -> int:
-        """Cycles, 32 bits."""
+        """Read the cycles, 32 bits."""
         if not self._on:
             return self._stood
         now = self._clock.now()
@@ -184,16 +184,16 @@ class CycleCounter:
         return int(self._last - self._zero) & 0xFFFFFFFF
 
     def write(self, value: int) -> None:
-        """Set it."""
+        """Set the counter."""
         self._stood, self._zero = value, self._clock.now() - value
 
     def broken(self) -> None:
-        """Something else was done: it is no loop that only waits."""
+        """Reset the detection of a waiting loop after another access."""
         self._turns = 0
 
 
 class Core:
-    """vectors: where they are; reset: called where the program asks for a reset."""
+    """vectors: address of the vector table; reset: called when the program requests a reset."""
 
     def __init__(self, clock: CycleClock, nvic: Nvic, reset: Callable[[], None]):
         self.vectors = 0x08000000
@@ -202,7 +202,7 @@ class Core:
         self._kept: dict[int, int] = {CPUID: 0x410FC241, AIRCR: 0xFA050000, DWT_CTRL: 0x40000000}
 
     def read(self, address: int, size: int) -> int:
-        """Some bytes."""
+        """Read some bytes."""
         word = self._word(address & ~3)
         return word >> 8 * (address & 3) & (1 << 8 * size) - 1
 
@@ -225,7 +225,7 @@ class Core:
         return self._kept.get(address, 0)
 
     def write(self, address: int, size: int, value: int) -> None:
-        """Some bytes."""
+        """Write some bytes."""
         self.cycles.broken()
         word = address & ~3
         if size < 4:
@@ -267,9 +267,9 @@ EXTI_IRQS = {0: 6, 1: 7, 2: 8, 3: 9, 4: 10} | dict.fromkeys(range(5, 10), 23) | 
 
 
 class Gpio:
-    """inputs: pin -> its level now; outputs: pin -> told of its level.  An undriven pin is high.
+    """inputs: pin -> function that returns its level; outputs: pin -> function called with its level.  An undriven pin is high.
 
-    changes: the next cycle at which an input may change, for a loop that waits for it.
+    changes: the next cycle at which an input may change, for a waiting loop.
     """
 
     def __init__(self, clock: CycleClock, moder: int = 0) -> None:
@@ -284,19 +284,19 @@ class Gpio:
         return self._words[MODER] >> 2 * pin & 3
 
     def alternate(self, pin: int) -> int:
-        """The alternate function, or -1."""
+        """Return the alternate function, or -1."""
         function = self._words.get(AFRH if pin > 7 else AFRL, 0) >> 4 * (pin & 7) & 15
         return function if self.mode(pin) == ALTERNATE else -1
 
     def level(self, pin: int) -> bool:
-        """What can be measured at it."""
+        """Return the logic level of a pin."""
         if self.mode(pin) == OUTPUT:
             return bool(self._words.get(ODR, 0) >> pin & 1)
         source = self.inputs.get(pin)
         return source() if source else True
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         if offset == IDR:
             value = sum(self.level(pin) << pin for pin in range(16))
             if self._poll.again(value):
@@ -306,7 +306,7 @@ class Gpio:
         return 0 if offset == BSRR else self._words.get(offset, 0)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         before = {pin: self.level(pin) for pin in self.outputs}
         if offset == BSRR:
             self._words[ODR] = self._words.get(ODR, 0) & ~(value >> 16) | value & 0xFFFF
@@ -318,7 +318,7 @@ class Gpio:
 
 
 class Exti:
-    """The edges of pins; SYSCFG says of which port.  watched: whether a pin's edges matter to the program."""
+    """Interrupts from the edges of pins; SYSCFG selects the port.  watched: whether the program uses a pin's edges."""
 
     IMR, EMR, RTSR, FTSR, SWIER, PR = range(0, 24, 4)
 
@@ -328,11 +328,11 @@ class Exti:
         self.ports = {n: 0 for n in range(4)}  # SYSCFG_EXTICR
 
     def watched(self, port: int, pin: int) -> bool:
-        """Whether an edge there would be noticed."""
+        """Whether an edge there would be detected."""
         return bool(self._words[self.IMR] >> pin & 1 and self.ports[pin >> 2] >> 4 * (pin & 3) & 15 == port)
 
     def edge(self, port: int, pin: int, rising: bool) -> None:
-        """A pin has changed."""
+        """Handle an edge of a pin."""
         if self.watched(port, pin) and self._words[self.RTSR if rising else self.FTSR] >> pin & 1:
             self._words[self.PR] |= 1 << pin
             self._lines()
@@ -343,11 +343,11 @@ class Exti:
             self._nvic.line(interrupt, any(self._words[self.PR] & self._words[self.IMR] >> pin << pin & 1 << pin for pin in pins))
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         return self._words.get(offset, 0)
 
     def write(self, offset: int, value: int) -> None:
-        """A word; ones written to PR are taken back."""
+        """Write a word; ones written to PR clear its bits."""
         if offset == self.PR:
             self._words[self.PR] &= ~value
         elif offset == self.SWIER:
@@ -359,17 +359,17 @@ class Exti:
 
 
 class Syscfg:
-    """Which port each pin's interrupt is of."""
+    """Selection of the port for each pin's interrupt."""
 
     def __init__(self, exti: Exti, changed: Callable[[], None]):
         self._exti, self._changed = exti, changed
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         return self._exti.ports.get((offset - 8) // 4, 0) if offset >= 8 else 0
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         if 8 <= offset < 24:
             self._exti.ports[(offset - 8) // 4] = value
             self._changed()

@@ -1,4 +1,4 @@
-"""The core and its memory: the one file that knows Unicorn."""
+"""The processor core and its memory; only this file uses Unicorn."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import Any
 
 from session.io.files import MB, read_bytes
 
-# Unicorn counts the instructions that it runs, but has no function that tells: where in its engine the count is.
+# Unicorn counts the instructions that it runs, but has no function that returns the count.  It is read from the engine's memory.
 #
-# ``emu_start(count=…)`` keeps two numbers side by side in its ``uc_struct``: the instructions begun, and how many it was given.  Two short
-# runs of no-operations with different counts show where.  The first is the clock of everything here; writing the second ends a run early,
-# after any instruction, at no cost.  Where the place cannot be found there is no emulator, rather than a wrong clock.
+# ``emu_start(count=…)`` keeps two adjacent numbers in its ``uc_struct``: the instructions begun, and the limit.  Two short runs of
+# no-operations with different counts locate them.  The first is the clock of the emulation; writing the second ends a run early, after any
+# instruction, at no cost.  Where the numbers cannot be located there is no emulator, instead of a wrong clock.
 
-WORDS = 500  #: of the engine's struct that are looked at; it is longer by far
+WORDS = 500  #: of the engine's struct that are searched; it is much longer
 RUNS = (1237, 389)
 
 
 class Counter:
-    """begun, given: instructions of the present or the last run of an engine; both stand at ``place`` of its ``words``."""
+    """begun, given: instructions of the present or the last run of an engine, stored at ``place`` of its ``words``."""
 
     def __init__(self, engine: Any, place: int):
         self.words = (ctypes.c_size_t * (place + 2)).from_address(engine._uch.value)
@@ -29,12 +29,12 @@ class Counter:
 
     @property
     def begun(self) -> int:
-        """Instructions, the one at hand among them."""
+        """Instructions begun, including the current one."""
         return self.words[self.place]
 
     @property
     def given(self) -> int:
-        """Instructions after which it stops."""
+        """Instructions after which the run stops."""
         return self.words[self.place + 1]
 
     @given.setter
@@ -43,7 +43,7 @@ class Counter:
 
 
 def find(engine: Any, address: int) -> int:
-    """The place of the count in an engine that can run ``max(RUNS)`` no-operations from an address on.
+    """Locate the count in an engine that can run ``max(RUNS)`` no-operations from an address on.
 
     Raises RuntimeError where there is none, or more than one.
     """
@@ -57,16 +57,16 @@ def find(engine: Any, address: int) -> int:
     return candidates.pop()
 
 
-# What an ELF file brings to the board's memory.
+# Contents of an ELF file for the board's memory.
 
-#: with all that a debugger wants; the memory of the largest such controller has 2 MB
+#: file size with debug information; the largest such controller has 2 MB of memory
 MOST_PROGRAM = 64 * MB
 LOAD, ARM = 1, 40
 
 
 def segments(path: Path) -> list[tuple[int, bytes]]:
-    """(load address, bytes) of each loadable part.  Raises ValueError where it is no 32-bit little-endian ELF file for ARM; FormatError
-    where it cannot be read."""
+    """Return (load address, bytes) of each loadable part.  Raises ValueError for other than 32-bit little-endian ELF files for ARM,
+    FormatError where the file cannot be read."""
     data = read_bytes(path, MOST_PROGRAM)
     if data[:6] != b"\x7fELF\x01\x01" or len(data) < 52 or struct.unpack_from("<H", data, 18)[0] != ARM:
         raise ValueError(f"{path}: is no program for ARM; expected the ELF file that the firmware's make writes")
@@ -81,14 +81,14 @@ def segments(path: Path) -> list[tuple[int, bytes]]:
     return found
 
 
-# The core and its memory: the one file that knows Unicorn.
+# The processor core and its memory.
 
 FLASH, RAM, CCM, SYSTEM = 0x08000000, 0x20000000, 0x10000000, 0x1FFF0000
-#: address -> bytes, as the linker's script has them; SYSTEM: the system memory with the unique id
+#: address -> bytes, as in the linker's script; SYSTEM: the system memory with the unique id
 MEMORIES = {FLASH: 1024 * 1024, RAM: 128 * 1024, CCM: 64 * 1024, SYSTEM: 32 * 1024}
 UNIQUE_ID = 0x1FFF7A10
 PERIPHERALS, CORE = 0x40000000, 0xE0000000
-#: address -> bytes that ``Bus`` answers for
+#: address -> bytes of the ranges that ``Bus`` serves
 WINDOWS = {PERIPHERALS: 0x80000, CORE: 0x100000}
 
 NOP = b"\x00\xbf"
@@ -101,11 +101,11 @@ Write = Callable[[int, int, int], None]  # address, bytes, value
 
 
 class ProgramError(RuntimeError):
-    """The program did what a processor faults at: says what, and where."""
+    """Raised where a processor would fault; the message has the reason and the place."""
 
 
 def missing() -> str:
-    """Empty, or what to install."""
+    """Return what to install, or an empty string."""
     try:
         import unicorn  # noqa: F401
     except ImportError:
@@ -114,9 +114,9 @@ def missing() -> str:
 
 
 class Cpu:
-    """A Cortex-M4F with the STM32F405's memories; all else is read and written through two functions.
+    """A Cortex-M4F with the STM32F405's memories; all other addresses go through two functions.
 
-    instructions: run so far; running: whether it does so now.  Raises ProgramError where Unicorn is not installed.
+    instructions: run so far; running: whether a run is in progress.  Raises ProgramError where Unicorn is not installed.
     """
 
     def __init__(self, read: Read, write: Write):
@@ -132,11 +132,11 @@ class Cpu:
             self._engine.mem_map(address, size)
         for address, size in WINDOWS.items():
             self._engine.mmio_map(address, size, self._reader(address, read), None, self._writer(address, write), None)
-        self._trouble: BaseException | None = None  # an interruption, or worse, amid an access
-        self._engine.mem_write(SYSTEM, NOP * 2000)  # where no program runs: what has run once is not translated again
+        self._trouble: BaseException | None = None  # an exception within an access
+        self._engine.mem_write(SYSTEM, NOP * 2000)  # outside the program, because code that has run is not translated again
         self._counter = Counter(self._engine, find(self._engine, SYSTEM))
         self._engine.mem_write(SYSTEM, bytes(4000))
-        self._words, self._place = self._counter.words, self._counter.place  # asked for at every access: without a detour
+        self._words, self._place = self._counter.words, self._counter.place  # copied here because every access uses them
         self._engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self._interrupt: int | None = None
         self.running = False
@@ -171,35 +171,35 @@ class Cpu:
     # Memory
 
     def memory(self, address: int, count: int) -> bytes:
-        """Bytes.  ProgramError where there is none."""
+        """Read bytes.  Raises ProgramError where there is no memory."""
         try:
             return bytes(self._engine.mem_read(address, count))
         except self._unicorn.UcError:
             raise ProgramError(f"no memory at 0x{address:08x}") from None
 
     def set_memory(self, address: int, data: bytes) -> None:
-        """Write bytes.  ProgramError where there is no memory."""
+        """Write bytes.  Raises ProgramError where there is no memory."""
         try:
             self._engine.mem_write(address, data)
         except self._unicorn.UcError:
             raise ProgramError(f"no memory at 0x{address:08x}") from None
 
     def words(self, address: int, count: int) -> tuple[int, ...]:
-        """Of 32 bits."""
+        """Read words of 32 bits."""
         return struct.unpack(f"<{count}I", self.memory(address, 4 * count))
 
     # Running
 
     def executed(self) -> int:
-        """Instructions of the present run, the one at hand not among them; 0 between runs."""
+        """Return the instructions of the present run, without the current one; 0 between runs."""
         return self._words[self._place] - 1 if self.running else 0
 
     def limit(self, instructions: int) -> None:
-        """End the present run so many instructions after the one at hand."""
+        """End the present run so many instructions after the current one."""
         self._counter.given = self._counter.begun + max(0, instructions)
 
     def run(self, instructions: int) -> tuple[str, int]:
-        """At most so many: why it ended (RAN, WAITS, RETURNS, CALLS) and how many it were.
+        """Run at most so many; return why the run ended (RAN, WAITS, RETURNS, CALLS) and the number of instructions.
 
         Raises ProgramError for what a processor would take as a fault.
         """
@@ -229,25 +229,25 @@ class Cpu:
     # Registers
 
     def get(self, name: str) -> int:
-        """A register, by Unicorn's name for it."""
+        """Return a register, by Unicorn's name for it."""
         return self._engine.reg_read(getattr(self._arm, f"UC_ARM_REG_{name}"))
 
     def set(self, name: str, value: int) -> None:
-        """A register, by Unicorn's name for it."""
+        """Set a register, by Unicorn's name for it."""
         self._engine.reg_write(getattr(self._arm, f"UC_ARM_REG_{name}"), value)
 
     @property
     def pc(self) -> int:
-        """The program counter."""
+        """Program counter."""
         return self._engine.reg_read(self._frame[6])
 
     @property
     def lr(self) -> int:
-        """The link register."""
+        """Link register."""
         return self._engine.reg_read(self._frame[5])
 
     def reset(self, vectors: int) -> None:
-        """Stack and program counter from the vectors, as after a reset."""
+        """Load stack and program counter from the vectors, as after a reset."""
         stack, start = self.words(vectors, 2)
         for name in ("IPSR", "PRIMASK", "BASEPRI", "FAULTMASK"):
             self.set(name, 0)
@@ -256,7 +256,7 @@ class Cpu:
         self.set("PC", start | 1)
 
     def enter(self, number: int, vectors: int) -> None:
-        """Stack what an exception stacks, and go to its handler (ARMv7-M, B1.5.6); the floating-point registers where they are in use."""
+        """Stack the registers of an exception and enter its handler (ARMv7-M, B1.5.6); the floating-point registers if in use."""
         engine = self._engine
         frame, sp = [engine.reg_read(register) for register in self._frame], self.get("SP")
         control, in_handler = self.get("CONTROL"), frame[7] & 0x1FF
@@ -280,7 +280,7 @@ class Cpu:
         self.set("PC", handler | 1)
 
     def leave(self) -> None:
-        """Take back what ``enter`` has stacked: the program counter holds the special value (B1.5.8)."""
+        """Restore what ``enter`` has stacked: the program counter holds the special value (B1.5.8)."""
         sp, floating = self.get("SP"), not self.pc & 0x10
         frame = list(self.words(sp, 8))
         if floating:

@@ -1,4 +1,4 @@
-"""The FIFO: words of seven bytes, what each time slot brings, its status, the interrupt."""
+"""The FIFO: words of seven bytes, the words of each time slot, its status, the interrupt."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ BYPASS, UNTIL_FULL, TO_FIFO, CONTINUOUS = 0, 1, 3, 6
 
 
 class Fifo:
-    """words: unread, oldest first; mode, limit (words that it may hold): as the registers set them.
+    """words: unread, oldest first; mode, limit (largest number of words): as the registers set them.
 
-    lost: words that nobody read in time; overrun: one was lost and no room has been made since; latched: since it was last asked.
+    lost: words that were not read in time; overrun: one was lost and no room has been made since; latched: an overrun since the last read.
     """
 
     def __init__(self) -> None:
@@ -49,26 +49,26 @@ class Fifo:
 
     @property
     def collects(self) -> bool:
-        """Whether words are kept at all."""
+        """Whether words are stored at all."""
         return self.mode in (UNTIL_FULL, TO_FIFO, CONTINUOUS)
 
     def set_mode(self, mode: int) -> None:
-        """Bypass, or a mode that is taken for it, empties the FIFO."""
+        """Set the mode; bypass, or an equivalent mode, empties the FIFO."""
         self.mode = mode
         if not self.collects:
             self.clear()
 
     def clear(self) -> None:
-        """Empty, nothing overrun; TAG_CNT goes on."""
+        """Empty the FIFO and clear the overrun; TAG_CNT continues."""
         self.words.clear()
         self.overrun = self.latched = False
 
     def word(self, sensor: int, data: bytes) -> bytes:
-        """Seven bytes, of the present time slot."""
+        """Return seven bytes of the present time slot."""
         return bytes((tag_byte(sensor, self.slot),)) + data
 
     def put(self, word: bytes) -> None:
-        """Behind the others: if there is no room the oldest goes (continuous), or this one."""
+        """Append a word; in a full FIFO the oldest is dropped (continuous), or this one."""
         if len(self.words) < self.limit:
             self.words.append(word)
             return
@@ -80,43 +80,43 @@ class Fifo:
                 self.words.popleft()
 
     def begin(self) -> bytes:
-        """The word to be read next, zeros where there is none: its tag is read, and from then on its data are its own."""
+        """Return the word to be read next, zeros where there is none, and keep it from the reading of its tag on."""
         self._begun = self.words[0] if self.words else EMPTY
         return self._begun
 
     def data(self) -> bytes:
-        """The word whose tag was read last."""
+        """Return the word whose tag was read last."""
         return self._begun or self.begin()
 
     def finish(self) -> None:
-        """It has been read to its last byte, and is gone, if it was not overrun meanwhile."""
+        """Remove the word after its last byte was read, unless an overrun has removed it."""
         if self.words and self.words[0] is self._begun:
             self.words.popleft()
             self.overrun = False
         self._begun = b""
 
 
-# Which words a time slot brings into the FIFO.
+# The words that each time slot adds to the FIFO.
 
-#: of the words in a slot
+#: order of the words in a slot
 ORDER = (TIMESTAMP, TEMPERATURE, GYRO, ACCEL)
 
 
 class Batching:
-    """slot: ticks of the clock from one slot to the next, 0 where nothing is batched; most: words that a slot can bring;
-    counted: batch events of the sensor that COUNTER_BDR watches."""
+    """slot: ticks of the clock from one slot to the next, 0 where nothing is batched; most: largest number of words in a slot;
+    counted: batch events of the sensor that COUNTER_BDR counts."""
 
     def __init__(self, fifo: Fifo, faults: Iterable[Fault], order: tuple[int, ...] = ORDER):
         self._fifo, self._order = fifo, order
         self._faults = sorted((fault for fault in faults if fault.kind in WORD_KINDS), key=lambda fault: fault.at_s)
         self._left = self._faults[0].words if self._faults else 0
-        self._held: bytes | None = None  # a word that changes places with the next
+        self._held: bytes | None = None  # a word to be swapped with the next
         self.slot = self.most = self.counted = 0
         self._ticks: dict[int, int] = {}
         self._watched = GYRO
 
     def set(self, ctrl3: int, ctrl4: int, gyro: int, accel: int, timestamps: bool, counts_accel: bool) -> None:
-        """FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_accel: what COUNTER_BDR watches."""
+        """Apply FIFO_CTRL3 and 4; gyro, accel: ticks of a sample, 0 where the sensor is off; counts_accel: what COUNTER_BDR counts."""
         ticks = {}
         for sensor, on, batched in (
             (GYRO, gyro, BDR_GY_COEFFICIENTS.get(ctrl3 >> 4)),
@@ -135,7 +135,7 @@ class Batching:
         self._watched = ACCEL if counts_accel else GYRO
 
     def batch(self, tick: int, t_s: float, sample: bytes, timestamp: Callable[[float], int]) -> None:
-        """The words of the slot at a tick, at that time."""
+        """Add the words of the slot at a tick, at that time."""
         fifo = self._fifo
         fifo.slot = fifo.slot + 1 & 3
         for sensor, ticks in self._ticks.items():
@@ -154,11 +154,11 @@ class Batching:
             self._put(fifo.word(sensor, data), t_s)
 
     def config_change(self, t_s: float) -> None:
-        """The word that odrchg_en asks for."""
+        """Add the word that odrchg_en requests."""
         self._put(self._fifo.word(CONFIG_CHANGE, bytes(6)), t_s)
 
     def _put(self, word: bytes, t_s: float) -> None:
-        """Into the FIFO, spoilt where a fault is due."""
+        """Append to the FIFO, corrupted where a fault is due."""
         if self._held is not None:
             held, self._held = self._held, None
             self._fifo.put(word)
@@ -186,27 +186,27 @@ def _spoilt_tag(tag: int, fault: Fault) -> int:
     return tag_byte(fault.value, tag >> 1)
 
 
-# FIFO_STATUS2: what the FIFO's registers make of its level.
+# FIFO_STATUS2, from the level of the FIFO and its settings.
 
 
 class FifoFlags:
-    """Of a register file, a FIFO and what it is filled with."""
+    """Status flags from a register file, a FIFO and its batching."""
 
     def __init__(self, registers: bytearray, fifo: Fifo, batching: Batching):
         self._registers, self._fifo, self._batching = registers, fifo, batching
 
     @property
     def watermark(self) -> int:
-        """Words."""
+        """Watermark in words."""
         return self._registers[readings.FIFO_CTRL1] | (self._registers[readings.FIFO_CTRL2] & 1) << 8
 
     @property
     def threshold(self) -> int:
-        """Of COUNTER_BDR."""
+        """Threshold of COUNTER_BDR."""
         return (self._registers[readings.COUNTER_BDR_REG1] & 3) << 8 | self._registers[readings.COUNTER_BDR_REG2]
 
     def flags(self) -> int:
-        """The bits above the two of the level."""
+        """Return the bits above the two of the level."""
         fifo, watermark, threshold = self._fifo, self.watermark, self.threshold
         level = len(fifo.words)
         return (
@@ -218,20 +218,20 @@ class FifoFlags:
         )
 
 
-# INT1: what lets it rise.
+# INT1: the sources of the interrupt.
 
 DRDY_PULSE_S = 75e-6
 
 
 class Int1:
-    """Of a register file, the FIFO's flags, the output registers, and faults."""
+    """Interrupt pin from a register file, the FIFO's flags, the output registers, and faults."""
 
     def __init__(self, registers: bytearray, flags: FifoFlags, outputs: Outputs, faults: Iterable[Fault]):
         self._registers, self._flags, self._outputs = registers, flags, outputs
         self._dead = [fault for fault in faults if fault.kind == "int1"]
 
     def level(self, t_s: float, booting: bool, sample_s: float) -> bool:
-        """Of the pin at a time; sample_s: when the last sample was made."""
+        """Return the pin's level at a time; sample_s: time of the last sample."""
         if any(fault.holds(t_s) for fault in self._dead):
             return False
         r, ctrl, flags = self._registers, self._registers[readings.INT1_CTRL], self._flags.flags()
@@ -249,7 +249,7 @@ class Int1:
         return bool(active) != bool(r[readings.CTRL3_C] & readings.H_LACTIVE)
 
     def edges_s(self, sample_s: float, next_s: float) -> list[float]:
-        """Times of faults, and of data-ready between two samples, at which it may change."""
+        """Return the times at which it may change between two samples, through faults and data-ready."""
         edges = [edge for fault in self._dead for edge in (fault.at_s, fault.at_s + fault.lasts_s)]
         if self._registers[readings.INT1_CTRL] & (readings.INT1_DRDY_XL | readings.INT1_DRDY_G | readings.INT1_CNT_BDR):
             edges += [next_s, sample_s + DRDY_PULSE_S]

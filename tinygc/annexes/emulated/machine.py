@@ -1,4 +1,4 @@
-"""The microcontroller, put together: runs an ELF file until a time."""
+"""The complete microcontroller: runs an ELF file until a time."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from tinygc.annexes.emulated.core import SVCALL, Core, Exti, Gpio, Nvic, Syscfg
 from tinygc.annexes.emulated.cpu import CALLS, CORE, FLASH, RETURNS, UNIQUE_ID, WAITS, Cpu, segments
 from tinygc.annexes.emulated.spi import Dma
 
-#: of a Cortex-M4F with the flash's caches, for such programs: an estimate; only a real core can tell
+#: of a Cortex-M4F with the flash's caches, for such programs: an estimate that only a real core could verify
 CYCLES_PER_INSTRUCTION = 1.5
-EXCEPTION_CYCLES = 12  #: into a handler, and out of it
-MASKED_RUN = 64  #: instructions after which a pending interrupt that is masked is looked at again
+EXCEPTION_CYCLES = 12  #: to enter a handler, and to leave it
+MASKED_RUN = 64  #: instructions until a masked pending interrupt is checked again
 LONGEST_RUN = 2_000_000
 CHIP_SELECT, INT1 = ("A", 4), ("C", 4)
 UID = bytes.fromhex("2f0041000f51373238333932")
 
 
 class Device(spi.SpiDevice, Protocol):
-    """What is on SPI1, PA4 and PC4."""
+    """A device on SPI1, PA4 and PC4."""
 
     rises: int
     watched: bool
 
     def select(self, selected: bool, t_s: float) -> None:
-        """Its chip select."""
+        """Set its chip select."""
 
     def int1(self, t_s: float) -> bool:
-        """Its interrupt's pin."""
+        """Return the level of its interrupt pin."""
 
     def int1_stays_until(self, t_s: float) -> float:
-        """A time before which that cannot change, unless bytes pass."""
+        """Return a time before which that level cannot change without a transfer."""
 
 
 class Nothing:
@@ -44,29 +44,29 @@ class Nothing:
     rises, watched = 0, False
 
     def select(self, selected: bool, t_s: float) -> None:
-        """Nobody listens."""
+        """Ignore the chip select."""
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
-        """Nobody answers."""
+        """Return the level of the pulled-up line."""
         return bytes([0xFF]) * len(out)
 
     def int1(self, t_s: float) -> bool:
-        """Pulled up by nothing, and read as low."""
+        """Return low: this line has no pull-up."""
         return False
 
     def int1_stays_until(self, t_s: float) -> float:
-        """For ever."""
+        """Return infinity."""
         return math.inf
 
 
 class Machine:
-    """An STM32F405 with the program of an ELF file, at its reset.
+    """An STM32F405 with the program of an ELF file, after reset.
 
-    device: on the SPI; uid: the unique id, 12 bytes; stalls: (at_s, lasts_s), times in which the core does nothing, as if a debugger held
-    it, while everything else goes on.
+    device: on the SPI; uid: the unique id, 12 bytes; stalls: (at_s, lasts_s), times in which the core stops, as with a debugger, while
+    everything else continues.
 
-    usart1, usart2: the ports; resets: that the program has asked for; slept: cycles in ``wfi``.
-    Raises ValueError where the file is no program for ARM, ProgramError where Unicorn is missing.
+    usart1, usart2: the ports; resets: number that the program has requested; slept: cycles in ``wfi``.
+    Raises ValueError where the file is not a program for ARM, ProgramError where Unicorn is missing.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Machine:
         self._power_up()
 
     def _power_up(self) -> None:
-        """Everything as after a reset; RAM keeps what it holds."""
+        """Set everything to its state after a reset; RAM keeps its contents."""
         bus, clock = self.bus, self.clock
         bus.reset()
         self.nvic = nvic = Nvic()
@@ -129,7 +129,7 @@ class Machine:
             self._watch()
 
     def _watch(self) -> None:
-        """The edges of INT1, where the program wants to know of them."""
+        """Schedule the edges of INT1 where the program uses them."""
         if self._pin_event:
             self._pin_event.cancel()
             self._pin_event = None
@@ -171,7 +171,7 @@ class Machine:
             self.cpu.limit(0)
 
     def _replan(self) -> None:
-        """Events have come nearer while the core runs."""
+        """Shorten the present run, because events have moved closer."""
         if self.cpu.running:
             self.cpu.limit(self._budget() - 1)
 
@@ -183,16 +183,16 @@ class Machine:
 
     @property
     def load(self) -> float:
-        """The part of the time in which the core did not sleep; waiting in loops counts as work."""
+        """Share of the time in which the core did not sleep; waiting loops count as work."""
         return 1 - self.slept / max(1.0, self.clock.now())
 
     @property
     def waited(self) -> float:
-        """The part of the time in which it waited in loops for a peripheral, as far as it was spared them."""
+        """Share of the time in skipped waiting loops for a peripheral."""
         return self.clock.skipped / max(1.0, self.clock.now())
 
     def run_until(self, t_s: float) -> None:
-        """Up to a simulated time.  ProgramError where the program faults."""
+        """Run until a simulated time.  Raises ProgramError where the program faults."""
         clock, nvic = self.clock, self.nvic
         self._end = t_s * CORE_HZ
         while clock.now() < self._end:
@@ -223,7 +223,7 @@ class Machine:
             self._run(budget)
 
     def _let_pass(self, cycle: float, asleep: bool = False) -> None:
-        """Time goes by, up to the next event."""
+        """Advance time without the core, up to the next event."""
         clock = self.clock
         before = clock.now()
         clock.base = max(before, min(cycle, clock.next(), self._end))

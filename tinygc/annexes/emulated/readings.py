@@ -1,4 +1,4 @@
-"""The register map, what the sensor feels, and the int16 registers at the true sample times."""
+"""The register map, the sensor's input, and the int16 registers at the true sample times."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# The register map: addresses, the bits that can be written, the values after a reset, and what the codes mean.
+# The register map: addresses, writable bits, reset values, and the meaning of the codes.
 
 PIN_CTRL = 0x02
 FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4 = 0x07, 0x08, 0x09, 0x0A
@@ -55,7 +55,7 @@ WRITABLE = {
     Y_OFS_USR: 0xFF,
     Z_OFS_USR: 0xFF,
 }
-#: after a reset, where not 0
+#: reset values other than 0
 DEFAULTS = {PIN_CTRL: 0x3F, CTRL3_C: 0x04, CTRL9_XL: 0xE0}
 
 # CTRL3_C
@@ -76,7 +76,7 @@ OVER_RUN_LATCHED, COUNTER_BDR_IA, FIFO_FULL_IA, FIFO_OVR_IA, FIFO_WTM_IA = 1 << 
 #: ticks of the 6667 Hz clock in a sample, by code of odr_xl, odr_g, bdr_xl, bdr_gy
 COEFFICIENTS = {code: 1 << (10 - code) for code in range(1, 11)}
 BDR_GY_COEFFICIENTS = COEFFICIENTS | {11: 1024}
-#: of odr_t_batch and of dec_ts_batch
+#: by code of odr_t_batch and of dec_ts_batch
 TEMPERATURE_TICKS = {1: 4096, 2: 512, 3: 128}
 TIMESTAMP_DECIMATION = {1: 1, 2: 8, 3: 32}
 
@@ -92,19 +92,19 @@ CLOCK_HZ, TICKS_HZ, FINE_STEP = 6667.0, 40000.0, 0.0015
 
 
 def with_even_parity(byte: int) -> int:
-    """A tag byte whose bit 0 makes the number of its ones even."""
+    """Set bit 0 of a tag byte such that its number of ones is even."""
     byte &= 0xFE
     return byte | byte.bit_count() & 1
 
 
 def tag_byte(sensor: int, count: int) -> int:
-    """Parity, TAG_CNT in bits 2:1, TAG_SENSOR in bits 7:3."""
+    """Return parity, TAG_CNT in bits 2:1, TAG_SENSOR in bits 7:3."""
     return with_even_parity((sensor & 31) << 3 | (count & 3) << 1)
 
 
-# What the sensor feels, as a function of true time.
+# The sensor's input as a function of true time.
 
-#: t_s (N,) s -> rate (N, 3) rad/s, specific force (N, 3) m/s^2, temperature (N,) degC, all of the sensor and with its errors
+#: t_s (N,) s -> rate (N, 3) rad/s, specific force (N, 3) m/s^2, temperature (N,) degC, all including the sensor's errors
 Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 STANDARD_GRAVITY = 9.80665
@@ -112,21 +112,21 @@ STANDARD_GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class AtRest:
-    """The same for ever: level, unless told otherwise."""
+    """Constant input: level by default."""
 
     rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
     force: tuple[float, float, float] = (0.0, 0.0, STANDARD_GRAVITY)
     temp_c: float = 25.0
 
     def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """At these times."""
+        """Return rate, force and temperature at these times."""
         n = len(t_s)
         return np.tile(self.rate, (n, 1)), np.tile(self.force, (n, 1)), np.full(n, self.temp_c)
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Values at increasing times, linear between them and constant before and behind.
+    """Values at increasing times, interpolated linearly and constant outside.
 
     t_s (N,) s, rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,) degC.
     """
@@ -137,39 +137,39 @@ class Sampled:
     temp_c: np.ndarray
 
     def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """At these times."""
+        """Return rate, force and temperature at these times."""
         rate, force = (
             np.column_stack([np.interp(t_s, self.t_s, table[:, axis]) for axis in range(3)]) for table in (self.rate, self.force)
         )
         return rate, force, np.interp(t_s, self.t_s, self.temp_c)
 
 
-# What goes wrong with a sensor, and when.
+# Faults of a sensor, and their times.
 
-#: the port: the line is stuck, though the sensor hears what is written; or it neither hears nor answers, and the line is pulled up
+#: faults of the port: the line is stuck, though the sensor receives; or it neither receives nor answers, and the line is pulled up
 PORT_KINDS = ("zeros", "ones", "hang")
-#: the FIFO's words
+#: faults of the FIFO's words
 WORD_KINDS = ("parity", "tag_count", "tag_unknown", "swapped", "missing")
 KINDS = (*PORT_KINDS, *WORD_KINDS, "reset", "identity", "int1")
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that happens at ``at_s`` of the sensor's time.
+    """One fault at ``at_s`` of the sensor's time.
 
     kind:
-      zeros, ones   the sensor's line reads 0x00 or 0xFF for ``lasts_s``; what is written arrives
-      hang          the sensor neither hears nor answers for ``lasts_s`` (reads 0xFF), and goes on measuring
+      zeros, ones   the sensor's line reads 0x00 or 0xFF for ``lasts_s``; writes arrive
+      hang          the sensor neither receives nor answers for ``lasts_s`` (reads 0xFF), and continues to measure
       parity        the next ``words`` words in the FIFO have a false parity bit
-      tag_count     their TAG_CNT is two further than it should be, the parity right
-      tag_unknown   their tag is ``value`` (31 unless given), the parity right
-      swapped       the next word changes places with the one behind it
+      tag_count     their TAG_CNT is two too high, with correct parity
+      tag_unknown   their tag is ``value`` (31 by default), with correct parity
+      swapped       the next word is swapped with the one after it
       missing       they never reach the FIFO
-      reset         the sensor starts up anew by itself
+      reset         the sensor restarts by itself
       identity      WHO_AM_I reads ``value`` for ``lasts_s``
       int1          the interrupt's pin stays low for ``lasts_s``
 
-    Raises ValueError for a kind that is none.
+    Raises ValueError for an unknown kind.
     """
 
     kind: str
@@ -184,8 +184,8 @@ class Fault:
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """``KIND@S``, with ``+S`` for how long and ``xN`` for how many words: ``hang@20+0.5``, ``parity@10x3``.  ValueError where it is
-        none."""
+        """Parse ``KIND@S``, with ``+S`` for the duration and ``xN`` for the number of words: ``hang@20+0.5``, ``parity@10x3``.  Raises
+        ValueError for other text."""
         form = re.fullmatch(r"(\w+)@([\d.]+)(?:\+([\d.]+))?(?:x(\d+))?", text.strip())
         if not form:
             raise ValueError(f"{text!r} is no fault; expected KIND@S, KIND@S+S or KIND@SxN, as in parity@10x3")
@@ -193,7 +193,7 @@ class Fault:
         return cls(kind, float(at_s), float(lasts_s) if lasts_s else math.inf, int(words or 1))
 
     def holds(self, t_s: float) -> bool:
-        """Whether it lasts at that time."""
+        """Whether the fault lasts at that time."""
         return self.at_s <= t_s < self.at_s + self.lasts_s
 
 
@@ -201,75 +201,75 @@ class Fault:
 
 
 class Timestamp:
-    """Stands at 0 until it is ``set``, and counts from then on at a rate that may change."""
+    """Counter that stays at 0 until ``set``, and then counts at a rate that may change."""
 
     def __init__(self) -> None:
         self._ticks, self._since_s, self._hz = 0.0, 0.0, 0.0
 
     def exact(self, t_s: float) -> float:
-        """Ticks at a time, with their fraction."""
+        """Return the ticks at a time, with their fraction."""
         return self._ticks + (t_s - self._since_s) * self._hz
 
     def at(self, t_s: float) -> int:
-        """The 32 bits at a time: a tick that is due then has come."""
+        """Return the 32 bits at a time, including a tick that is due then."""
         return math.floor(self.exact(t_s) + 1e-6) % 2**32
 
     def set(self, ticks: float, t_s: float, hz: float) -> None:
-        """So many at a time, and so many more each second from then on."""
+        """Set the ticks at a time, and the rate from then on."""
         self._ticks, self._since_s, self._hz = ticks, t_s, hz
 
 
 # The true sample times, and the int16 registers at each of them.
 
-BLOCK, BLOCK_S = 256, 0.25  #: samples, and at most so much time, that are computed at once
+BLOCK, BLOCK_S = 256, 0.25  #: samples computed at once, and their longest duration
 REGISTER_BYTES = 14  #: temperature, gyroscope, accelerometer: 0x20 to 0x2D
 
 
 @dataclass(frozen=True)
 class Oscillator:
-    """fine_off, fine_on: INTERNAL_FREQ_FINE while both sensors are off, and while one is on; residual_ppm: by how much the true
-    frequency is above the one that the register states."""
+    """fine_off, fine_on: INTERNAL_FREQ_FINE while both sensors are off, and while one is on; residual_ppm: excess of the true frequency
+    over the one that the register states."""
 
     fine_off: int = 0
     fine_on: int = 0
     residual_ppm: float = 0.0
 
     def factor(self, on: bool) -> float:
-        """True frequency over the typical one."""
+        """Ratio of the true frequency to the typical one."""
         return (1 + FINE_STEP * (self.fine_on if on else self.fine_off)) * (1 + 1e-6 * self.residual_ppm)
 
     def clock_hz(self) -> float:
-        """Of the samples: 6667 Hz, typically."""
+        """Return the frequency of the sample clock: 6667 Hz, typically."""
         return CLOCK_HZ * self.factor(True)
 
     def ticks_hz(self, on: bool) -> float:
-        """Of the timestamp: 40 kHz, typically."""
+        """Return the frequency of the timestamp: 40 kHz, typically."""
         return TICKS_HZ * self.factor(on)
 
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What the sensors' own actuators add to every axis."""
+    """Signals that the self-test actuators add to every axis."""
 
     gyro_dps: float = 400.0
     accel_mg: float = 500.0
 
     def gyro(self, code: int) -> float:
-        """The rate in dps that st_g adds."""
+        """Return the rate in dps that st_g adds."""
         return {1: self.gyro_dps, 3: -self.gyro_dps}.get(code, 0.0)
 
     def accel(self, code: int) -> float:
-        """The force in mg that st_xl adds."""
+        """Return the force in mg that st_xl adds."""
         return {1: self.accel_mg, 2: -self.accel_mg}.get(code, 0.0)
 
 
 def to_registers(
     rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray, fs_g: int, fs_xl: int, added_dps: float = 0.0, added_mg: float = 0.0
 ) -> np.ndarray:
-    """(N, 7) int16, temperature, gyroscope, accelerometer, in the order of the map; what is beyond a register stays at its end.
+    """(N, 7) int16, temperature, gyroscope, accelerometer, in the order of the map; values beyond a register's range are clipped.
 
-    rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,) degC; fs_g, fs_xl: the codes of the full scales.  A code of fs_g that has no
-    meaning reads as 250 dps (code 0).
+    rate (N, 3) rad/s, force (N, 3) m/s^2, temp_c (N,) degC; fs_g, fs_xl: the codes of the full scales.  An undefined code of fs_g
+    reads as 250 dps (code 0).
     """
     gyro = (np.degrees(rate) + added_dps) * (1000 / GYRO_MDPS.get(fs_g, GYRO_MDPS[0]))
     accel = (force * (1000 / STANDARD_GRAVITY) + added_mg) / ACCEL_MG[fs_xl]
@@ -288,22 +288,22 @@ class Readings:
         self._first, self._data = 0, b""
 
     def set(self, step: int, fs_g: int, fs_xl: int, added_dps: float, added_mg: float) -> None:
-        """What holds from the next sample on."""
+        """Change the settings from the next sample on."""
         self.step, self._settings, self._data = step, (fs_g, fs_xl, added_dps, added_mg), b""
 
     def time_s(self, tick: int) -> float:
-        """When that tick of the clock is."""
+        """Return the time of a tick of the clock."""
         return self.zero_s + tick / self.clock_hz
 
     def after(self, t_s: float) -> int:
-        """The first tick with a sample behind a time."""
+        """Return the first tick with a sample after a time."""
         tick = int((t_s - self.zero_s) * self.clock_hz) // self.step * self.step
         while self.time_s(tick) <= t_s or tick <= 0:
             tick += self.step
         return tick
 
     def at(self, tick: int) -> bytes:
-        """The 14 bytes of the output registers at a tick with a sample; ticks are asked for in their order."""
+        """Return the 14 bytes of the output registers at a tick with a sample; ticks must be requested in increasing order."""
         place = (tick - self._first) // self.step * REGISTER_BYTES
         if place < 0 or place >= len(self._data):
             ticks = tick + self.step * np.arange(max(1, min(BLOCK, int(BLOCK_S * self.clock_hz / self.step))))
@@ -320,19 +320,19 @@ STATUS = ((TEMP, TDA), (GYRO_OUT, GDA), (ACCEL_OUT, XLDA))
 
 
 class Outputs:
-    """status: STATUS_REG; bdu: whether a register that was read by half waits for its other half."""
+    """status: STATUS_REG; bdu: whether a register that was read by half is held until its other half is read."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """As after a reset."""
+        """Reset to the state after a reset."""
         self._newest, self._shown = bytearray(REGISTER_BYTES), bytearray(REGISTER_BYTES)
         self._half_read: dict[int, int] = {}  # register -> which half
         self.status, self.bdu = 0, False
 
     def update(self, part: slice, sample: bytes) -> None:
-        """New values of one sensor: its slice of the 14 bytes of a sample."""
+        """Update one sensor with new values: its slice of the 14 bytes of a sample."""
         self._newest[part] = sample[part]
         for place, bit in STATUS:
             if place == part:
@@ -345,7 +345,7 @@ class Outputs:
                 self._shown[low : low + 2] = self._newest[low : low + 2]
 
     def read(self, address: int) -> int:
-        """One byte; a high byte takes its sensor's bit of STATUS back."""
+        """Read one byte; a high byte clears its sensor's bit of STATUS."""
         place = address - OUT_FIRST
         value, pair, half = self._shown[place], place // 2, place % 2
         if half:
@@ -358,7 +358,7 @@ class Outputs:
         return value
 
     def set_bdu(self, bdu: bool) -> None:
-        """Without it nothing waits."""
+        """Set block data update; without it no register is held."""
         self.bdu = bdu
         if not bdu:
             self._half_read.clear()

@@ -1,4 +1,4 @@
-"""The sensor on simulated time, behind its SPI port."""
+"""The sensor in simulated time, with its SPI port."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from tinygc.annexes.emulated.readings import (
     Timestamp,
 )
 
-# The sensor: its registers on simulated time.
+# The sensor: its registers in simulated time.
 
-START_S, SW_RESET_S = 0.010, 50e-6  #: from power-up and of a reboot; of a reset
+START_S, SW_RESET_S = 0.010, 50e-6  #: after power-up and for a reboot; for a reset
 TEMPERATURE_TICKS = 128  #: OUT_TEMP is new at 52 Hz, or at the data rate where that is lower
 RATE_BITS = {reg.CTRL1_XL: 0xF0, reg.CTRL2_G: 0xF0, reg.FIFO_CTRL3: 0xFF}
 NEVER = math.inf
 
 
 class Asm330lhh:
-    """The model of the sensor; ``port.Port`` speaks SPI to it.  Times are s of true time and never go back.
+    """The model of the sensor; ``SensorPort`` connects it to SPI.  Times are s of true time and never decrease.
 
-    motion: what it feels; order: of the words in a time slot of the FIFO; keep: whether ``kept`` holds (t_s, the 14 bytes of the
-    output registers) of every sample that was made; start_s: from power-up, or a reset by itself, until it answers.
+    motion: its input; order: of the words in a time slot of the FIFO; keep: whether ``kept`` stores (t_s, the 14 bytes of the output
+    registers) of every sample; start_s: time from power-up, or an internal reset, until it answers.
 
-    objections: what a driver did that the map does not allow, each said once; starts: how often it has started up; samples: made.
+    objections: a driver's errors that the map does not allow, each reported once; starts: number of start-ups; samples: number made.
     """
 
     def __init__(
@@ -71,14 +71,14 @@ class Asm330lhh:
         self._start(0.0)
 
     def _start(self, t_s: float) -> None:
-        """Power-up."""
+        """Power up."""
         self.starts += 1
         self._ready_s = t_s + self._start_s
         self._boot_s = self._sw_reset_s = t_s
         self._defaults(t_s)
 
     def _defaults(self, t_s: float) -> None:
-        """All registers as after a reset."""
+        """Set all registers to their values after a reset."""
         self._registers[:] = bytes(128)
         for address, value in reg.DEFAULTS.items():
             self._registers[address] = value
@@ -86,7 +86,7 @@ class Asm330lhh:
         self.fifo.set_mode(0)
         self.fifo.limit = WORDS
         self._batching.counted = 0
-        self._readings: Readings | None = None  # of sensors that are on
+        self._readings: Readings | None = None  # of the sensors that are on
         self._gyro = self._accel = 0  # ticks of a sample; 0: off
         self._timestamp = Timestamp()
         self._next_tick, self._next_s, self._sample_s = 0, NEVER, -NEVER
@@ -94,7 +94,7 @@ class Asm330lhh:
     # Time
 
     def advance(self, t_s: float) -> None:
-        """Everything that happens up to a time."""
+        """Process all events up to a time."""
         while self._resets and self._resets[0] <= t_s:
             reset_s = self._resets.pop(0)
             self._run(reset_s)
@@ -129,14 +129,14 @@ class Asm330lhh:
 
     @property
     def _ticks_hz(self) -> float:
-        """Of the timestamp, as the registers have it now."""
+        """Frequency of the timestamp with the present registers."""
         counts = self._registers[reg.CTRL10_C] & reg.TIMESTAMP_EN
         return self._oscillator.ticks_hz(self._readings is not None) if counts else 0.0
 
     # Registers
 
     def read(self, address: int, t_s: float) -> int:
-        """One register at a time; 0 until the sensor has started up."""
+        """Read one register at a time; 0 until the sensor has started up."""
         self.advance(t_s)
         if t_s < self._ready_s:
             return 0
@@ -169,7 +169,7 @@ class Asm330lhh:
         return value
 
     def read_word(self, t_s: float) -> bytes:
-        """A whole word of the FIFO, its tag at a time; zeros until the sensor has started up."""
+        """Read a whole word of the FIFO, its tag at a time; zeros until the sensor has started up."""
         self.advance(t_s)
         if t_s < self._ready_s:
             return EMPTY
@@ -179,11 +179,11 @@ class Asm330lhh:
 
     @property
     def counts_up(self) -> bool:
-        """Whether the port's address does (if_inc)."""
+        """Whether the port's address increments (if_inc)."""
         return bool(self._registers[reg.CTRL3_C] & reg.IF_INC)
 
     def write(self, address: int, value: int, t_s: float) -> None:
-        """One register at a time; lost until the sensor has started up."""
+        """Write one register at a time; ignored until the sensor has started up."""
         self.advance(t_s)
         if t_s < self._ready_s:
             self._object(f"0x{address:02X} was written before the sensor had started up")
@@ -211,7 +211,7 @@ class Asm330lhh:
         self.objections[what] = None
 
     def _configure(self, address: int, before: int, t_s: float) -> None:
-        """What a written register changes."""
+        """Apply a written register."""
         r = self._registers
         if address == reg.CTRL3_C:
             self.outputs.set_bdu(bool(r[address] & reg.BDU))
@@ -234,7 +234,7 @@ class Asm330lhh:
             self._say_change(before, address, t_s)
 
     def _say_change(self, before: int, address: int, t_s: float) -> None:
-        """odrchg_en: a word in the FIFO tells of every new data or batch rate."""
+        """Add a word for every new data or batch rate to the FIFO where odrchg_en is set."""
         changed = (before ^ self._registers[address]) & RATE_BITS.get(address, 0)
         if changed and self._registers[reg.FIFO_CTRL2] & reg.ODRCHG_EN and self.fifo.collects:
             self._batching.config_change(t_s)
@@ -283,12 +283,12 @@ class Asm330lhh:
     # The interrupt
 
     def int1(self, t_s: float) -> bool:
-        """The level of the pin; low until the sensor has started up."""
+        """Return the level of the pin; low until the sensor has started up."""
         self.advance(t_s)
         return t_s >= self._ready_s and self._pin.level(t_s, t_s < self._boot_s, self._sample_s)
 
     def int1_stays_until(self, t_s: float) -> float:
-        """A time before which the pin cannot change, unless a register is read or written; infinite where it cannot at all."""
+        """Return a time before which the pin cannot change without an access to a register; infinite where it cannot change at all."""
         self.advance(t_s)
         ctrl, level = self._registers[reg.INT1_CTRL], len(self.fifo.words)
         edges = [self._ready_s, self._boot_s, *self._resets[:1], *self._pin.edges_s(self._sample_s, self._next_s)]
@@ -299,7 +299,7 @@ class Asm330lhh:
         return min((edge for edge in edges if edge > t_s), default=NEVER)
 
     def _slots_later(self, words: int) -> float:
-        """The earliest time at which so many more words can be there; infinite where nothing is batched."""
+        """Return the earliest time at which so many more words can be there; infinite where nothing is batched."""
         if self._readings is None or not self.fifo.collects or not self._batching.slot:
             return NEVER
         slot = self._batching.slot
@@ -312,13 +312,13 @@ class Asm330lhh:
 
 READ = 0x80
 WORD_BYTES = 7
-#: what is read there can let the interrupt's pin fall
+#: reading these registers can clear the interrupt pin
 CLEARING = {FIFO_DATA_OUT_LAST, FIFO_STATUS2, *range(OUT_FIRST, OUT_LAST + 1)}
-HIGH = 0xFF  #: what an undriven line reads
+HIGH = 0xFF  #: level of an undriven line
 
 
 class SensorPort:
-    """transactions, bytes: what has passed; rises: how often INT1 was seen to rise, while it is ``watched``."""
+    """transactions, bytes: numbers transferred; rises: number of rising edges of INT1 while it is ``watched``."""
 
     def __init__(self, sensor: Asm330lhh):
         self.sensor = sensor
@@ -328,7 +328,7 @@ class SensorPort:
         self.watched = self._pin = False
 
     def select(self, selected: bool, t_s: float) -> None:
-        """The chip select falls or rises."""
+        """Set the chip select."""
         self.sensor.advance(t_s)
         if selected and not self._selected:
             self.transactions += 1
@@ -336,17 +336,17 @@ class SensorPort:
         self._selected = selected
 
     def int1(self, t_s: float) -> bool:
-        """The level of the interrupt's pin."""
+        """Return the level of the interrupt's pin."""
         before, self._pin = self._pin, self.sensor.int1(t_s)
         self.rises += self._pin and not before
         return self._pin
 
     def int1_stays_until(self, t_s: float) -> float:
-        """A time before which it cannot change, unless bytes pass."""
+        """Return a time before which it cannot change without a transfer."""
         return self.sensor.int1_stays_until(t_s)
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
-        """Bytes to the sensor, the first of them at a time, each so long; what it answers meanwhile."""
+        """Send bytes to the sensor, the first at a time, each with a duration; return its answer."""
         if not self._selected:
             return bytes([HIGH]) * len(out)
         self.bytes += len(out)

@@ -10,7 +10,7 @@ from tinygc.annexes.emulated.bus import CORE_HZ, NEVER, Bus, CycleClock, Poll, T
 from tinygc.annexes.emulated.core import Gpio, Nvic
 from tinygc.annexes.emulated.cpu import CCM, MEMORIES, Cpu, ProgramError
 
-# DMA2: streams that feed and empty a peripheral's data register.  Transfers are made in bulk by the peripheral that asks for them.
+# DMA2: streams between memory and a peripheral's data register.  The requesting peripheral makes its transfers in bulk.
 
 IRQS = (56, 57, 58, 59, 60, 68, 69, 70)
 FLAG_BITS = (0, 6, 16, 22)
@@ -20,30 +20,30 @@ TO_MEMORY, TO_PERIPHERAL = 0, 1
 
 
 class DmaStream:
-    """number; ndtr: items that are left; flags: as in LISR, from bit 0."""
+    """number; ndtr: remaining items; flags: as in LISR, from bit 0."""
 
     def __init__(self, number: int, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
         self.number, self._cpu, self._nvic, self._object = number, cpu, nvic, object_to
         self.cr = self.ndtr = self.peripheral = self.memory = self.fcr = self.flags = 0
-        self.place = 0  # bytes that have been moved
+        self.place = 0  # bytes moved so far
 
     @property
     def on(self) -> bool:
-        """Whether it serves requests."""
+        """Whether the stream serves requests."""
         return bool(self.cr & EN) and self.ndtr > 0
 
     @property
     def direction(self) -> int:
-        """TO_MEMORY or TO_PERIPHERAL."""
+        """Direction: TO_MEMORY or TO_PERIPHERAL."""
         return self.cr >> 6 & 3
 
     @property
     def channel(self) -> int:
-        """Of the eight."""
+        """Channel, one of eight."""
         return self.cr >> 25 & 7
 
     def enable(self) -> bool:
-        """Whether it could be; it was just written with EN."""
+        """Whether the stream can be enabled, just after a write of EN."""
         self.place = 0
         if self.cr >> 11 & 15 or self.cr & CIRC or self.direction > 1:
             self._object(f"DMA2 stream {self.number}: only bytes, once, to or from a peripheral are emulated")
@@ -57,13 +57,13 @@ class DmaStream:
         return True
 
     def fetch(self, count: int) -> bytes:
-        """The next bytes of the memory; nothing is counted."""
+        """Return the next bytes of the memory, without counting them."""
         if not self.cr & MINC:
             return self._cpu.memory(self.memory, 1) * count
         return self._cpu.memory(self.memory + self.place, count)
 
     def store(self, data: bytes) -> None:
-        """The next bytes to the memory."""
+        """Write the next bytes to the memory."""
         if data:
             where, what = (self.memory + self.place, data) if self.cr & MINC else (self.memory, data[-1:])
             try:
@@ -73,7 +73,7 @@ class DmaStream:
             self.count(len(data))
 
     def count(self, items: int) -> None:
-        """So many have been moved: with the last of them the stream ends."""
+        """Count items as moved; the last of them ends the stream."""
         if not items:
             return
         self.place += items
@@ -83,19 +83,19 @@ class DmaStream:
             self.raise_flags(HALF | COMPLETE)
 
     def raise_flags(self, flags: int) -> None:
-        """As in LISR, from bit 0."""
+        """Set flags, as in LISR, from bit 0."""
         self.flags |= flags
         self.set_line()
 
     def set_line(self) -> None:
-        """Of the interrupt."""
+        """Update the interrupt line."""
         asked = (bit for bit, flag in ((TCIE, COMPLETE), (HTIE, HALF), (TEIE, ERROR)) if self.flags & flag)
         self._nvic.line(IRQS[self.number], any(self.cr & bit for bit in asked))
 
 
 class Dma:
-    """started: peripheral's address -> told that one of its streams has been enabled; settle: told before its registers are read;
-    ends: says when the transfer at hand does, or never."""
+    """started: peripheral's address -> function called when one of its streams is enabled; settle: function called before its registers are
+    read; ends: function that returns when its current transfer ends, or never."""
 
     def __init__(self, clock: CycleClock, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
         self._clock = clock
@@ -106,7 +106,7 @@ class Dma:
         self._poll = Poll(clock, 3)
 
     def serving(self, peripheral: int, direction: int, wired: tuple[tuple[int, int], ...]) -> DmaStream | None:
-        """The stream that serves a data register in a direction now; wired: (stream, channel) that the part has for it."""
+        """Return the stream that now serves a data register in a direction; wired: (stream, channel) that the part has for it."""
         for number, channel in wired:
             stream = self.streams[number]
             if stream.on and stream.channel == channel and stream.direction == direction and stream.peripheral == peripheral:
@@ -114,7 +114,7 @@ class Dma:
         return None
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         for settle in self.settle.values():
             settle()
         if offset in (0x00, 0x04):
@@ -135,7 +135,7 @@ class Dma:
         return min((end() for end in self.ends.values()), default=NEVER)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         self._poll.broken()
         for settle in self.settle.values():
             settle()
@@ -153,7 +153,7 @@ class Dma:
             stream.cr = value
             stream.set_line()
             if disabled:
-                stream.raise_flags(COMPLETE)  # RM0090, 10.3.15: a stream that is switched off says so
+                stream.raise_flags(COMPLETE)  # RM0090, 10.3.15: a stream that is switched off sets this flag
             if (enabled and stream.enable()) or disabled:
                 for started in self.started.values():
                     started()
@@ -179,14 +179,14 @@ MSTR, SPE, SSI, SSM, DFF = 1 << 2, 1 << 6, 1 << 8, 1 << 9, 1 << 11
 
 
 class SpiDevice(Protocol):
-    """What hangs on the bus."""
+    """A device on the bus."""
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
-        """Bytes out from a time on, each so long; the bytes that come back."""
+        """Send bytes from a time on, each with a duration, and return the bytes received."""
 
 
 class Spi:
-    """bytes: that have been exchanged."""
+    """bytes: number of bytes exchanged."""
 
     def __init__(self, clock: CycleClock, bus: Bus, nvic: Nvic, dma: Dma, pins: Gpio, device: SpiDevice):
         self._clock, self._bus, self._nvic, self._dma, self._pins, self._device = clock, bus, nvic, dma, pins, device
@@ -205,7 +205,7 @@ class Spi:
         return 8 * (2 << (self._cr1 >> 3 & 7)) * self._bus.rcc.divider(2)
 
     def _exchange(self, out: bytes, cycle: float) -> bytes:
-        """Bytes from a cycle on."""
+        """Exchange bytes from a cycle on."""
         if CORE_HZ * 8 / self._byte_cycles > MOST_HZ:
             self._bus.object(f"SPI1 runs at {CORE_HZ * 8 / self._byte_cycles / 1e6:g} MHz; the sensor takes {MOST_HZ / 1e6:g}")
         if self._cr1 & 3 not in (0, 3) or self._cr1 & (DFF | SPE << 1):
@@ -219,18 +219,18 @@ class Spi:
 
     @property
     def busy(self) -> bool:
-        """Whether a byte is on its way."""
+        """Whether a byte is being transferred."""
         return self._clock.now() < self._free_at or self._transfer is not None
 
     # Registers
 
     def settle(self) -> None:
-        """What has happened by now."""
+        """Update the state to the present time."""
         now = self._clock.now()
         if self._transfer:
             self._transfer.settle(now)
         while len(self._received) > 1 and self._received[1][0] <= now:
-            del self._received[1]  # the byte that nobody fetched stays, the one behind it is lost
+            del self._received[1]  # a byte that was not fetched stays, and the next one is lost
             self._overrun = True
 
     def _status(self, now: float) -> int:
@@ -239,7 +239,7 @@ class Spi:
         return (RXNE if received else 0) | (TXE if now >= self._taken_at else 0) | (OVR if self._overrun else 0) | (BSY if busy else 0)
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         self.settle()
         now = self._clock.now()
         if offset == 0x08:
@@ -263,7 +263,7 @@ class Spi:
         return min((cycle for cycle in times if cycle > now), default=NEVER)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         self._poll.broken()
         self.settle()
         if offset == 0x00:
@@ -306,7 +306,7 @@ class Spi:
     # DMA
 
     def _serve(self) -> None:
-        """Begin what DMA asks for, or end what it no longer serves."""
+        """Begin a transfer that DMA requests, or end one that it no longer serves."""
         transfer = self._transfer
         if transfer and not (transfer.serves() and self._cr2 & TXDMAEN and self._cr1 & SPE):
             transfer.cancel()
@@ -320,7 +320,7 @@ class Spi:
         self._transfer = Transfer(self, out, into, max(self._clock.now(), self._free_at), self._byte_cycles)
 
     def ended(self, cycle: float, last: int, lost: bool) -> None:
-        """A transfer is over; its last byte, and whether bytes were not fetched."""
+        """End a transfer with its last byte; lost: whether bytes were not fetched."""
         self._transfer, self._free_at, self._taken_at = None, cycle, cycle
         if lost:
             self._received.clear()
@@ -330,7 +330,7 @@ class Spi:
 
 
 class Transfer:
-    """So many bytes by DMA, from a cycle on, without a pause between them."""
+    """A number of bytes by DMA, from a cycle on, without pauses between them."""
 
     def __init__(self, spi: Spi, out: DmaStream, into: DmaStream | None, start: float, byte_cycles: int):
         self._spi, self._out, self._into, self._start, self._byte_cycles = spi, out, into, start, byte_cycles
@@ -344,15 +344,15 @@ class Transfer:
 
     @property
     def end(self) -> float:
-        """The cycle of its last bit."""
+        """Cycle of the last bit."""
         return self._start + self._count * self._byte_cycles
 
     def serves(self) -> bool:
-        """Whether its streams are still on."""
+        """Whether the transfer's streams are still on."""
         return self._out.on or self._done == self._count
 
     def settle(self, now: float) -> None:
-        """Exchange what has begun, store what has come in."""
+        """Exchange bytes that have begun, store bytes that have arrived."""
         ended = self._count if now >= self.end else max(0, int((now - self._start) // self._byte_cycles))
         begun = min(self._count, ended + 1) if now >= self._start else 0
         if begun > self._done:
@@ -370,6 +370,6 @@ class Transfer:
         self._spi.ended(end, self._answers[-1], stored < self._count)
 
     def cancel(self) -> None:
-        """Nothing more comes of it."""
+        """Stop the transfer."""
         for event in self._events:
             event.cancel()

@@ -1,4 +1,4 @@
-"""USART1 and USART2: bytes to and from the world, at the speed of the line."""
+"""USART1 and USART2: serial input and output, at the baud rate."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ SR, DR, BRR, CR1, CR2, CR3 = range(0, 24, 4)
 ORE, RXNE, TC, TXE = 1 << 3, 1 << 5, 1 << 6, 1 << 7
 RE, TE, RXNEIE, TCIE, TXEIE, UE = 1 << 2, 1 << 3, 1 << 5, 1 << 6, 1 << 7, 1 << 13
 DMAT = 1 << 7
-BITS = 10  #: of a byte: start, eight, stop
+BITS = 10  #: per byte: start, eight, stop
 
 
 class Usart:
-    """sent: what has gone out since it was last taken; lost: bytes that the program did not fetch in time.
+    """sent: bytes sent since they were last taken; lost: bytes that the program did not fetch in time.
 
-    wired: (stream, channel) of DMA2 for sending; apb: which clock; pins_right: whether the pins are its own.
+    wired: (stream, channel) of DMA2 for sending; apb: index of the clock; pins_right: whether the pins are configured for it.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class Usart:
         self._words = {BRR: 0, CR1: 0, CR2: 0, CR3: 0}
         self.sent, self.lost = bytearray(), 0
         self._free_at = self._taken_at = 0.0  # end of the last byte; when the data register is empty again
-        self._coming: deque[int] = deque()  # on the line to the board
+        self._coming: deque[int] = deque()  # bytes on their way to the board
         self._arrival: TimedCall | None = None
         self._status, self._data = 0, 0
-        self._completed = True  # TC, but for a write of 0 to it
+        self._completed = True  # TC, apart from a write of 0 to it
         self._sending: DmaStream | None = None
         self._ends: TimedCall | None = None
         self._poll = Poll(clock)
@@ -52,7 +52,7 @@ class Usart:
 
     @property
     def baud(self) -> float:
-        """As the registers set it; 0 before."""
+        """Baud rate as the registers set it; 0 before."""
         return CORE_HZ / self._bus.rcc.divider(self._apb) / self._words[BRR] if self._words[BRR] else 0.0
 
     @property
@@ -60,12 +60,12 @@ class Usart:
         return BITS * self._words[BRR] * self._bus.rcc.divider(self._apb)
 
     def take(self) -> bytes:
-        """What has gone out since this was last asked."""
+        """Return the bytes sent since the last call."""
         data, self.sent = bytes(self.sent), bytearray()
         return data
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the other end, at the board's own speed; lost while it does not listen."""
+        """Receive bytes from the other end, at the board's own speed; they are lost while the receiver is off."""
         if self._words[CR1] & (UE | RE) != UE | RE or not self._byte_cycles:
             self.lost += len(data)
             return
@@ -94,7 +94,7 @@ class Usart:
         return status
 
     def read(self, offset: int) -> int:
-        """A word."""
+        """Read a word."""
         now = self._clock.now()
         if offset == SR:
             status = self._flags(now)
@@ -114,7 +114,7 @@ class Usart:
         return min((cycle for cycle in (self._taken_at, self._free_at) if cycle > now), default=now)
 
     def write(self, offset: int, value: int) -> None:
-        """A word."""
+        """Write a word."""
         self._poll.broken()
         if offset == SR:
             self._completed = self._completed and bool(value & TC)
@@ -174,7 +174,7 @@ class Usart:
         self._taken_at = self._free_at - self._byte_cycles
 
     def _sent_all(self, stream: DmaStream, data: bytes) -> None:
-        """The last byte has been taken."""
+        """Finish after the last byte was taken."""
         if stream.fetch(len(data)) != data:
             self._bus.object(f"{self._name}: what DMA sends was changed before it was sent")
         self.sent += data

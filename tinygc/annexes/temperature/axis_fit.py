@@ -147,7 +147,7 @@ def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
 
 
 def lag_grid(knots: Knots) -> np.ndarray:
-    """Return the lags s to try, without zero; empty where the temperature changes in one direction only, which shows no lag."""
+    """Return the lags, s, to try, without zero; empty where the temperature changes in one direction only, which shows no lag."""
     if not {-1, 1} <= set(knots.direction.tolist()):
         return np.zeros(0)
     block_s = max(log.block_s for log in knots.logs)

@@ -1,4 +1,4 @@
-"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution."""
+"""The closure residual: integrated rate against the reference attitude; its noise floor and its linear solution."""
 
 from tinygc.closure.residual import (
     Batch,

@@ -16,29 +16,32 @@ from tinygc.closure.floor import UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.stills import StillSet
 
-# Overlapping Allan deviation of whatever stillness there is (IEEE 952, annex C).
+# Overlapping Allan deviation pooled over stills (IEEE 952, annex C).
 #
-# A session's stillness comes in pieces, a still each, in different attitudes.  The Allan variance is built of second differences of the
-# angle, which know nothing of a piece's mean; so the pieces are pooled, and no difference reaches over a turn.  Sums of pieces may be kept
-# (``AllanSums``) where there are too many to hold, and curves at short and at long times put together.
+# Stills lie in different attitudes.  The Allan variance is built from second differences of the angle, which do not depend on the mean rate
+# of a still.  So the stills are pooled, and no difference spans a turn.  Where there are too many to hold, their sums are kept
+# (``AllanSums``).  Curves at short and at long averaging times can be joined.
 
 #: the floor of the Allan deviation is this share of the bias instability: sqrt(2 ln 2 / pi) (IEEE 952, C.1)
 FLICKER_FLOOR = 0.6643
-#: the angle random walk is read here: beyond the sensor's low-pass filter, and well within a still
+#: averaging time at which the angle random walk is read: beyond the sensor's low-pass filter and well within a still
 READ_S, READ_SAMPLES = 0.2, 20
-#: one sigma, as a share, of what still bends the curve there: the low-pass filter holds it down, the bias's own wander lifts it
+#: relative sigma of the remaining departure from slope -1/2 there: the low-pass filter lowers the curve, bias drift raises it
 BENT_SHARE = 0.015
-#: a deviation with fewer degrees of freedom says nothing
+#: deviations with fewer degrees of freedom are discarded
 LEAST_FREEDOM = 5.0
-#: the curve's floor is looked for where it is known this well
+#: the floor is searched only among deviations with at least these degrees of freedom
 FLOOR_FREEDOM = 20.0
-#: it is a floor, and no longer the white slope, where it is above that slope by so many of its own sigmas, and by this share of itself
+#: the minimum counts as a floor if it exceeds the white-noise slope by this many sigmas and by this share of its variance
 LEAVES_SIGMAS, FLOOR_SHARE = 3.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class AllanCurve:
-    """tau_s (K,) s; deviation (K, 3) rad/s; freedom (K,) equivalent degrees of freedom of each; longest_s of one piece."""
+    """Allan deviation curve of three axes.
+
+    tau_s (K,) s; deviation (K, 3) rad/s; freedom (K,) equivalent degrees of freedom; longest_s: the longest piece.
+    """
 
     tau_s: np.ndarray
     deviation: np.ndarray
@@ -47,13 +50,13 @@ class AllanCurve:
 
     @property
     def relative_sigma(self) -> np.ndarray:
-        """(K,) one sigma of each deviation, as a share of it."""
+        """(K,) relative standard error of each deviation."""
         return 1 / np.sqrt(2 * self.freedom)
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One coefficient of one axis, SI: value with its sigma where it is observed; else at_most, the k = 2 upper limit, or NaN."""
+    """One noise coefficient of one axis, SI: value and sigma if observed; otherwise at_most, the k = 2 upper limit, or NaN."""
 
     value: float
     sigma: float
@@ -62,9 +65,9 @@ class Reading:
 
 
 def allan_curve(pieces: list[np.ndarray], period_s: float, per_octave: int = 4) -> AllanCurve:
-    """Pool pieces of rates (N_i, 3) rad/s, sampled every period_s; K averaging times, ``per_octave`` to an octave.
+    """Allan deviation pooled over pieces of rates (N_i, 3) rad/s, sampled every period_s, at ``per_octave`` averaging times per octave.
 
-    Raises ValueError where no piece has four samples.
+    Raises ValueError if no piece has four samples.
     """
     pieces = [piece for piece in pieces if len(piece) >= 4]
     if not pieces:
@@ -74,13 +77,13 @@ def allan_curve(pieces: list[np.ndarray], period_s: float, per_octave: int = 4) 
 
 
 def averaging_factors(samples: int, per_octave: int) -> tuple[int, ...]:
-    """Numbers of samples to average, up to half of so many."""
+    """Averaging factors, in samples, up to half of ``samples``."""
     return tuple(np.unique(np.round(2 ** np.arange(0, np.log2(samples / 2) + 1e-9, 1 / per_octave)).astype(int)).tolist())
 
 
 @dataclass(frozen=True, eq=False)
 class AllanSums:
-    """What a piece adds: factors (K,); total (K, 3) of squared second differences of the summed rate; count, freedom (K,)."""
+    """Sums of one piece: factors (K,); total (K, 3) of squared second differences of the summed rate; count, freedom (K,)."""
 
     factors: tuple[int, ...]
     total: np.ndarray
@@ -89,7 +92,7 @@ class AllanSums:
 
     @classmethod
     def of(cls, piece: np.ndarray, factors: tuple[int, ...]) -> AllanSums:
-        """Of rates (N, 3)."""
+        """Compute the sums of rates (N, 3)."""
         theta = np.vstack([np.zeros(3), np.cumsum(piece - piece.mean(axis=0), axis=0)])
         total, count, freedom = np.zeros((len(factors), 3)), np.zeros(len(factors)), np.zeros(len(factors))
         for k, m in enumerate(factors):
@@ -101,7 +104,7 @@ class AllanSums:
 
 
 def curve_of(pieces: list[AllanSums], period_s: float, longest_s: float) -> AllanCurve:
-    """Pieces' sums, of the same factors, pooled; times that are hardly known are left out."""
+    """Pool the sums of pieces with the same factors; averaging times with too few degrees of freedom are left out."""
     total, count, freedom = (sum(getattr(piece, name) for piece in pieces) for name in ("total", "count", "freedom"))
     variance = total / (2 * np.square(pieces[0].factors) * np.maximum(count, 1))[:, None]
     known = freedom >= LEAST_FREEDOM
@@ -110,7 +113,7 @@ def curve_of(pieces: list[AllanSums], period_s: float, longest_s: float) -> Alla
 
 
 def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
-    """One curve: the short times of the one, then what the other has beyond them."""
+    """Join two curves: all of ``short``, then the longer averaging times of ``long``."""
     later = long.tau_s > short.tau_s[-1]
     tau_s, deviation, freedom = (
         np.concatenate([getattr(short, name), getattr(long, name)[later]]) for name in ("tau_s", "deviation", "freedom")
@@ -119,12 +122,12 @@ def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
 
 
 def _freedom(points: int, m: int) -> float:
-    """Of the overlapping estimate from so many angles, for white rate noise (NIST SP 1065, table 5)."""
+    """Degrees of freedom of the overlapping estimate for white rate noise (NIST SP 1065, table 5)."""
     return max((3 * (points - 1) / (2 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5), 1.0)
 
 
 def angle_random_walk(curve: AllanCurve, axis: int) -> Reading:
-    """N, rad/sqrt(s): the deviation times sqrt(tau) where the slope is -1/2."""
+    """Angle random walk N, rad/sqrt(s): the deviation times sqrt(tau) on slope -1/2."""
     k = _read_at(curve)
     value = float(curve.deviation[k, axis] * np.sqrt(curve.tau_s[k]))
     enough = curve.tau_s[k] >= 0.5 * READ_S and curve.freedom[k] >= LEAST_FREEDOM
@@ -132,7 +135,7 @@ def angle_random_walk(curve: AllanCurve, axis: int) -> Reading:
 
 
 def bias_instability(curve: AllanCurve, axis: int) -> Reading:
-    """B, rad/s: the curve's floor less its white part, / 0.664, where it has come to a floor; else an upper limit."""
+    """Bias instability B, rad/s: the curve's floor less its white part, / 0.664; an upper limit if the curve has no floor."""
     walk = angle_random_walk(curve, axis)
     variance, spread = curve.deviation[:, axis] ** 2, np.sqrt(2 / curve.freedom)
     later = curve.tau_s > 2 * curve.tau_s[_read_at(curve)]
@@ -150,42 +153,42 @@ def bias_instability(curve: AllanCurve, axis: int) -> Reading:
 
 
 def _read_at(curve: AllanCurve) -> int:
-    """Index of the averaging time at which the random walk is read: the nearest there is."""
+    """Index of the averaging time nearest to the one at which the angle random walk is read."""
     sample_s = curve.tau_s[0]
     wanted = max(READ_S, READ_SAMPLES * sample_s)
     return int(np.argmin(np.abs(np.log(curve.tau_s / wanted))))
 
 
-# The bias instability that uncertainties reckon with: of session.toml, else typical of the model, else estimated from the stills.
+# The bias instability used for uncertainties: from session.toml, else typical of the sensor model, else estimated from the stills.
 #
-# The estimate: the mean rates of the stills, long ones in pieces (so Allan's averaging times within them count as well), scatter beyond
-# white noise by the covariance of flicker noise, times B^2.  What gravity, the Earth, a steady drift and temperature may do to them is
-# projected out; B's likelihood (restricted: Patterson & Thompson 1971) over all axes, with a flat prior, gives its mean and sigma.
-# A few stills that something else moved (a knock) must not pass for wander: innovations are normal, or, one in fifty, of a far wider law;
-# nor must a step of the bias, which is looked for and taken out.
+# The estimate uses the mean rates of the stills; long stills are cut into pieces, so averaging times within them count as well.  Beyond
+# white noise their covariance is that of flicker noise times B^2.  Effects of gravity, the Earth, a steady drift and temperature are
+# projected out.  The restricted likelihood of B (Patterson & Thompson 1971) over all axes, with a flat prior, gives its mean and sigma.
+# A few disturbed stills (a knock) must not count as bias drift, so innovations follow a mixture: normal, or in one case of fifty far wider.
+# A step of the bias must not count either: steps are detected and projected out.
 
 GIVEN, ESTIMATED = "given", "estimated from this recording"
-#: a still of twice this is cut into pieces: white noise of a second or more is as white as within a still; and how many pieces at most
+#: length of the pieces into which longer stills are cut, s; greatest number of pieces
 PIECE_S, MOST_PIECES = 4.0, 300
-#: B that are tried, rad/s; no MEMS gyroscope that holds an attitude for a turn is as unsteady as the last
+#: grid of B, rad/s; the last is beyond any MEMS gyroscope that can hold an attitude for a turn
 GRID_RPS = np.concatenate([[0.0], np.geomspace(0.1, 300.0, 70)]) * DEG_PER_HOUR
-#: innovations that are not the sensor's: how many, and how wide.  One in fifty costs an estimate without them 2 % of its sigma
+#: share and width of outlying innovations; without outliers this share costs 2 % of the estimate's sigma
 OUTLIERS, OUTLIER_SIGMAS = 0.02, 20.0
-#: chi-square, 3 degrees of freedom, that a step of the bias must take up beside the wander, which some 100 moments reach by chance once
-#: in 700 recordings; and how many are looked for
+#: chi-square (3 degrees of freedom) by which a bias step must improve the fit; some 100 moments reach it by chance in one of 700
+#: recordings; greatest number of steps
 STEP_CHI_SQUARE, MOST_STEPS = 25.0, 3
-#: s at both ends of a still that are left out: a turn begins more softly than a block's noise tells
+#: s left out at both ends of a still: the onset of a turn is too soft for the still detector
 END_S = 0.2
-#: numbers in the covariances that are looked at together: some megabytes
+#: elements of the covariances that are processed at once: some megabytes
 SAMPLES_AT_ONCE = 500_000
-#: freedoms of all axes together, below which the flat prior, and not the recording, would decide
+#: degrees of freedom of all axes together below which the flat prior would dominate
 LEAST_STILL_FREEDOM = 9
 #: degC: a smaller change is the thermometer's noise
 LEAST_CHANGE_C = 0.5
 
 
 def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
-    """Of a session's sensor, with the stills of its logs and the Earth's rate by yaw group."""
+    """Bias instability of a session's sensor, from the stills of its logs and the Earth's rate by yaw group."""
     if sensor.gyro_bias_instability_dph is not None:
         return BiasInstability(sensor.gyro_bias_instability_dph * DEG_PER_HOUR, GIVEN)
     if typical := sensor.typical("gyro_bias_instability_dph"):
@@ -194,7 +197,7 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
 
 
 def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
-    """From the stills alone."""
+    """Estimate the bias instability from the stills alone."""
     pieces = [piece for number, log in enumerate(logs) for piece in _pieces(number, logs)]
     if not pieces:
         return BiasInstability(0.0, UNKNOWN)
@@ -228,8 +231,8 @@ def _posterior(likelihood: np.ndarray) -> BiasInstability:
 
 
 def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
-    """Of each reference still of a log, whole or in parts: mean rate, log, moment and span s, angle random walk, gravity's direction,
-    attitude, yaw group, degC or NaN."""
+    """Iterate over the reference stills of a log, whole or in parts: mean rate, log, moment and span s, angle random walk, gravity's
+    direction, attitude, yaw group, degC or NaN."""
     log, began = logs[number], sum(before.samples.duration_s for before in logs[:number])
     rested = sum(still.duration_s for each in logs for still in each.stills if still.problem is None)
     samples, walk, piece_s = log.samples, log.noise.angle_random_walk, max(PIECE_S, rested / MOST_PIECES)
@@ -250,13 +253,13 @@ def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
 
 
 def _sideways(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
-    """(N, 2 groups): what a horizontal rate fixed in the table adds to an axis; the vertical one goes with gravity's direction."""
+    """(N, 2 groups): columns of a horizontal rate fixed in the table, on one body axis; gravity's direction covers the vertical rate."""
     turn = rotation.matrix(q_tb)
     return np.stack([np.where(group == g, turn[:, i, axis], 0.0) for g in np.unique(group) for i in (0, 1)], axis=1)
 
 
 def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """(N, r), orthonormal: what may move the zero otherwise, the likeliest first, and no more than half as many as there are pieces."""
+    """(N, r), orthonormal: other causes of bias changes, the likeliest first; r is at most half the number of pieces."""
     x, y, z = down.T
     own = [(log == number)[:, None].astype(float) for number in np.unique(log)]
     blocks = [np.concatenate([*own, steps], axis=1), down, sideways, (t_s - t_s.mean())[:, None]]
@@ -272,13 +275,13 @@ def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.nd
 
 
 def _log_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
-    """(B,) of each of ``GRID_RPS``, restricted, of one axis, with the outliers' law; the columns' coefficients at their best."""
+    """(B,) restricted log-likelihood of one axis at each of ``GRID_RPS``, with outliers; the columns' coefficients are fitted."""
     every = max(1, SAMPLES_AT_ONCE // len(flicker) ** 2)
     return np.concatenate([_of_some(rate, columns, white, flicker, GRID_RPS[k : k + every]) for k in range(0, len(GRID_RPS), every)])
 
 
 def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray, tried_rps: np.ndarray) -> np.ndarray:
-    """The same of some instabilities (B,): arrays are (B, N, …) here."""
+    """Compute the log-likelihood for some instabilities (B,): arrays are (B, N, …) here."""
     factor = np.linalg.cholesky(np.diag(white) + tried_rps[:, None, None] ** 2 * flicker)
     both = np.broadcast_to(np.column_stack([rate, columns]), (len(tried_rps), len(rate), 1 + columns.shape[1]))
     whitened = solve_lower(factor, both)
@@ -295,7 +298,7 @@ def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: 
 
 
 def _step(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
-    """(N,) of the step of the bias, on all axes at one moment, that takes up most chi-square beside a wander; None if that is little."""
+    """(N,) the bias step, common to all axes at one moment, that reduces chi-square most; None if it is not significant."""
     after = np.tril(np.ones((len(rate), len(rate))))[:, 1:]  # from each piece on
     gain = np.zeros(after.shape[1])
     for axis in range(3):

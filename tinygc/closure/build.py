@@ -1,4 +1,4 @@
-"""Build the problem of a session: segments, references, known turns, impacts, bias from adjoining stills."""
+"""Build the fit problem of a session: segments, references, known turns, impacts, bias from adjoining stills."""
 
 from __future__ import annotations
 
@@ -34,10 +34,9 @@ AXES_APART = 0.3
 
 
 def known_turns_of(session: Session, found: SessionStills, segments: Sequence[Segment]) -> tuple[FoundTurn, ...]:
-    """The session's known turns among its segments.
+    """Match the session's known turns to its segments.
 
-    They are counted as ``check`` counts them.  Where stills have since been taken for none, two turns may have become one: then neither is
-    a turn of known angle.
+    Turns are numbered as ``check`` numbers them.  Where a still was rejected since, two turns become one segment; neither angle is used.
     """
     if not session.turns:
         return ()
@@ -65,7 +64,7 @@ def known_turns_of(session: Session, found: SessionStills, segments: Sequence[Se
 
 
 def as_reference(turns: Sequence[FoundTurn], count: int, segments: Sequence[Segment]) -> KnownTurns | None:
-    """Of ``count`` segments; None where no turn's angle is known."""
+    """Known angles of ``count`` segments as a reference; None if no angle is known."""
     used = [turn for turn in turns if turn.problem is None]
     if not used:
         return None
@@ -79,15 +78,15 @@ def as_reference(turns: Sequence[FoundTurn], count: int, segments: Sequence[Segm
 
 
 def span_space(turns: Sequence[FoundTurn]) -> bool:
-    """Whether turns of known angle are about three axes that lie apart: then each scale factor has one of its own."""
+    """Whether the axes of the known turns span space, so that every scale factor is observed."""
     axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
     return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
 
 
 def tilt_excess(batch: Batch, floor: Floor, start: LinearModel, at_rest: StillRates | None) -> float:
-    """Factor, 1 or more, by which the tilt at the ends misses more than its floor: what a hand, a data rate, or an accelerometer leaves.
+    """Factor, 1 or more, by which the tilt residuals exceed their floor, due to the hand, the data rate or the accelerometer.
 
-    By the model of these ends alone: a stop's error must not count as theirs.  1 where they are no more than the model's parameters.
+    The model is fitted to the tilt alone, so that errors of the stops do not count.  1 if there are no more residuals than parameters.
     """
     angles = 2 * len(batch)
     if angles <= PARAMETERS:
@@ -99,9 +98,9 @@ def tilt_excess(batch: Batch, floor: Floor, start: LinearModel, at_rest: StillRa
 
 
 def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
-    """The mean rates of the stills as the bias, to the Earth's rate, whose direction nobody knows yet.
+    """Mean rates of the stills as measurements of the bias; the Earth's rate, not yet known in direction, widens their sigma.
 
-    A turn about one axis by one angle cannot tell a scale error from a bias.
+    A single turn about one axis does not separate scale error from bias.
     """
     rows = [(still, log.noise) for log in logs for still in log.stills if still.problem is None]
     rate = np.array([still.gyro_mean for still, _ in rows])
@@ -109,31 +108,31 @@ def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
     return StillRates(rate, np.zeros_like(rate), sigma)
 
 
-# Turns with an impact: how much less certain they are, by the closure of these very turns.
+# Turns with an impact: their extra uncertainty, estimated from their own closure residuals.
 #
-# An impact of j g makes a turn's end uncertain by s j.  The calibration of the turns without one predicts the others; s is what these miss
-# beyond what that prediction and the usual turn's misfit allow: the median of its likelihood over s (a flat prior), where the turns
-# themselves bear it out, else 0.  One sensor filters an impact and loses nothing of it, another loses degrees (docs/real-recordings.md): a
-# constant would be wrong for both.
+# An impact of j g makes a turn's end uncertain by s j.  The calibration from turns without impacts predicts the others.  s is estimated
+# from their residuals beyond the uncertainty of that prediction and the usual misfit of a turn: it is the median of its posterior under a
+# flat prior if that is significantly better than none, else 0.  Some sensors filter an impact without loss, others lose degrees
+# (docs/real-recordings.md), so a constant would be wrong for both.
 
-#: turns without an impact that tell a calibration of 12 parameters, and how far it misses; with fewer, all turns tell it
+#: turns without an impact needed to fit 12 parameters and their misfit; with fewer, all turns are used
 FEWEST_CALM = 9
 #: twice the logarithm of the likelihood by which s must be better than none: by chance once in 20 (Self & Liang 1987: s cannot be negative)
 BORNE_OUT = 2.71
-#: rad per g that are tried: from a thousandth of a degree to ten degrees
+#: grid of s, rad per g: from a thousandth of a degree to ten degrees
 GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 120)]) * DEG
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Of S segments: jump_g (S,), root of the sum of squares of their impacts', 0 without one; says (S,): what happened, where."""
+    """Impacts of S segments: jump_g (S,), root sum of squares of each segment's impacts, 0 without one; says (S,): description."""
 
     jump_g: np.ndarray
     says: list[str]
 
 
 def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) -> Hits:
-    """impacts: of each log."""
+    """Collect the impacts, given by log, of each segment."""
     inside = [[each for each in impacts[s.log] if s.start <= each.row < s.stop - 1] for s in segments]
     jumps = np.array([np.sqrt(sum(each.jump_g**2 for each in own)) for own in inside])
     return Hits(jumps, [_words(own) for own in inside])
@@ -142,7 +141,7 @@ def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) ->
 def widened_by_impacts(
     segments: Sequence[Segment], hits: Hits, batch: closure.Batch, floor: Floor, start: LinearModel
 ) -> tuple[np.ndarray, list[Widening]]:
-    """(S, 3, 3) rad^2 that impacts add to the ends of S segments; of the batch with its floor, the search begun at a model."""
+    """(S, 3, 3) rad^2 that impacts add to the ends of S segments, and what they widen; the search starts at a model."""
     hit = hits.jump_g > 0
     more = np.zeros((len(batch), 3, 3))
     if not hit.any():
@@ -160,7 +159,7 @@ def widened_by_impacts(
 
 
 def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: LinearModel) -> float:
-    """rad per g and angle."""
+    """Estimate s, rad per g and angle."""
     hit = jump_g > 0
     own = ~hit if (~hit).sum() >= FEWEST_CALM else np.ones_like(hit)
     fit = fit_least_squares(batch.pick(own), floor.sigma[own], start)
@@ -168,7 +167,7 @@ def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: Linear
     angles = closure.error_angles(closure.segment_residuals(batch, rate))[:, :2]
     design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :2]
     variance = floor.sigma[:, :2] ** 2
-    # What the calibration of the others allows, and by how much more the usual turn misses.
+    # The uncertainty of the other turns' calibration, and the factor by which the usual turn exceeds its floor.
     freedom = max(2 * int(own.sum()) - PARAMETERS, 1)
     usual = max(1.0, float(np.sum(angles[own] ** 2 / variance[own])) / freedom)
     known = np.einsum("sdp,pq,seq->sde", design[hit], fit.covariance, design[hit]) + variance[hit][:, :, None] * np.eye(2)
@@ -190,23 +189,23 @@ def _words(impacts: list[Impact]) -> str:
     return f"{count} of {worst.jump_g:.1f} g from one reading to the next at {worst.at_s:.2f} s"
 
 
-# Each turn's bias from the stills that adjoin it, instead of from the ends of all turns.
+# The bias of each turn from the adjoining stills, instead of from the ends of all turns.
 #
-# A still turns with the Earth, so what it measures beyond that is the bias: b = m - E^-1 R_bt w_earth, in measured units.  Between the
-# middles of the still before a turn and the one after it the bias is taken to run straight.
+# A body at rest turns with the Earth, so the rest of its measured rate is the bias: b = m - E^-1 R_bt w_earth, in measured units.  The bias
+# is interpolated linearly between the middles of the stills before and after a turn.
 
 
 def rest_biases(problem: Problem) -> np.ndarray:
-    """(Q, 3) rad/s, measured: the bias that each reference still shows.
+    """(Q, 3) rad/s, in measured units: the bias of each reference still.
 
-    E is that of the first linear fit; its error of a percent is one of the Earth's rate, not of the bias.
+    E is that of the first linear fit; its error of a percent scales only the Earth's rate.
     """
     rates = problem.still_rates
     return rates.rate - np.linalg.solve(problem.first.E, rates.earth.T).T
 
 
 def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Numbers (S,) of the reference stills before and after each used segment, and the share (S, T) of the latter in each sample's bias."""
+    """Indices (S,) of the reference stills before and after each used segment, and the weight (S, T) of the latter at each sample."""
     rates = problem.still_rates
     assert rates.middle_s is not None
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
@@ -221,9 +220,9 @@ def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def with_still_bias(problem: Problem) -> Problem:
-    """The problem with every turn at the session's mean bias, which its ``rest_rps`` then has: only E is left to be found.
+    """Fix the bias of every turn from its stills: ``rest_rps`` is the session's mean bias, and only E is left to fit.
 
-    What a turn's bias is apart from the mean is taken off as the Earth's rate is: for any model, without touching what it is given.
+    The difference of a turn's bias from the mean is subtracted like the Earth's rate, so the input of the model does not change.
     Raises FitError where the turns do not lie between stills (a truth file).
     """
     if problem.session.truths is not None or not len(problem.still_rates.rate):
@@ -236,16 +235,16 @@ def with_still_bias(problem: Problem) -> Problem:
     return replace(problem, batch=batch, rest_rps=mean)
 
 
-# From a session to the problem that every method solves: the same segments, references, Earth and floor for all.
+# From a session to the problem that every method solves, with the same segments, references, Earth and floor.
 
-#: how well a person reads a dial
+#: reading error of a dial
 DIAL_SIGMA_RAD = 0.05 * DEG
 DIAL_LIMIT_RAD = 1.0 * DEG
-#: of a segment, before its floor is known
+#: sigma of a segment before its floor is known
 FIRST_SIGMA_RAD = 1e-3
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
-#: of the prior in the first fit, which only carries the yaw of so few turns: as a variance, three sigmas for one
+#: variance factor of the prior in the first fit, which only carries the yaw: three times the sigma
 FIRST_WIDER = 9.0
 
 
@@ -261,12 +260,11 @@ def build_problem(
     prior: PriorOf | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
-    """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
+    """Find stills, cut segments, carry the attitude through each log, and compute the Earth's rate and the floor.
 
-    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
-    segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
-    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins; prior:
-    of the unit, used here where its turns are too few for a fit of their own.
+    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known not to be at rest; clipped: numbers
+    of segments with wrong rates, through which no attitude is carried; found: the session's stills, if already detected; near: a model
+    near the gyroscope's, at which the first fit starts; prior: of the unit, used here if its turns are too few for a fit without one.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -282,7 +280,7 @@ def build_problem(
     few = np.count_nonzero(used) < FEWEST_SEGMENTS
     beforehand = None if prior is None or not few else prior(start.vector).scaled(FIRST_WIDER)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
-    # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    # Two passes: yaw and Earth need a calibration, and the calibration improves with the Earth.
     for _ in range(2):
         batch = chain.pick(used).trimmed()
         fit = fit_least_squares(batch, sigma, start, still_rates=at_rest, begin=near, prior=beforehand)
@@ -313,7 +311,7 @@ def build_problem(
     about = directions(batch, at[:, -1])
     floor = floor.widened(about @ more @ about.transpose(0, 2, 1)) if widened else floor
     more, hit = widened_by_impacts(accepted, hits_of(accepted, [find_impacts(log.samples) for log in logs]), batch, floor, fit.model)
-    if hit:  # and a first fit that they do not bend
+    if hit:  # and a first fit that impacts do not bias
         floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
         sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
         fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest, prior=beforehand)
@@ -358,7 +356,7 @@ def _stills_and_segments(
 
 
 def _require_agreement(session: Session, logs: list[StillSet]) -> None:
-    """The dials and gravity see the same tilt, or their numbers do not belong together."""
+    """Require that dials and gravity agree on the tilt."""
     apart = []
     for number, log in enumerate(logs):
         for still in log.stills:
@@ -373,7 +371,7 @@ def _require_agreement(session: Session, logs: list[StillSet]) -> None:
 
 
 def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
-    """A segment whose ends have no dial reading cannot be used with reference = "table"."""
+    """Reject a segment without dial readings at its ends if reference = "table"."""
     dials = [_dial(session, logs, segment.log, still) for still in segment.stills]
     missing = any(dial is None for dial in dials)
     return replace(segment, problem="no dial reading in attitudes.csv for one of its stills") if missing and segment.accepted else segment
@@ -415,7 +413,7 @@ def _require_enough(
 
 
 def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:
-    """All segments, accepted or not, with attitudes from the reference; yaw 0 where it is not known, no Earth yet."""
+    """Batch of all segments, accepted or not, with reference attitudes; unknown yaw is 0, and the Earth's rate is not yet set."""
     dials = session.config.protocol.reference == "table"
     longest = max(segment.stop - segment.start for segment in segments)
     rate = np.moveaxis(np.zeros((3, len(segments), longest)), 0, -1)  # each component contiguous in memory: faster to compute with
@@ -429,7 +427,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
         for end, still in zip(ends, segment.stills, strict=True):
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
-                # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.
+                # Gravity gives the tilt to a hundredth of a degree, a dial to a twentieth: tilt from gravity, yaw from the dial.
                 end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])
     return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
 
@@ -448,7 +446,7 @@ def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[
         if mine.sum() > 2:
             found[g] = estimate_heading(site.latitude_deg, q_tb[mine], model(rate[mine]), sigma[mine])
     if site.heading_deg is not None:
-        # The table's index: where the first still is, by protocol.  Believed unless the stills contradict it.
+        # By protocol the first still is at the table's index.  This heading holds unless the stills contradict it.
         given = with_heading(site.latitude_deg, site.heading_deg)
         if not contradicts(found[0], given):
             found[0] = given

@@ -1,4 +1,4 @@
-"""The floor: how large closure residuals must be from sensor noise alone, bias instability included."""
+"""The floor: closure residuals expected from sensor noise alone, bias instability included."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from session.io.units import DEG_PER_HOUR
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, directions
 
-# The wandering of a gyro's bias: flicker noise of a given bias instability.
+# The drift of a gyro's bias: flicker noise of a given bias instability.
 #
 # Flicker noise of instability B has the one-sided density B^2 / (pi f), so each octave of frequency carries the variance
-# B^2 ln 2 / pi, and the Allan deviation's floor is 0.664 B (IEEE 952, C.1).  One Gauss-Markov process an octave adds up to it.
+# B^2 ln 2 / pi, and the Allan deviation's floor is 0.664 B (IEEE 952, C.1).  The sum of one Gauss-Markov process per octave models it.
 
 #: correlation times of the octaves, s: from a still to a working hour
 TIMES_S = 2.0 ** np.arange(-1, 12)
@@ -25,8 +25,8 @@ TIMES_S = 2.0 ** np.arange(-1, 12)
 class BiasInstability:
     """A sensor's bias instability.
 
-    rps: rad/s; sigma_rps of it where it was estimated, else None; most_rps: 95 % upper limit of an estimate; source: where it is from;
-    of_unit: whether it is this unit's own, and not a data sheet's.
+    rps: rad/s; sigma_rps: its sigma if it was estimated, else None; most_rps: 95 % upper limit of an estimate; source: its origin;
+    of_unit: whether it belongs to this unit rather than to a data sheet.
     """
 
     rps: float
@@ -37,7 +37,7 @@ class BiasInstability:
 
     @property
     def words(self) -> str:
-        """The figure, ° an hour, with its sigma, and where it is from."""
+        """The value in °/h with its sigma and its source."""
         value = self.rps / DEG_PER_HOUR
         if self.sigma_rps is None or self.most_rps is None:
             return f"{value:g} °/h, {self.source}" if self.source != UNKNOWN else self.source
@@ -47,7 +47,7 @@ class BiasInstability:
         return said if value > SEEN_SIGMAS * sigma else f"{said}, which does not show it: less than {most:.2g} °/h (95 %)"
 
     def to_json(self) -> dict:
-        """Three keys for a ``noise`` object; null where it is not known, or has no sigma."""
+        """Three keys of a ``noise`` object; null if unknown or without a sigma."""
         known = self.source != UNKNOWN
         return {
             "gyro_bias_instability_dph": self.rps / DEG_PER_HOUR if known else None,
@@ -56,21 +56,21 @@ class BiasInstability:
         }
 
 
-#: source of what nobody has given and nothing at rest shows: the bias is then taken to stand still
+#: source of a bias instability that is neither given nor estimated: the bias is then constant
 UNKNOWN = "not known: nothing at rest shows it"
-#: an estimate this many of its sigmas from zero is seen; a flat prior's half of a normal curve at zero is at 1.3
+#: sigmas from zero at which an estimate counts as observed; under a flat prior, no bias instability gives 1.3
 SEEN_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class BiasWander:
-    """When each segment was recorded, middle_s (S,) s of the session, and the bias instability, rad/s, that it is known with."""
+    """Bias drift between segments: their middles middle_s (S,) s of the session, and the bias instability, rad/s."""
 
     middle_s: np.ndarray
     instability_rps: float
 
     def covariance(self, *more_s: np.ndarray) -> np.ndarray:
-        """(N, N) (rad/s)^2 of one axis' bias at the segments' moments, and at further ones (Q,) s after them."""
+        """(N, N) (rad/s)^2 covariance of one axis' bias at the middles of the segments, then at the further moments (Q,) s."""
         if not more_s:
             return self._of_segments
         return wander_covariance(np.concatenate([self.middle_s, *more_s]), instability_rps=self.instability_rps)
@@ -81,7 +81,7 @@ class BiasWander:
 
 
 def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, instability_rps: float) -> np.ndarray:
-    """(N, N) (rad/s)^2 of one axis' bias at moments t_s (N,), each the mean over a span_s (N,) around it."""
+    """(N, N) (rad/s)^2 covariance of one axis' bias at moments t_s (N,), each averaged over span_s (N,) around it."""
     apart = np.abs(t_s[:, None] - t_s[None])
     octave = instability_rps**2 * np.log(2) / np.pi
     span = np.broadcast_to(span_s, t_s.shape)
@@ -93,17 +93,17 @@ def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, inst
 
 
 def _left_by_mean(x: np.ndarray) -> np.ndarray:
-    """Share of a Gauss-Markov process's variance that its mean over x correlation times keeps: 2 (x - 1 + e^-x) / x^2."""
+    """Variance of the mean of a Gauss-Markov process over x correlation times, relative to its own: 2 (x - 1 + e^-x) / x^2."""
     safe = np.maximum(x, 1e-3)
     return np.where(x > 1e-3, 2 * (safe - 1 + np.exp(-safe)) / safe**2, 1.0)
 
 
-# The floor: how large closure residuals must be from noise alone.
+# The floor: closure residuals expected from noise alone.
 #
-# Gyro white noise over the segment (angle random walk), and the accelerometer's noise over the stills at both ends.  Two neighbours
-# share a still, so their accelerometer parts are correlated, with opposite signs.
+# It contains the gyro's white noise over the segment (angle random walk) and the accelerometer's noise over the stills at both ends.
+# Neighbours share a still, so their accelerometer parts are correlated with opposite signs.
 
-#: rad^2 of an angle that is not known: its residual and its columns are 0, so any number will do that is larger than what is measured
+#: rad^2 of an unknown angle: its residual and columns are 0, so any value larger than the measured ones will do
 UNKNOWN_RAD2 = 1.0
 
 
@@ -111,9 +111,9 @@ UNKNOWN_RAD2 = 1.0
 class Floor:
     """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next.
 
-    tilt_excess: factor on the tilt's sigma that a recording asks for beyond its floor.  It changes weights, no covariance: turns of known
-    angle, which know their own sigma, would else be outweighed by ends that only seem to be better.  wider (S, d, d): what of ``own`` is
-    not noise but the uncertainty of single segments (bridged readings, impacts), or None.
+    tilt_excess: factor on the tilt's sigma, estimated from the residuals.  It changes the weights, not the covariance: otherwise tilts with
+    too small a sigma would outweigh turns of known angle.  wider (S, d, d): the part of ``own`` that is not noise but the uncertainty of
+    single segments (bridged readings, impacts), or None.
     """
 
     own: np.ndarray
@@ -122,29 +122,29 @@ class Floor:
     wider: np.ndarray | None = None
 
     def widened(self, more: np.ndarray) -> Floor:
-        """With a further covariance (S, 3, 3) rad^2 of single segments, about the axes of ``directions``."""
+        """Add a covariance (S, 3, 3) rad^2 of single segments, about the axes of ``directions``."""
         d = self.own.shape[1]
         more = more[:, :d, :d]
         return replace(self, own=self.own + more, wider=more if self.wider is None else self.wider + more)
 
     @property
     def white(self) -> np.ndarray:
-        """(S, d, d) of noise alone."""
+        """(S, d, d) covariance from noise alone."""
         return self.own if self.wider is None else self.own - self.wider
 
     @property
     def sigma(self) -> np.ndarray:
-        """(S, d) rad: the weight of each angle is 1 / sigma^2; one for both of tilt, whose axes are only the table's."""
+        """(S, d) rad, the weight of each angle being 1 / sigma^2; both tilt angles have the same sigma."""
         tilt = self.tilt_excess**2 * np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
         return np.sqrt(np.concatenate([tilt, np.diagonal(self.own, axis1=1, axis2=2)[:, 2:]], axis=1))
 
     @property
     def tilt_rms(self) -> float:
-        """rad: root mean square of the tilt error over the segments that is expected from noise alone."""
+        """Expected rms tilt error over the segments from noise alone, rad."""
         return float(np.sqrt(np.mean(self.white[:, 0, 0] + self.white[:, 1, 1])))
 
     def dense(self) -> np.ndarray:
-        """(S d, S d)."""
+        """(S d, S d) the full covariance."""
         count, d = self.own.shape[:2]
         full = np.zeros((count, d, count, d))
         index = np.arange(count)
@@ -162,17 +162,17 @@ class Floor:
 
 
 def still_tilt_variance(still: Still, noise: Noise) -> float:
-    """rad^2 per horizontal angle of a still's gravity direction."""
+    """Variance of a still's gravity direction, rad^2 per horizontal angle."""
     return float(np.mean(noise.velocity_random_walk**2)) / still.duration_s / still.gravity_mps2**2
 
 
 def closure_floor(
     batch: Batch, attitudes: np.ndarray, ends: list[tuple[Still, Still]], noises: list[Noise], dial_sigma_rad: float = 0.0
 ) -> Floor:
-    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of the log each is from.
+    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of each segment's log.
 
-    Tilt is gravity's, with white noise (which holds the register's rounding, too); yaw, where it is known, a dial's; the angle of a known
-    turn, the stop's.  What the accelerometer's pre-calibration leaves is not in it: nobody has stated it.
+    Tilt has the accelerometer's white noise (including quantisation), a known yaw the dial's sigma, a known turn angle the stop's.
+    Residual errors of the accelerometer's pre-calibration are not included, since they are not known.
     """
     axes = directions(batch, attitudes[:, -1])
     own = (axes @ gyro_variance(batch, attitudes, noises) @ axes.transpose(0, 2, 1))[:, : batch.angles, : batch.angles]

@@ -32,22 +32,22 @@ from tinygc.closure.uncertainty import chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
-# Accelerometer and gyroscope in one estimation: gravity's length in every still, the closure at the ends of every turn.
+# Joint estimation of accelerometer and gyroscope from gravity's length in every still and the closure of every turn.
 #
-# Nine numbers of the accelerometer (``session/detect/accelerometer.py``), twelve of the gyroscope and, beside a calibration that is
-# given, the length of gravity.  A still's force that is moved by df tilts its attitude by R df / g about the horizontal, and with it the
-# ends of the turns around it; so a turn says of the accelerometer what its stills' lengths do not.  The sizes of what lengths and turns
-# miss by are estimated with the numbers; single ones that miss by far more (a knock, a still that is none) hardly count.
+# The parameters are nine of the accelerometer (``session/detect/accelerometer.py``), twelve of the gyroscope and, with a given calibration,
+# the length of gravity.  A change df of a still's specific force tilts its attitude by R df / g about the horizontal, and with it the ends
+# of the adjoining turns; so turns observe what the lengths do not.  The residual sigmas of lengths and turns are estimated as well; single
+# outliers (a knock, a still in motion) get little weight.
 
-#: what a calibration that is given is good for, at zero g and at one g, where session.toml states no sigma
+#: sigma of a given calibration, at zero g and at one g, where session.toml states none
 GIVEN_SIGMA_MG = 0.1
-#: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
+#: sigmas without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
-#: sigma of gravity's length at the site, beside a calibration that has a scale of its own
+#: sigma of gravity's length at the site, with a given calibration, which has a scale of its own
 GRAVITY_SIGMA_MPS2 = 20 * MG
 KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2
-#: a given calibration that is as improbable as this no longer holds
+#: a given calibration is rejected below this p-value
 REFUTED_P = 1e-4
 RELINEARISED, ROUNDS = 4, 12
 BAR_SIGMAS = 2.0
@@ -55,9 +55,12 @@ SETTLED_MPS2 = 1e-3 * MG
 
 
 def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True) -> JointFit | None:
-    """Of a problem whose reference is gravity; mode ``fit``: nothing is known of the accelerometer but its make; ``prior``: the calibration
-    that the problem was built with, with sigma_mg of each number at one g; judged: whether its probability is asked for, which takes
-    another fit.  None where there is no still to a turn."""
+    """Estimate accelerometer and gyroscope together, in a problem whose reference is gravity.
+
+    mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with
+    sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.
+    Returns None for a truth-file reference, or without stills or used segments.
+    """
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
     number = {id(still): q for q, still in enumerate(stills)}
     if problem.session.truths is not None or not stills or not problem.used:
@@ -71,7 +74,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     site = problem.session.config.site
     length = max(site.gravity_sigma_mps2, KNOWN_MPS2) if mode == "fit" else GRAVITY_SIGMA_MPS2
     prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [length]])
-    # The prior's centre: no correction of either sensor, but the bias that a fit begins with.
+    # The prior's centre: no accelerometer correction, and the model of the first gyroscope fit.
     centre = np.concatenate([IDENTITY, problem.first.vector, [gravity]])
     x = np.zeros(COUNT)
     for _ in range(RELINEARISED):
@@ -82,7 +85,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
         if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
             break
     found = centre[ACCELEROMETER] + x[ACCELEROMETER]
-    # Whether stills and turns tell a number is asked for the true length of gravity: that nobody knows it better is another matter.
+    # A parameter is observed if it would be with gravity's length known.
     told = replace(system, prior=np.append(prior[:GRAVITY], KNOWN_MPS2)).covariance
     sure = np.sqrt(np.diag(told))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
     now = corrected(found, force)
@@ -112,7 +115,7 @@ def _weighed(
     last: np.ndarray,
     white: np.ndarray,
 ) -> JointSystem:
-    """The rows at a point, with weights by what they are found to miss by."""
+    """Linear system at a point, with weights from the estimated residual sigmas."""
     number = at[ACCELEROMETER]
     batch = bent(problem.batch, first, last, corrected(number, force))
     model = LinearModel.from_vector(at[GYROSCOPE])
@@ -127,9 +130,9 @@ def _weighed(
     design[rows:, ACCELEROMETER] = length_columns(number, force)
     design[rows:, GRAVITY] = -1.0
     values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
-    sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # what tilt misses is found here
+    sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # the tilt's excess is estimated below
     system = JointSystem(design, values, 1 / sigma, prior, x, vague=prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
-    # A known angle has its stop's sigma; what the ends of turns miss by in tilt is none of its.
+    # A known angle has its stop's sigma; the misfit of the tilt does not apply to it.
     stops = np.arange(2, rows, d) if batch.turns is not None else np.arange(0)
     ends = np.setdiff1d(np.arange(rows), stops)
     together = len(ends) // len(batch)
@@ -142,7 +145,7 @@ def _weighed(
             spare = max(1 - float(np.mean(used[part])), 0.1)
             miss = left[part] / sigma[part]
             size = max(1.0, float(sigma_of(miss)) / np.sqrt(spare))
-            if part is ends:  # a turn's angles stand or fall together
+            if part is ends:  # the angles of a turn are weighted together
                 miss = np.repeat(np.linalg.norm(miss.reshape(-1, together), axis=1) / np.sqrt(together), together)
             root[part] = 1 / (sigma[part] * size * np.sqrt(1 + (miss / (BAR_SIGMAS * size)) ** 2))
         settled = np.abs(root / system.root - 1).max() < 1e-3
@@ -153,12 +156,12 @@ def _weighed(
 
 
 def _improbable(problem: Problem, prior: np.ndarray) -> float:
-    """Probability that lengths and closures ask for so much of another calibration, if the given one is as good as the prior (COUNT,) says.
+    """P-value of the given calibration: how probable so large a correction is if its errors have the prior's sigmas (COUNT,).
 
-    Weighed by what they miss by under the calibration that they ask for: under one that is wrong they would seem to be noise.
+    The weights come from the residuals under the fitted calibration: under a wrong one its error would count as noise.
     """
     free = fit_joint(problem, "fit")
-    assert free is not None  # it was asked of the same problem before
+    assert free is not None  # the same problem was fitted before
     system = replace(free.system, prior=prior)
     scaled = system.design * system.root[:, None] * system.prior
     known = scaled.T @ scaled
@@ -175,21 +178,21 @@ def _improbable(problem: Problem, prior: np.ndarray) -> float:
 
 
 def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """(S, 3, 9) rad: how each number turns attitudes (S, 4) whose tilt is that of forces (S, 3), about the table's axes; nothing about z.
+    """(S, 3, 9) rad: rotation of attitudes (S, 4), levelled by forces (S, 3), per parameter, about the table's axes; zero about z.
 
-    R f stays -g z.  So a turn phi of the attitude makes up for R df across the vertical: R df = g phi x z there.
+    R f stays -g z.  So a rotation phi of the attitude compensates the horizontal part of R df: R df = g phi x z there.
     """
     moved = rotation.matrix(q_tb) @ force_columns(x, force) / np.linalg.norm(corrected(x, force), axis=1)[:, None, None]
     return np.stack([-moved[:, 1], moved[:, 0], np.zeros_like(moved[:, 0])], axis=1)
 
 
-# A problem with another calibration of its accelerometer: the same stills and turns, with other references.
+# A problem with another accelerometer calibration: the same stills and turns with other references.
 
 
 def recalibrated(problem: Problem, joint: JointFit) -> Problem:
-    """The problem under the accelerometer that a joint fit found, and with its linear model.
+    """Apply the accelerometer calibration and the linear model of a joint fit to a problem.
 
-    A calibration is affine, so a still's mean moves as each of its samples does; which samples are still does not depend on it.
+    A calibration is affine, so it maps a still's mean as it maps each sample; the choice of still samples does not depend on it.
     """
     session = replace(problem.session, config=replace(problem.session.config, accelerometer=joint.accelerometer))
     found = problem.found.recalibrated(session)

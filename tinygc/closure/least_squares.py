@@ -1,4 +1,4 @@
-"""Gauss-Newton on the linear sensitivity of the closure: 12 columns, and a covariance for every parameter."""
+"""Gauss-Newton on the linear sensitivity of the closure: 12 columns and a covariance of all parameters."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from tinygc.closure.residual import Batch, RateMap
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, PARAMETERS, PRIOR_SIGMA, LinearModel
 
-# Lower triangular systems, in NumPy alone: ``scipy.linalg`` has them as well, and takes longer to import than a fit takes.
+# Lower triangular systems in NumPy: importing ``scipy.linalg`` takes longer than a fit.
 
-#: rows below which a system is solved at once; above, halves are, and what joins them is a product of matrices
+#: largest system that is solved directly; larger ones are split into halves joined by a matrix product
 COLUMNS_AT_ONCE = 48
 
 
 def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x of ``factor @ x = right``: factor (..., n, n), of which only the lower triangle is looked at to be nonzero; right (..., n, m), or
-    (n,) of a single system."""
+    """Solve ``factor @ x = right`` for x: factor (..., n, n) lower triangular; right (..., n, m), or (n,) of a single system."""
     if right.ndim == 1:
         return solve_lower(factor, right[:, None])[:, 0]
     count = factor.shape[-1]
     if count <= COLUMNS_AT_ONCE:
-        # Last row first it is an upper one, in which elimination finds nothing to do: what is left of ``solve`` is substitution.
+        # Reversed it is upper triangular, so elimination has nothing to do and ``solve`` only substitutes.
         return np.linalg.solve(factor[..., ::-1, ::-1], right[..., ::-1, :])[..., ::-1, :]
     half = count // 2
     first = solve_lower(factor[..., :half, :half], right[..., :half, :])
@@ -38,7 +37,7 @@ def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def inverse_lower(factor: np.ndarray) -> np.ndarray:
-    """Inverse (n, n) of a lower triangular factor (n, n): half of the work of ``solve_lower`` on a unit matrix."""
+    """Inverse (n, n) of a lower triangular factor (n, n), at half the work of ``solve_lower`` on a unit matrix."""
     count = len(factor)
     if count <= COLUMNS_AT_ONCE:
         return solve_lower(factor, np.eye(count))
@@ -49,15 +48,18 @@ def inverse_lower(factor: np.ndarray) -> np.ndarray:
     return inverse
 
 
-# The mean rate in each still as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
+# The mean rates of the stills as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
 #
-# Optional (``--still-rates``): the endpoint loss alone is what the method is about, but no datum is sharper for the bias.
+# Optional (``--still-rates``): the method itself uses the endpoint loss alone, but the stills observe the bias best.
 
 
 @dataclass(frozen=True, eq=False)
 class StillRates:
-    """Q stills: rate (Q, 3) measured, earth (Q, 3) the Earth's rate in body axes, sigma (Q, 3) of the mean; all rad/s; attitudes q_tb
-    (Q, 4) and moments middle_s (Q,) s are what uncertainties need of them."""
+    """Mean rates of Q stills.
+
+    rate (Q, 3) measured, earth (Q, 3) the Earth's rate in body axes, sigma (Q, 3) of the mean, all rad/s; attitudes q_tb (Q, 4) and moments
+    middle_s (Q,) s, for uncertainties.
+    """
 
     rate: np.ndarray
     earth: np.ndarray
@@ -66,11 +68,11 @@ class StillRates:
     middle_s: np.ndarray | None = None
 
     def residuals(self, model: RateMap) -> np.ndarray:
-        """(3 Q,) in sigmas."""
+        """(3 Q,) residuals in sigmas."""
         return ((model(self.rate) - self.earth) / self.sigma).ravel()
 
     def columns(self) -> np.ndarray:
-        """(3 Q, 12) of the linear model."""
+        """(3 Q, 12) Jacobian of the residuals of the linear model."""
         count = len(self.rate)
         design = np.zeros((count, 3, PARAMETERS))
         for axis in range(3):
@@ -79,40 +81,42 @@ class StillRates:
         return (design / self.sigma[..., None]).reshape(3 * count, PARAMETERS)
 
 
-# Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance for every parameter.
+# Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance of all parameters.
 #
-# Minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a prior so weak that it only matters where the data say nothing: a fit must not
-# wander along a direction that no segment observes.  (r is half an angle, hence the half.)  A ``GaussianPrior`` may stand in its place.
+# It minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a weak prior, which matters only along directions that no segment observes.  (r is half
+# an angle, hence the half.)  A ``GaussianPrior`` may replace the weak prior.
 
-#: a parameter whose sigma is not at least this much below its prior's was not observed
+#: a parameter is observed if its sigma is below this share of its prior's
 OBSERVED_BELOW = 0.1
 MAX_STEPS = 50
-#: of a parameter's prior: what is held
+#: factor on the prior's sigma of a fixed parameter
 HELD = 1e-9
-#: rad: a step that changes no residual by more than this ends the search
+#: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
-#: rad: after a step that changes none by more than this the columns stay: they are wrong by this share, and so is the next step, which is
-#: as small.  What they shift the answer by is this share of a sigma (tests/test_least_squares.py)
+#: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
+#: shift of the answer in sigmas are all of this size (tests/test_least_squares.py)
 COLUMNS_STAY = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Error angles (S, d) rad that a model with this vector (P,) leaves on each segment, and their columns (S, d, P)."""
+    """Error angles (S, d) rad of the segments under a model with this vector (P,), and their Jacobian columns (S, d, P)."""
 
     vector: np.ndarray
     angles: np.ndarray
     columns: np.ndarray
 
     def pick(self, which: np.ndarray) -> Rows:
-        """Of some of the segments, by index or mask."""
+        """Select segments by index or mask."""
         return Rows(self.vector, self.angles[which], self.columns[which])
 
 
 @dataclass(frozen=True, eq=False)
 class LinearEnds:
-    """What a model with this vector (P,), the 12 of a linear one or a net's, makes of the segments of a batch: end (S, 4) q_tb, and how
-    each parameter turns it, columns (S, 3, P) rad about the table's axes."""
+    """Predicted ends of a batch's segments under a model with this vector (P,), linear or a net.
+
+    end (S, 4) q_tb; columns (S, 3, P) rad: its rotation per parameter, about the table's axes.
+    """
 
     vector: np.ndarray
     end: np.ndarray
@@ -121,7 +125,7 @@ class LinearEnds:
 
     @classmethod
     def of(cls, model: Any, batch: Batch, columns_of: Callable[[np.ndarray, np.ndarray], np.ndarray] = linear.columns) -> LinearEnds:
-        """Of a model, by the exact integrator; columns_of sensitivity (S, T, 3, 3) and measured rates (S, T, 3): its columns (S, 3, P)."""
+        """Compute the ends with the exact integrator; columns_of(sensitivity (S, T, 3, 3), rates (S, T, 3)) gives columns (S, 3, P)."""
         batch = replace(batch, turns=None)
         end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, len(model.vector)))
         for some in closure.parts(len(batch)):
@@ -131,7 +135,7 @@ class LinearEnds:
         return cls(model.vector, end, columns, batch)
 
     def rows(self, batch: Batch, which: np.ndarray) -> Rows:
-        """Of the segments which (S,) bool, between the references of another batch of them: the same rates turn the body as much."""
+        """Rows of the segments ``which`` (S,) bool between the references of another batch: the body turns by the same angles."""
         turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start[which]))
         angles = 2 * closure.batch_residual(batch, rotation.multiply(turn, self.end[which]))
         return Rows(self.vector, angles, (rotation.matrix(turn) @ self.columns[which])[:, : batch.angles])
@@ -139,8 +143,11 @@ class LinearEnds:
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresFit:
-    """model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters no segment sees; rows:
-    where the last step began, which is the answer to within ``TOLERANCE``; with ``rest_rps``, about that bias."""
+    """Result of a least-squares fit.
+
+    model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters that no segment observes; rows:
+    at the start of the last step, which is the answer to within ``TOLERANCE``; relative to the bias ``rest_rps`` where it is given.
+    """
 
     model: LinearModel
     covariance: np.ndarray
@@ -162,11 +169,11 @@ def fit_least_squares(
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
-    rest_rps (3,): the bias as it is measured at rest, where it is known: then E alone is fitted, and B = -E rest_rps.
-    begin: a model near the answer, or ``rows`` of these segments from a fit to more of them, where the search then begins; the prior stays
-    around ``start``, or is the one that is given.
+    rest_rps (3,): the bias measured at rest, if known: then E alone is fitted, and B = -E rest_rps.
+    begin: where the search starts, a model near the answer or ``rows`` of these segments from a fit to more of them; the prior stays
+    around ``start``, or is ``prior``.
 
-    Raises FitError where the search does not settle (residuals that are not finite, or no segments).
+    Raises FitError if the search does not converge, for residuals that are not finite, or without segments.
     The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
     """
     if len(batch) == 0:
@@ -190,7 +197,7 @@ def fit_least_squares(
             values.append(still_rates.residuals(LinearModel.from_vector(vector)))
         jacobian, r = np.concatenate(rows) @ root, np.concatenate(values)
         left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
-        # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
+        # A direction not observed above the noise stays at the prior.
         rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1))) if prior is None else len(strength)
         aim = left.T @ (jacobian @ np.linalg.solve(root, vector - centre) - r) * strength / (strength**2 + 1)
         change = centre + root @ (aim[:rank] @ right[:rank]) - vector
@@ -212,7 +219,7 @@ def fit_least_squares(
 
 
 def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (12,) and a root (12, 12) of the covariance; held: the bias is known."""
+    """Centre (12,) of the prior and a root (12, 12) of its covariance; held: whether the bias is fixed."""
     centre, root = (start.vector, np.diag(PRIOR_SIGMA)) if prior is None else (prior.centre.copy(), prior.root)
     if held:
         root = np.diag(PRIOR_SIGMA * HELD)
@@ -226,11 +233,11 @@ def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple
 
 
 def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray | None) -> Rows:
-    """Of a linear model; columns: those of one so near that they are the same."""
+    """Rows of a linear model; columns: those of a nearby model, to be reused."""
     model = LinearModel.from_vector(vector)
     angles = np.empty((len(batch), batch.angles))
     design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if columns is None else columns
-    for some in closure.parts(len(batch)):  # what is between them stays in the processor's cache
+    for some in closure.parts(len(batch)):  # intermediate results stay in the processor's cache
         part = batch.pick(some)
         rate = model(part.rate)
         if columns is not None:
@@ -244,30 +251,30 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray
     return Rows(vector, angles, design)
 
 
-# The closure of linear models near one, without its samples: second order in what they differ by.
+# The closure of linear models near a given one without its samples, to second order in their difference.
 #
 # A rate error delta_omega turns the end attitude, in the table frame, by the rotation vector (Magnus; its second term is the coning of
 # Bortz)
 #
 #     Omega = Phi + X / 2,    Phi = int u dt,    X = int_{t1 < t2} u(t1) x u(t2) dt1 dt2,    u = R_tb delta_omega.
 #
-# For omega = E m + B, u is linear in the 12 parameters: Phi has 12 columns, X has 78, and none of them depends on how far a model is away.
-# So a swarm evaluates 90 numbers an angle instead of a thousand samples.  What is left out is of third order: an angle of 0.07 rad (a scale
-# factor wrong by 1 % over a turn of 270 degrees and more) errs by 1e-5 rad, one of 0.007 rad by 1e-8.
+# For omega = E m + B, u is linear in the 12 parameters: Phi has 12 columns, X has 78, and none depends on the model's distance.  So a swarm
+# evaluates 90 numbers per angle instead of a thousand samples.  The error is of third order: 1e-5 rad at an angle of 0.07 rad (a scale
+# error of 1 % over a turn of 270 degrees and more), 1e-8 rad at 0.007 rad.
 
 #: pairs of parameters, each once
 FIRST, SECOND = np.triu_indices(PARAMETERS)
-#: segments whose columns along the way are held at once: some megabytes
+#: segments whose columns at every sample are held at once: some megabytes
 TOGETHER = 4
-#: rad: a further turn by which derivatives are told; rounding and what is left out are both below 1e-8 of them
+#: rad: step of the finite differences; rounding and truncation errors are both below 1e-8 of the derivatives
 STEP_RAD = 2e-4
-#: segments that a swarm is looked at with at once: what is multiplied stays in the processor's cache
+#: segments that a swarm evaluates at once: intermediate results stay in the processor's cache
 AT_ONCE = 100
 
 
 @dataclass(frozen=True, eq=False)
 class Nearby:
-    """About a vector (12,): end (S, 4) q_tb, phi (12, S 3) rad and half_x (78, S 3) rad, of a batch of S segments."""
+    """Expansion of S segments' closure about a vector (12,): end (S, 4) q_tb, phi (12, S 3) rad and half_x (78, S 3) rad."""
 
     vector: np.ndarray
     end: np.ndarray
@@ -277,8 +284,8 @@ class Nearby:
 
     @classmethod
     def about(cls, model: LinearModel, batch: Batch) -> Nearby:
-        """Of a batch, about a model."""
-        # In the table frame: known angles are measured about axes of their own.
+        """Expand a batch about a model."""
+        # Without known angles, which are measured about axes other than the table's.
         end, sensitivity = closure.end_and_sensitivity(replace(batch, turns=None), model(batch.rate))
         count = len(batch)
         phi, pairs = np.empty((count, 3, PARAMETERS)), np.empty((count, 3, len(FIRST)))
@@ -294,9 +301,9 @@ class Nearby:
         return Nearby(self.vector, self.end[which], self.phi[:, rows], self.half_x[:, rows], self.batch.pick(which))
 
     def gathered(self, weight: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """(P, 12) to (P,): the weighted sum of squares of ``residuals``, weight (S, 2 or 3); they are taken to second order as well.
+        """Function of models (P, 12): the sum of squares (P,) of ``residuals`` to second order, with weight (S, 2 or 3).
 
-        So it is one quadratic form of 91 numbers, whatever the number of segments.
+        It is one quadratic form of 91 numbers for any number of segments.
         """
         value, slope, bend = self._of_turns()
         phi, half_x = self.phi.T.reshape(-1, 3, PARAMETERS), self.half_x.T.reshape(-1, 3, len(FIRST))
@@ -315,7 +322,7 @@ class Nearby:
         return cost
 
     def _of_turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The residual (S, d) that the ends leave, and how it follows a small further turn of them: (S, d, 3) and (S, d, 3, 3)."""
+        """The residual (S, d) at the ends, and its first and second derivatives with a small rotation: (S, d, 3), (S, d, 3, 3)."""
         step = np.eye(3) * STEP_RAD
 
         def at(turn: np.ndarray) -> np.ndarray:
@@ -330,7 +337,7 @@ class Nearby:
         return value, (up - down) / (2 * STEP_RAD), bend
 
     def with_references(self, batch: Batch) -> Nearby:
-        """Of the same rates between the references of another batch: what a rate turns in the body, it turns there as well."""
+        """The expansion for the references of another batch with the same rates: the rotations of the body are the same."""
         turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start))
         matrix = rotation.matrix(turn)
         phi, half_x = ((matrix @ of.T.reshape(-1, 3, len(of))).reshape(-1, len(of)).T.copy() for of in (self.phi, self.half_x))
@@ -349,7 +356,7 @@ class Nearby:
 
 
 def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """(S, 3, 12, T) rad per unit: what each parameter turns during each sample; sensitivity (S, T, 3, 3), measured rates (S, T, 3)."""
+    """(S, 3, 12, T) rad per unit: rotation per parameter in each sample; sensitivity (S, T, 3, 3), measured rates (S, T, 3)."""
     by_time = sensitivity.transpose(0, 2, 3, 1)  # (S, 3, 3, T)
     measured = rate.transpose(0, 2, 1)[:, None, None]
     matrix = (by_time[:, :, :, None] * measured).reshape(len(rate), 3, 9, -1)
@@ -357,7 +364,7 @@ def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def _crossed(u: np.ndarray) -> np.ndarray:
-    """(S, 3, 78) of X: the coefficient of each pair's product."""
+    """(S, 3, 78) coefficients of X: one for the product of each pair of parameters."""
     count, _, parameters, samples = u.shape
     before = np.cumsum(u, axis=-1) - u / 2
     rows = (count, 3 * parameters, samples)

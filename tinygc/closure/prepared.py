@@ -1,4 +1,4 @@
-"""Prepare a session: read it, check it, find its stills, build the problem; the sign of the accelerometer."""
+"""Prepare a session: read it, check it, find its stills, build the problem; check the sign of the accelerometer."""
 
 from __future__ import annotations
 
@@ -24,21 +24,20 @@ from tinygc.closure.problem import JointFit, Problem
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
 
-# An accelerometer whose three axes are all negated: what can tell, and what cannot.
+# An accelerometer with all three axes negated: how it is detected.
 #
-# Negate every specific force, and every place with it: the world seen in a mirror point.  Gravity's direction still turns as the rates say,
-# lever arms and bumps still fit, lengths are the same.  What does not turn over is a rotation.  So no turn tells the two apart, and only
-# one thing does whose sense about the vertical is known beforehand: the Earth's rotation, -Omega sin(latitude) about down.  (A dial or a
-# truth file tells it, too.)  A sensitivity to acceleration that is the same on all axes turns the stills about the vertical as well, and a
-# latitude with the wrong sign asks for the reverse: both are said beside it.
+# Negating every specific force and every position is a point reflection.  Gravity's direction follows the gyro, lever arms and impacts
+# still fit, lengths are unchanged, and rotations are not affected.  So no turn detects the negation.  It takes a rotation whose sense about
+# the vertical is known: the Earth's, -Omega sin(latitude) about down.  (A dial or a truth file detects it, too.)  A g-sensitivity common to
+# all axes also looks like a rate about the vertical, and a latitude of the wrong sign like the negation: the message names both.
 
 GRAVITY_SIGN = "gravity's sign"
-#: sigmas: the Earth as it is must be this far off, and the Earth upside down no farther than that
+#: sigmas: the true Earth's rate must be off by at least the first, the reversed one by at most the second
 REFUTED, BORNE_OUT = 8.0, 3.0
 
 
 def check_gravity_sign(problem: Problem) -> list[Finding]:
-    """Whether the stills turn with the Earth, or with an Earth upside down; nothing where the recording cannot tell."""
+    """Check whether the stills turn with the Earth or against it; no finding where the recording does not show it."""
     session = problem.session
     latitude_deg = session.config.site.latitude_deg
     if latitude_deg is None or session.truths is not None:
@@ -60,9 +59,9 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
 
 
 def first_look_at_gravity_sign(session: Session, found: SessionStills) -> list[Finding]:
-    """The same before anything is fitted: of a session that the first look finds no error in; nothing where it makes no problem.
+    """Check the sign before the fit, for a session without errors; no finding where no problem can be built.
 
-    found: the session's stills, as the first look has found them.
+    found: the session's stills, as the first check detected them.
     """
     if session.config.site.latitude_deg is None or session.truths is not None:
         return []
@@ -70,11 +69,11 @@ def first_look_at_gravity_sign(session: Session, found: SessionStills) -> list[F
     try:
         return check_gravity_sign(build_problem(whole, found=SessionStills(whole, found)))
     except CalibrationError:
-        return []  # too few turns: ``fit`` says so
+        return []  # too few turns: ``fit`` reports it
 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:
-    """Rate about down and its sigma, rad/s, over all pieces of carried yaw."""
+    """Rate about down and its sigma, rad/s, over all yaw groups."""
     rows = [
         (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), int(group))
         for log in logs
@@ -92,20 +91,23 @@ def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] |
     return float(known[:, 0] @ weight / weight.sum()), float(weight.sum() ** -0.5)
 
 
-# What every job on a session begins with: read it, look for boring causes, find its stills, build the problem.  Each once.
+# The first steps of every command: read the session, check it, find its stills, build the problem.
 
-#: what is believed of a calibration of the accelerometer that session.toml gives: all of it; nothing; what its sigma says
+#: use of the accelerometer calibration of session.toml: as given; not at all; as a prior with its sigma
 ACCELEROMETERS = ("given", "fit", "prior")
-#: mg: a prior that only keeps a scale of all axes from what is gravity's own length
+#: mg: a prior that only separates a scale of all axes from gravity's length
 WIDE_MG = 100.0
-#: beside these: a given one is a prior, unless the recording refutes it
+#: in addition to these: the given calibration is a prior, unless the recording refutes it
 AUTO = "auto"
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """findings of the first look, none of them an error; problem of the session; given: the same with the accelerometer's calibration as
-    session.toml gives it, where the problem has another."""
+    """A session ready to be fitted.
+
+    findings of the first check, none of them an error; problem of the session; given: the problem with the accelerometer calibration of
+    session.toml, if ``problem`` has another.
+    """
 
     findings: list[Finding]
     problem: Problem
@@ -113,18 +115,17 @@ class Prepared:
 
     @property
     def session(self) -> Session:
-        """That it was made of."""
+        """The session that the problem was built from."""
         return self.problem.session
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy, what was put in, an accelerometer that the session itself has calibrated, a truth file that is not read as
-        it stands."""
+        """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected truth file."""
         own = (ACCELEROMETER, BRIDGED, IMPACTS)
         return [f for f in self.findings if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
 
     def as_given(self) -> Prepared:
-        """With the calibration that session.toml gives; the same where it gives none."""
+        """The session with the calibration of session.toml, if there is one."""
         return self if self.given is None else Prepared([f for f in self.findings if f.what != ACCELEROMETER], self.given)
 
 
@@ -139,19 +140,19 @@ def prepare(
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
 ) -> Prepared:
-    """From a session, or a session folder, to its problem.
+    """Build the problem of a session or session folder.
 
-    accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
-    known: the stills of this very session, where somebody has asked for them before; near: a gyroscope's model near its own;
-    prior: what is known of the unit beforehand, with which fewer turns are enough.
-    Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
-    the errors of ``read_session`` and ``build_problem``.
+    accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; it is fitted if session.toml has no calibration.
+    known: the stills of this session, if already detected; near: a model near the gyroscope's; prior: of the unit, which reduces the number
+    of turns needed.
+    Raises DataError for the first error of the first check, CalibrationError for ``given`` without a calibration, and the errors of
+    ``read_session`` and ``build_problem``.
     """
     if not isinstance(session, Session):
         session = read_session(session, lambda name: progress(f"reading {name}"))
     source = session.config.accelerometer.source
     if session.config.accelerometer.own_stills and accelerometer == AUTO:
-        accelerometer = "fit"  # beside these very stills it is no knowledge of its own
+        accelerometer = "fit"  # a calibration from these stills is no independent information
     if accelerometer in ("given", "prior") and source == "none":
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
@@ -167,7 +168,7 @@ def prepare(
     problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, prior=prior, progress=progress)
     if use_earth:
         findings = findings + check_gravity_sign(problem)
-    if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
+    if accelerometer == "given" or source not in ("given", "none"):  # or an earlier estimate
         return Prepared(findings, problem)
     progress("accelerometer")
     if source == "none" or accelerometer == "fit":
@@ -194,7 +195,7 @@ def prepare(
 
 
 def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Prepared:
-    """With the numbers that stills and turns give together; those that turns tell and lengths do not are observable after all."""
+    """Prepare the jointly fitted problem; parameters observed by turns and not by lengths are observable after all."""
     joint = fit_joint(problem, "fit") if problem.session.config.accelerometer.source == "stills" else None
     if joint is None:
         return Prepared(findings, problem)

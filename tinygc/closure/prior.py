@@ -1,6 +1,6 @@
 """A Gaussian prior of the gyroscope's linear model, and the use that a fit made of one.
 
-Least squares takes any such prior.  Where it comes from, a production lot for one, is no matter of the core.
+Least squares accepts any such prior; its origin, such as a production lot, does not matter here.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA
 class GaussianPrior:
     """Mean and covariance of the 12 parameters of ``LinearModel.vector`` before the session.
 
-    centre (12,); covariance (12, 12); known (12,) bool: the parameters of which something is known, the others have the generous sigmas of
-    a fit without a prior.  weight: the ratio of the fit's noise variance to its floor's.  The fit weighs its segments by the floor alone,
-    and divides the prior's covariance by this weight, so that the prior keeps its share.
+    centre (12,); covariance (12, 12); known (12,) bool: the parameters with prior knowledge; the others have wide sigmas, as without
+    a prior.  weight: the ratio of the fit's noise variance to its floor's.  The fit weights its segments by the floor alone and divides
+    the prior's covariance by this weight, so that the prior keeps its influence.
     """
 
     centre: np.ndarray
@@ -30,12 +30,12 @@ class GaussianPrior:
 
     @property
     def root(self) -> np.ndarray:
-        """(12, 12) lower triangular root of the covariance, as the fit weighs it."""
+        """(12, 12) lower triangular root of the covariance, as weighted by the fit."""
         return np.linalg.cholesky(self.covariance / self.weight)
 
     @property
     def information(self) -> np.ndarray:
-        """(12, 12) inverse of the covariance, as the fit weighs it."""
+        """(12, 12) inverse of the covariance, as weighted by the fit."""
         return np.linalg.inv(self.covariance / self.weight)
 
     def weighed(self, weight: float) -> GaussianPrior:
@@ -47,25 +47,25 @@ class GaussianPrior:
         return replace(self, covariance=self.covariance * factor)
 
 
-#: from a first model's vector (12,), the centre of the parameters of which nothing is known, to the prior of a unit
+#: function from a first model's vector (12,), the centre of the parameters without prior knowledge, to the prior of a unit
 PriorOf = Callable[[np.ndarray], GaussianPrior]
 
 
 def vague(start: np.ndarray) -> GaussianPrior:
-    """The prior of a unit of which nothing is known: generous about a start (12,).  A fit to a few turns needs it stated."""
+    """Prior of an unknown unit: wide sigmas about a start (12,).  A fit to a few turns needs it explicitly."""
     return GaussianPrior(start, np.diag(PRIOR_SIGMA**2), np.zeros(PARAMETERS, dtype=bool))
 
 
 class PriorUse(Protocol):
-    """The use that a fit made of a prior from outside."""
+    """How a fit used an external prior."""
 
     @property
     def used(self) -> str:
-        """``yes``, ``no``, or ``partly`` where it is open whether the prior holds for this unit."""
+        """``yes``, ``no``, or ``partly`` if it is undecided whether the prior applies to this unit."""
 
     @property
     def more(self) -> np.ndarray:
-        """(12, 12): what the prior, or not knowing whether it holds, adds to the covariance of the fit."""
+        """(12, 12) addition to the covariance of the fit, due to the prior or to doubt about it."""
 
     @property
     def words(self) -> str:

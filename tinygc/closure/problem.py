@@ -1,4 +1,4 @@
-"""The problem that every method solves: the same segments, references, Earth and floor for all."""
+"""The problem that every method solves, with the same segments, references, Earth and floor."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ from tinygc.effects import Conditions
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 
-# Why a segment is not used, in words that a report prints.
+# Reasons for rejecting a segment, as the report prints them.
 
-#: why a segment is not used
+#: reasons for rejecting a segment
 LEFT_OUT, CLIPPED = "left out by request", "its rates stand at a ceiling"
 
 
-# What an estimation of accelerometer and gyroscope together gives, and the linear system where it ended.
+# The joint estimate of accelerometer and gyroscope, and its final linear system.
 
-#: where the accelerometer's numbers, the gyroscope's and gravity's length stand among what is estimated
+#: positions of the accelerometer's parameters, the gyroscope's and gravity's length in the joint vector
 ACCELEROMETER = slice(0, PARAMETERS)
 GYROSCOPE = slice(PARAMETERS, PARAMETERS + linear.PARAMETERS)
 GRAVITY = GYROSCOPE.stop
 COUNT = GRAVITY + 1
-#: a number that differs from what it was by so many sigmas is said
+#: sigmas by which a parameter must change to be reported
 SAID_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class JointSystem:
-    """The linear system where the search ended.
+    """The linear system at the end of the search.
 
-    design (n, COUNT), values (n,): rows of the closure, S d of them, then of the lengths, in rad and m/s^2; root (n,) of their weights;
-    prior (COUNT,) sigmas; x (COUNT,) where it was linearised, from the prior's centre; vague: whether the prior says nothing of the
-    accelerometer, and only bounds what no row tells.
+    design (n, COUNT), values (n,): S d rows of the closure, then those of the lengths, in rad and m/s^2; root (n,): square roots of their
+    weights; prior (COUNT,) sigmas; x (COUNT,): point of linearisation, relative to the prior's centre; vague: whether the prior is
+    uninformative on the accelerometer and only bounds what no row observes.
     """
 
     design: np.ndarray
@@ -68,9 +68,9 @@ class JointSystem:
     vague: bool
 
     def solve(self, root: np.ndarray | None = None) -> np.ndarray:
-        """(COUNT,) from the prior's centre.
+        """Solution (COUNT,) relative to the prior's centre.
 
-        What noise alone lets a direction seem to do is no observation: where the prior is vague, it stays there.
+        With a vague prior, directions not observed above the noise stay at the prior's centre.
         """
         root = self.root if root is None else root
         left, strength, right = np.linalg.svd(self.design * root[:, None] * self.prior, full_matrices=False)
@@ -80,27 +80,29 @@ class JointSystem:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(COUNT, COUNT), as if the rows erred independently."""
+        """(COUNT, COUNT) covariance for independent errors of the rows."""
         scaled = self.design * self.root[:, None] * self.prior
         return np.linalg.inv(scaled.T @ scaled + np.eye(COUNT)) * np.outer(self.prior, self.prior)
 
     @property
     def response(self) -> np.ndarray:
-        """(COUNT, n): how the estimate follows an error of each row."""
+        """(COUNT, n) derivative of the estimate with respect to the error of each row."""
         return -self.covariance @ (self.design * self.root[:, None] ** 2).T
 
     @property
     def leaning(self) -> np.ndarray:
-        """(COUNT, COUNT): how the estimate follows an error of what is known beforehand."""
+        """(COUNT, COUNT) derivative of the estimate with respect to the prior's centre."""
         return self.covariance / self.prior**2
 
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """mode: ``fit`` or ``prior``; accelerometer: what was found; x (9,): its correction of the one before; unobserved: names of the numbers
-    that neither lengths nor turns tell; p_value: of a given calibration's lengths and closures by chance, None where it was not asked for;
-    system; first, last (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2 by
-    which lengths miss gravity's."""
+    """Joint estimate of accelerometer and gyroscope.
+
+    mode: ``fit`` or ``prior``; accelerometer: the new calibration; x (9,): its correction of the previous one; unobserved: names of the
+    parameters observed by neither lengths nor turns; p_value: of the given calibration, None if it was not computed; system; first, last
+    (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2: length errors.
+    """
 
     mode: str
     accelerometer: Accelerometer
@@ -117,25 +119,25 @@ class JointFit:
 
     @property
     def prior(self) -> np.ndarray:
-        """(9,) sigmas of what is known of ``x`` beforehand."""
+        """(9,) prior sigmas of ``x``."""
         return self.system.prior[ACCELEROMETER]
 
     @property
     def beforehand(self) -> np.ndarray:
-        """(9, 10): how ``x`` follows one sigma of what is known of each of its numbers beforehand, and of gravity's length."""
+        """(9, 10): change of ``x`` for one prior sigma of each of its parameters and of gravity's length."""
         known = [*range(PARAMETERS), GRAVITY]
         return self.system.leaning[ACCELEROMETER][:, known] * self.system.prior[known]
 
     @property
     def covariance(self) -> np.ndarray:
-        """(9, 9) of ``x``, as if lengths and turns erred independently."""
+        """(9, 9) covariance of ``x`` for independent errors of lengths and turns."""
         return self.system.covariance[ACCELEROMETER, ACCELEROMETER]
 
     @property
     def words(self) -> str:
-        """The numbers that differ from those before by more than three sigmas, mg at one g; the largest, where none does.
+        """The parameters that changed by more than three sigmas, mg at one g; if none did, the most significant one.
 
-        Scales against their mean: what all axes share is gravity's length, which is not known as well.
+        Scales are relative to their mean: a scale common to all axes is not separated from gravity's length.
         """
         told = np.eye(PARAMETERS)
         told[np.ix_(SCALES, SCALES)] -= 1 / 3
@@ -147,11 +149,11 @@ class JointFit:
         return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s, there in found if there)
 
     def moved(self, force: np.ndarray) -> np.ndarray:
-        """Forces (..., 3) m/s^2 of the calibration before under the new one."""
+        """Convert forces (..., 3) m/s^2 from the previous calibration to the new one."""
         return corrected(self.x, force)
 
     def without(self, left_out: np.ndarray, batch: Batch) -> Batch:
-        """A batch of the same segments with the references that an estimation without the closure of some (S,) bool gives."""
+        """The batch with references from an estimate without the closure of the segments ``left_out`` (S,) bool."""
         root = self.system.root.copy()
         root[: len(left_out) * batch.angles][np.repeat(left_out, batch.angles)] = 0.0
         moved = self.system.solve(root)[ACCELEROMETER] - self.system.solve()[ACCELEROMETER]
@@ -159,19 +161,22 @@ class JointFit:
 
 
 def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -> Batch:
-    """A batch with the tilt at its ends that forces (Q, 3) of the stills give, each with the yaw that it had."""
+    """A batch with the tilt at its ends from forces (Q, 3) of the stills; the yaw is kept."""
     tilt = rotation.from_gravity(force)
     return replace(batch, start=closure.nearest_yaw(batch.start, tilt[first]), end=closure.nearest_yaw(batch.end, tilt[last]))
 
 
-# Segments that are less certain than their noise says, each with its cause: what was bridged in them, or an impact that no reading shows.
+# Segments less certain than their noise, each with its cause: bridged readings, or an impact not resolved by the readings.
 #
-# The extra variance belongs to the end attitude of that segment alone, and stands in the floor (``Floor.wider``).
+# The extra variance applies to the end attitude of that segment alone and is part of the floor (``Floor.wider``).
 
 
 @dataclass(frozen=True)
 class Widening:
-    """segment: its number; cause: ``gap``, ``clipped`` or ``impact``; sigma_rad: rms of tilt that it adds; says: what happened, where."""
+    """Extra uncertainty of one segment.
+
+    segment: its number; cause: ``gap``, ``clipped`` or ``impact``; sigma_rad: added rms tilt; says: description with place.
+    """
 
     segment: int
     cause: str
@@ -180,16 +185,16 @@ class Widening:
 
     @property
     def words(self) -> str:
-        """For a table: what happened, and what it costs."""
+        """Description with the added uncertainty, for a table."""
         return f"{self.says}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
 
     def to_json(self) -> dict:
-        """One of ``segments.widened`` of ``tinygc-fit/1``."""
+        """Entry of ``segments.widened`` of ``tinygc-fit/1``."""
         return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "says": self.says}
 
 
 def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
-    """What is to be said of a session's segments that are less certain than the others, one line a cause."""
+    """Findings on a session's segments of lower weight, one line per cause."""
     found = []
     for cause in dict.fromkeys(each.cause for each in widened):
         mine = [each for each in widened if each.cause == cause]
@@ -203,7 +208,7 @@ def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
 def widened_by_bridges(
     segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]], attitudes: np.ndarray
 ) -> tuple[np.ndarray, list[Widening]]:
-    """(S, 3, 3) rad^2 that bridged readings (of each log) add to the ends of S segments with attitudes q_tb (S, T, 4), table axes."""
+    """(S, 3, 3) rad^2, table axes, that bridged readings add to the ends of S segments with attitudes q_tb (S, T, 4); and its list."""
     more, said = np.zeros((len(segments), 3, 3)), []
     for i, segment in enumerate(segments):
         for cause, inside in _inside(segment, bridges[segment.log]).items():
@@ -217,7 +222,7 @@ def widened_by_bridges(
 
 
 def bridged_sigma(segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]]) -> np.ndarray:
-    """(S,) rad of each of S segments, whichever way it lies: the same before any attitude is known."""
+    """(S,) rad added to each of S segments, over all directions: it needs no attitude."""
     inside = [[bridge for each in _inside(s, bridges[s.log]).values() for bridge in each] for s in segments]
     return np.array([np.sqrt(sum(float(bridge.sigma_rad @ bridge.sigma_rad) for bridge in own)) for own in inside])
 
@@ -238,19 +243,19 @@ def _words(cause: str, bridges: list[Bridge]) -> str:
     return f"{count} reading{'s' * (count > 1)} at the register's end {where}, what was beyond estimated from the neighbours"
 
 
-# What every method solves: the same segments, references, Earth and floor for all.
+# The problem that every method solves.
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted.
+    """The data of a fit.
 
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
-    by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
-    found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
-    stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
-    was one; known_turns: those of ``turns.csv``, used or with the reason why not; widened: used segments that are less certain than
-    their noise, and why; prior: what is known of the gyroscope beforehand, None for no more than that a fit must not wander.
+    by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as detected,
+    for its closure runs; rest_rps: the mean bias (3,) rad/s, in measured units, if the bias of each turn is fixed from its stills
+    (``build.with_still_bias``), else None; joint: the joint estimate behind the references, if any; known_turns: those of ``turns.csv``,
+    used or with the reason for rejection; widened: used segments that are less certain than their noise, with causes; prior: of the
+    gyroscope, None for the weak default prior.
     """
 
     session: Session
@@ -273,7 +278,7 @@ class Problem:
 
     @property
     def earth(self) -> EarthRate:
-        """Of the yaw group with the most stills."""
+        """The Earth's rate of the yaw group with the most stills."""
         groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
         return self.earths[int(np.bincount(groups, minlength=1).argmax())]
 
@@ -284,22 +289,22 @@ class Problem:
 
     @property
     def began_s(self) -> np.ndarray:
-        """(logs + 1,) s of the session at which each log begins, and at which the last one ends."""
+        """(logs + 1,) session time at which each log begins and the last one ends, s."""
         return start_times(log.samples for log in self.logs)
 
     @property
     def middle_s(self) -> np.ndarray:
-        """(S,) s of the session at the middle of each used segment, logs one after the other."""
+        """(S,) session time at the middle of each used segment, s; logs follow each other."""
         began = self.began_s
         return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
 
     @cached_property
     def instability(self) -> BiasInstability:
-        """Of the gyro's bias: given, typical of the model, or estimated from the stills."""
+        """Bias instability of the gyro: given, typical of the sensor model, or estimated from the stills."""
         return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
 
     def changed(self, **fields: Any) -> Problem:
-        """Of the same recording, whose bias instability it shares if that is known already."""
+        """Replace fields; a bias instability that is already computed is kept."""
         other = replace(self, **fields)
         if "instability" in self.__dict__:
             other.__dict__["instability"] = self.instability
@@ -307,35 +312,35 @@ class Problem:
 
     @property
     def wander(self) -> BiasWander:
-        """Of the bias between the used segments."""
+        """Bias drift between the used segments."""
         return BiasWander(self.middle_s, self.instability.rps)
 
     @property
     def stills(self) -> list[Still]:
-        """Of all logs, in order."""
+        """The stills of all logs, in order."""
         return [still for log in self.logs for still in log.stills]
 
     @property
     def unused_rests(self) -> list[tuple[str, UnusedRest]]:
-        """Rests of the logs that are no reference, with their log's file, in order; none where the reference is a truth file."""
+        """Rests that are no reference, with their log's file, in order; none if the reference is a truth file."""
         if self.session.truths is not None:
             return []
         return [(log.path.name, rest) for log in self.session.logs for rest in self.found.of(log).unused]
 
     @property
     def noise(self) -> Noise:
-        """Of all logs together, by how much stillness each has, or all alike where there is none."""
+        """Noise of all logs, averaged with the duration of their stills as weights; equal weights if there are none."""
         weights = [sum(still.duration_s for still in log.stills) for log in self.logs]
         weights = weights if any(weights) else [1.0] * len(weights)
         power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
         return Noise(*map(np.sqrt, power))
 
 
-# What effects refer to, of a whole session.
+# Reference conditions of effects for a whole session.
 
 
 def conditions(problem: Problem) -> Conditions:
-    """Of a session."""
+    """Reference conditions of a session."""
     first = problem.logs[0].samples
     return Conditions(
         duration_s=float(problem.began_s[-1]),
@@ -344,15 +349,14 @@ def conditions(problem: Problem) -> Conditions:
     )
 
 
-# Sequences of m parts with an end reference each (the paper's Figure 4): the attitude is carried from part to part, not begun anew.
+# Sequences of m parts with an end reference each (the paper's Figure 4): the attitude is carried from part to part without a reset.
 #
-# A part is a segment; parts are joined where one begins where the other has ended.  A single segment is a sequence of one part.
-# Carried, an error that each part leaves adds up where a segment alone would show it once, and what the inner references cost in noise
-# is spent once; no reference is new.
+# A part is a segment; parts are joined where one begins where the previous one ended.  A single segment is a sequence of one part.
+# In a sequence the errors of the parts add up, while the noise of the inner references counts once; there are no new references.
 
 
 def consecutive(segments: Sequence[Segment]) -> np.ndarray:
-    """(S,) numbers that count on by one where a segment begins with the still, or the moment, that the one before ended with."""
+    """(S,) segment numbers, consecutive where a segment begins with the still or sample that ended the previous one."""
     numbers = [0]
     for before, after in pairwise(segments):
         joined = before.log == after.log and (before.last is after.first if after.first is not None else before.stop == after.start + 1)
@@ -361,7 +365,7 @@ def consecutive(segments: Sequence[Segment]) -> np.ndarray:
 
 
 def previous(order: np.ndarray, parts: int) -> np.ndarray:
-    """(S,) the row that each part goes on from, -1 where a sequence begins: at every ``parts``-th number, and after a gap."""
+    """(S,) the row that each part continues, -1 where a sequence begins: at every ``parts``-th number and after a gap."""
     rows = np.arange(len(order))
     joined = np.zeros(len(order), dtype=bool)
     joined[1:] = (np.diff(order) == 1) & (order[1:] % parts != 0)
@@ -369,7 +373,7 @@ def previous(order: np.ndarray, parts: int) -> np.ndarray:
 
 
 def place(before: np.ndarray) -> np.ndarray:
-    """(S,) the place of each part within its sequence, from 0."""
+    """(S,) position of each part within its sequence, from 0."""
     at = np.zeros(len(before), dtype=int)
     for row, one in enumerate(before):
         at[row] = 0 if one < 0 else at[one] + 1
@@ -377,12 +381,12 @@ def place(before: np.ndarray) -> np.ndarray:
 
 
 def residuals(batch: Batch, rate: Array, before: np.ndarray, integrator: str = "exact") -> Array:
-    """As ``closure.segment_residuals``, each part begun at the attitude that the one before was predicted to end with; NumPy or torch."""
+    """As ``closure.segment_residuals``, but each part begins at the predicted end of the previous one; NumPy or torch."""
     return residuals_of_turns(batch, closure.turned(batch, rate, integrator), before)
 
 
 def residuals_of_turns(batch: Batch, turn: Array, before: np.ndarray) -> Array:
-    """The same of what the body turns by (S, 4) in each part."""
+    """As ``residuals``, from the body's rotation (S, 4) in each part."""
     start, first = (closure.like(turn, array) for array in (batch.start, (before < 0)[:, None]))
     end = rotation.multiply(start, turn)
     xp = rotation.namespace(turn)
@@ -393,7 +397,7 @@ def residuals_of_turns(batch: Batch, turn: Array, before: np.ndarray) -> Array:
 
 
 def carried(design: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
-    """(S, d, P) of each part with what it carries from those before: errors add up in the table frame, to first order.
+    """(S, d, P) columns of each part plus those of the parts before it: errors add up in the table frame, to first order.
 
     turns_known: the third component is a turn's angle about its own axis, which carries nothing.
     """
@@ -405,5 +409,5 @@ def carried(design: np.ndarray, before: np.ndarray, turns_known: bool = False) -
 
 
 def carried_sigma(sigma: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
-    """(S, …) rad: as if the parts' noises were independent."""
+    """(S, …) rad: sigmas accumulated over the parts, whose noise is taken as independent."""
     return np.sqrt(carried(sigma**2, before, turns_known))

@@ -1,4 +1,4 @@
-"""The closure residual: integrated attitude against the reference's; and the third angle of a known turn."""
+"""The closure residual: integrated attitude against the reference; the third angle of a known turn."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tinygc.attitude import rotation
 from tinygc.attitude import rotation as pairs
 from tinygc.attitude.rotation import Array, sample_weights, step_vectors, steps
 
-# The third angle of a turn whose angle is known beforehand: how far the gyro's angle about the turn's axis is from it.
+# The third angle of a turn of known angle: the gyro's angle about the turn's axis minus the known one.
 #
-# With q = (w, v) the gyro's rotation from the start of a turn to its end, (w, c) = (cos a/2, sin a/2) holds the angle a that it turned by
-# about its axis u: c = ±|v|, the sign that of v.u, or c = v.u where the angle is nearly whole circles, so that v has no direction of its
-# own. Neither needs the axis better than it is known: the first not at all, the second errs by sin(angle) times half the square of its
-# error. The known angle is taken off as the rotation (cos angle/2, sin angle/2) is; what is left is an error within half a circle, and r
-# is as in ``residual.py``, 2 sin(error/4).  Gravity is not in it, so it shares no noise with the tilt but the gyro's.
+# With q = (w, v) the gyro's rotation from the start of a turn to its end, (w, c) = (cos a/2, sin a/2) holds the angle a about the turn's
+# axis u: c = ±|v|, with the sign of v.u, or c = v.u near whole circles, where v has no direction of its own.  The first form does not need
+# the axis; the error of the second is sin(angle) times half the square of the axis error.  Subtracting the known angle, as the rotation
+# (cos angle/2, sin angle/2), leaves an error within half a circle, and r is 2 sin(error/4), as below.  Gravity does not enter, so only
+# the gyro's noise is shared with the tilt.
 #
 # A small rotation phi of the end attitude, in the table frame, changes the angle by u_t.phi, u_t = R_tb u.
 
-#: an angle nearer than this to whole circles leaves no direction to take the axis from
+#: closer than this to whole circles, the gyro's rotation does not define the axis
 NEAR_CIRCLE_RAD = 10 * DEG
 #: keeps the derivative of a length finite at zero
 _TINY = 1e-300
@@ -31,8 +31,11 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class KnownTurns:
-    """Of S segments: angle_rad (S,), NaN where it is not known; sigma_rad (S,) of the stop, NaN there, too; axis (S, 3) unit, body, in
-    whose sense the angle is positive, as well as it is known."""
+    """Known turn angles of S segments.
+
+    angle_rad (S,), NaN if unknown; sigma_rad (S,) of the stop, NaN likewise; axis (S, 3): approximate unit vector in body axes, about
+    which the angle is positive.
+    """
 
     angle_rad: np.ndarray
     sigma_rad: np.ndarray
@@ -45,7 +48,7 @@ class KnownTurns:
 
     @property
     def near_circle(self) -> np.ndarray:
-        """(S,) bool: whether the turn ends nearly where it began."""
+        """(S,) bool: whether the angle is nearly a whole number of circles."""
         angle = np.nan_to_num(self.angle_rad)
         return np.abs(angle - np.round(angle / (2 * np.pi)) * 2 * np.pi) < NEAR_CIRCLE_RAD
 
@@ -54,7 +57,7 @@ class KnownTurns:
         return replace(self, angle_rad=self.angle_rad[which], sigma_rad=self.sigma_rad[which], axis=self.axis[which])
 
     def residual(self, turn: Array) -> Array:
-        """(..., S) of the gyro's rotations (..., S, 4) from start to end, body axes; 0 where the angle is not known.  NumPy or torch."""
+        """Residual (..., S) of the gyro's rotations (..., S, 4) from start to end, body axes; 0 if unknown.  NumPy or torch."""
         xp = rotation.namespace(turn)
         angle, known = np.nan_to_num(self.angle_rad) / 2, self.known
         cos, sin, axis, circle, used = (
@@ -70,7 +73,7 @@ class KnownTurns:
         return used * left * sign * xp.sqrt(2 / (1 + left_w * sign))
 
     def directions(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """(S, 3) u_t of segments from q_tb (S, 4) to q_tb (S, 4), as the gyro predicts it; 0 where the angle is not known."""
+        """Axis u_t (S, 3) of segments from q_tb (S, 4) to q_tb (S, 4), as the gyro predicts it; 0 if the angle is unknown."""
         vector = rotation.multiply(rotation.conjugate(start), end)[:, 1:]
         own = vector * np.where(np.einsum("si,si->s", vector, self.axis) < 0, -1.0, 1.0)[:, None]
         own = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), _TINY)
@@ -78,7 +81,7 @@ class KnownTurns:
         return np.einsum("sij,sj->si", rotation.matrix(start), axis)
 
     def turned(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """End attitudes q_tb (S, 4) by the gyro, set right to the known angle about the axis; as they are where it is not known."""
+        """The gyro's end attitudes q_tb (S, 4), corrected to the known angle about the axis; unchanged if it is unknown."""
         miss = 4 * np.arcsin(self.residual(rotation.multiply(rotation.conjugate(start), end)) / 2)
         return rotation.multiply(rotation.exp(-miss[:, None] * self.directions(start, end)), end)
 
@@ -88,31 +91,31 @@ def _like(model: Array, array: np.ndarray) -> Array:
     return array if isinstance(model, np.ndarray) else xp.as_tensor(array, dtype=model.dtype, device=model.device)
 
 
-# The closure residual: what is left between the attitude that the gyro predicts and the one that the reference saw.
+# The closure residual: the rotation between the attitude predicted by the gyro and the reference.
 #
 # Integrating from ``start`` gives q_pred; the error rotation, in the table frame, is d = q_pred q_end^-1 = (w, x, y, z).  q and -q
-# are one attitude, so the nearer sign counts.  Where yaw is unknown, the reference is first turned about the vertical by the yaw that
-# brings it nearest to the prediction; what remains is the tilt, in the frame of the prediction, with cosine c = sqrt(w^2 + z^2) of
-# half its angle.  The loss is the paper's squared Euclidean distance of the two quaternions,
+# are the same attitude, so the nearer sign counts.  Where yaw is unknown, the reference is first rotated about the vertical to be nearest
+# to the prediction; the remaining rotation is the tilt, in the frame of the prediction, with cosine c = sqrt(w^2 + z^2) of half its angle.
+# The loss is the paper's squared Euclidean distance of the two quaternions,
 #
 #     D^2 = 2 - 2c = 2 s^2 / (1 + c),   s the length of the vector part,
 #
 # written so that it loses no digits near zero and is smooth there.  As a least-squares residual it is r = vector part x
 # sqrt(2 / (1 + c)), |r| = D; for small errors r is half the error's rotation vector.
 
-#: calibrated rates (..., 3) rad/s of measured ones, in one's library or the other's
+#: function from measured rates (..., 3) rad/s to calibrated ones, NumPy or torch
 RateMap = Callable[[Any], Any]
-#: segments that are taken at once where there is no gradient: what is multiplied stays in the processor's cache, which halves the time
+#: segments processed at once without a gradient: intermediate results stay in the processor's cache, which halves the time
 TOGETHER = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """S segments of up to T samples side by side; short ones are padded with steps of no duration.
+    """S segments of up to T samples; shorter ones are padded with steps of zero duration.
 
-    rate (S, T, 3) rad/s measured; dt (S, T-1) s; earth (S, T, 3) rad/s, the Earth's rate in body axes, to be taken off the calibrated
-    rate; start, end (S, 4) q_tb from the reference; yaw_known: whether the reference sees three angles or two.  turns: where it sees two,
-    those whose angle is known: the third component is then about each turn's own axis, and 0 where the angle is not known.
+    rate (S, T, 3) rad/s measured; dt (S, T-1) s; earth (S, T, 3) rad/s, the Earth's rate in body axes, to be subtracted from the calibrated
+    rate; start, end (S, 4) q_tb from the reference; yaw_known: whether the reference gives three angles or two.  turns: with two, the known
+    turn angles: the third component is then about each turn's own axis, and 0 if its angle is unknown.
     """
 
     rate: np.ndarray
@@ -138,28 +141,28 @@ class Batch:
 
     @property
     def known(self) -> np.ndarray:
-        """(S, d) bool: the components that the reference sees; the others are 0, whatever the model."""
+        """(S, d) bool: the components observed by the reference; the others are 0 for any model."""
         known = np.ones((len(self), self.angles), dtype=bool)
         if self.turns is not None:
             known[:, 2] = self.turns.known
         return known
 
     def pick(self, which: np.ndarray | slice) -> Batch:
-        """Some of the segments, by index or mask."""
+        """Select segments by index or mask."""
         arrays = {name: getattr(self, name)[which] for name in ("dt", "start", "end")}
         # Each component contiguous in memory, as ``rotation.join`` has them.
         arrays |= {name: np.moveaxis(np.moveaxis(getattr(self, name), -1, 0)[:, which], 0, -1) for name in ("rate", "earth")}
         return replace(self, **arrays, turns=None if self.turns is None else self.turns.pick(which))
 
     def trimmed(self) -> Batch:
-        """Without the columns in which no segment has a sample any more: what is left out may have been the longest."""
+        """Remove the trailing columns in which no segment has a sample."""
         lasting = np.flatnonzero(self.dt.any(axis=0))
         count = int(lasting[-1]) + 2 if len(lasting) else self.rate.shape[1]
         return replace(self, rate=self.rate[:, :count], dt=self.dt[:, : count - 1], earth=self.earth[:, :count])
 
 
 def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
-    """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which still hold the Earth's rate.
+    """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which include the Earth's rate.
 
     NumPy or torch, as ``rate`` is.
     """
@@ -167,7 +170,7 @@ def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 
 
 def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
-    """The same from no start (S, 4): by how much the body turns."""
+    """Rotation (S, 4) of the body over each segment, in body axes at its start."""
     if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
         return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in parts(len(rate))])
     if isinstance(rate, np.ndarray) and integrator == "exact":
@@ -177,7 +180,7 @@ def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 
 
 def _steps(rate: np.ndarray, dt: np.ndarray, start: np.ndarray | None = None) -> pairs.Pairs:
-    """The exact integrator's steps as pairs (S, T-1); after start (S, 4), where there is one: (S, T)."""
+    """The exact integrator's steps as pairs (S, T-1); with a start (S, 4), preceded by it: (S, T)."""
     before = int(start is not None)
     shape = (len(dt), dt.shape[1] + before)
     found = np.empty(shape, dtype=complex), np.empty(shape, dtype=complex)
@@ -206,14 +209,14 @@ def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array
         sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
         vector, c = xp.stack([x * sign, y * sign, z * sign], -1), w * sign
     else:
-        # Half a turn upside down has no nearest yaw; the tiny term keeps its gradient finite.
+        # For a tilt of half a circle no yaw is nearest; the tiny term keeps the gradient finite.
         c = xp.sqrt(w**2 + z**2 + 1e-300)
         vector = xp.stack([(w * x - z * y) / c, (w * y + z * x) / c], -1)
     return vector * xp.sqrt(2 / (1 + c))[..., None]
 
 
 def batch_residual(batch: Batch, q_pred: Array, turn: Array | None = None) -> Array:
-    """(..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's own rotations, where a prediction goes on from another segment's."""
+    """Residual (..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's rotations, where predictions continue another segment."""
     tilt = residual(q_pred, batch.end, batch.yaw_known)
     if batch.turns is None:
         return tilt
@@ -228,7 +231,7 @@ def segment_residuals(batch: Batch, rate: Array, integrator: str = "exact") -> A
 
 
 def error_angles(r: np.ndarray) -> np.ndarray:
-    """Rotation vectors (S, 2 or 3) rad behind residuals: D = 2 sin(angle/4)."""
+    """Rotation vectors (S, 2 or 3) rad of residuals: D = 2 sin(angle/4)."""
     distance = np.linalg.norm(r, axis=-1, keepdims=True)
     angle = 4 * np.arcsin(np.minimum(distance / 2, 1))
     return r * np.where(distance > 1e-12, angle / np.where(distance > 1e-12, distance, 1), 2.0)
@@ -247,7 +250,7 @@ def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
 def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
     """(S, 3, 3): the axes, in the table frame, about which the residual of segments that end at q_tb (S, 4) is measured.
 
-    x, y and z; where turns have a known angle, each one's own axis instead of z, or 0 where the angle is not known.
+    x, y and z; with known turns, each turn's axis instead of z, or 0 if its angle is unknown.
     """
     axes = np.broadcast_to(np.eye(3), (len(batch), 3, 3)).copy()
     if batch.turns is not None:
@@ -256,7 +259,7 @@ def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
 
 
 def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
-    """(S, T, 3, 3) s: how a small error of the rate at each sample turns the end attitude, about the axes of ``directions``.
+    """(S, T, 3, 3) s: rotation of the end attitude per small rate error at each sample, about the axes of ``directions``.
 
     phi = sum_k sensitivity_k @ d_omega_k (docs/model.md, first-order sensitivity; in table axes instead of the end's body axes).
     The residual is half of phi, its first two or all three components.
@@ -265,10 +268,10 @@ def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
 
 
 def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``end_attitude`` of the exact integrator (S, 4), and ``sensitivity``: the attitudes along the way give both."""
+    """``end_attitude`` of the exact integrator (S, 4), and ``sensitivity``: both follow from the attitudes at all samples."""
     segments, samples = rate.shape[:2]
     end = np.empty((segments, 4))
-    found = np.empty((segments, 3, 3, samples))  # what sums over the samples finds them side by side
+    found = np.empty((segments, 3, 3, samples))  # samples contiguous in memory, for sums over them
     for some in parts(segments):
         part = batch.pick(some)
         q_tb = _along(part, rate[some])
@@ -280,19 +283,19 @@ def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def parts(count: int) -> list[slice]:
-    """Segments, of so many, that are best taken at once."""
+    """Slices of ``count`` segments that are processed together."""
     return [slice(first, first + TOGETHER) for first in range(0, count, TOGETHER)]
 
 
 def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
-    """``q_tilt`` (..., 4) turned about the vertical to be as near to ``q_tb`` (..., 4) as it can be."""
+    """Rotate ``q_tilt`` (..., 4) about the vertical to be as near as possible to ``q_tb`` (..., 4)."""
     turn = rotation.multiply(q_tb, rotation.conjugate(q_tilt)) * [1.0, 0.0, 0.0, 1.0]
     length = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.where(length > 1e-9, rotation.multiply(turn / np.maximum(length, 1e-9), q_tilt), q_tilt)
 
 
 def like(model: Array, array: np.ndarray | Array) -> Array:
-    """``array`` in the library, and on the device, of ``model``."""
+    """Convert ``array`` to the library and the device of ``model``."""
     xp = rotation.namespace(model)
     if isinstance(model, np.ndarray) or not isinstance(array, np.ndarray):
         return array
@@ -300,5 +303,5 @@ def like(model: Array, array: np.ndarray | Array) -> Array:
 
 
 def closure_angles(batch: Batch, model: RateMap, integrator: str = "exact") -> np.ndarray:
-    """Error angles (S, d) rad that a model leaves."""
+    """Error angles (S, d) rad under a model."""
     return error_angles(segment_residuals(batch, model(batch.rate), integrator))

@@ -1,4 +1,4 @@
-"""Closure runs: a still, a long turn, a still in the same attitude.  Never fitted; the paper's Table 3."""
+"""Closure runs: a still, a long turn, a still in the same attitude.  They are never fitted (the paper's Table 3)."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ from tinygc.closure.residual import Batch
 from tinygc.closure.stills import goes_on
 from tinygc.models.model import Model
 
-#: stillness that is integrated at either end, for what the detector may be late
+#: stillness integrated at either end, to allow for the detector's delay
 MARGIN_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ClosureRun:
-    """One run ready to be integrated: file, duration_s of the movement, batch of one segment with three known angles,
-    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used; samples of the whole log, of which
-    rows are the batch's; began_s of the session when the log began; yaw_carried: whether its yaw is that of the last log's end."""
+    """One run ready to be integrated.
+
+    file; duration_s of the movement; batch of one segment with three known angles; floor_rad (3,): one sigma from noise alone; earth:
+    whether the horizontal part of the Earth's rate is included; samples of the whole log; rows of the batch in it; began_s: session time
+    at the log's start; yaw_carried: whether its yaw continues that at the end of the last log.
+    """
 
     file: str
     duration_s: float
@@ -49,27 +52,27 @@ class ClosureRun:
         return self.errors_at(self.rates(model), integrator)
 
     def rates(self, model: Model) -> np.ndarray:
-        """Calibrated rates (N, 3) rad/s of the batch's rows by a model that needs more than them.
+        """Calibrated rates (N, 3) rad/s of the batch's rows, by a model that may need the whole log.
 
-        A net with a memory begins at the log's beginning; physics may look at what lies around the run.  The run was recorded after the
-        session: what follows the session's time has stood still since.
+        A net with memory starts at the log's beginning; physics may use samples around the run.  The run was recorded after the session:
+        effects that depend on the session's time keep their final value.
         """
         return model.at_end().calibrate(self.samples)[self.rows]
 
     def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
-        """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""
+        """Add a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes given by calibrated rates (N, 3)."""
         if self.earth.source in ("none", "unknown") and not self.yaw_carried:
             return self
         turn = rotation.matrix(closure.attitudes(self.batch, rate[None]))
         return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
 
     def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
-        """The same for calibrated rates (N, 3) of the batch's rows."""
+        """As ``errors``, for calibrated rates (N, 3) of the batch's rows."""
         return closure.error_angles(closure.segment_residuals(self.batch, rate[None], integrator))[0]
 
 
 def read_closure_runs(problem: Problem) -> list[ClosureRun]:
-    """The session's closure runs; DataError names a run without two stills, or that does not return."""
+    """Read the session's closure runs; raises DataError for a run without two stills, or that does not return."""
     return [_prepare(problem, log) for log in problem.session.closures]
 
 
@@ -92,7 +95,7 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     margin = round(MARGIN_S / samples.period_s)
     rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
     part = samples.between(rows.start, rows.stop)
-    # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
+    # By protocol the yaw is the same; the tilt comes from gravity, since a hand does not return to a hundredth of a degree.
     earth, start, carried = _earth_and_start(problem, session, samples, first)
     end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
     bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
@@ -116,7 +119,7 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
 
 
 def _earth_and_start(problem: Problem, session: Session, samples: Samples, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
-    """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
+    """Earth's rate and start of a run: its yaw is known if the table was not touched since the last log; else only the vertical rate."""
     before = problem.logs[-1]
     start = rotation.from_gravity(first.accel_mean)
     references = [i for i, still in enumerate(before.stills) if still.problem is None]

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from session.detect.segments import Segment
 
 
-# The stills of one log, with the attitudes that are carried through them.
+# The stills of one log with their attitudes.
 
 
 @dataclass(frozen=True, eq=False)
 class StillSet:
-    """The stills of one log: their noise, attitudes q_tb (Q, 4), the yaw carried from still to still, and yaw groups (Q,); bridges:
-    readings of its samples that were put in."""
+    """The stills of one log: noise, attitudes q_tb (Q, 4) with the yaw carried from still to still, yaw groups (Q,); bridges: repaired
+    readings of its samples."""
 
     samples: Samples
     stills: list[Still]
@@ -38,45 +38,45 @@ class StillSet:
 
     @cached_property
     def rests(self) -> list[Rest]:
-        """Phases in which a vehicle stands, though its motors may shake it; looked for once."""
+        """Phases in which a vehicle stands, possibly with motor vibration; computed once."""
         return find_rests(self.samples)
 
 
-# The attitude carried through the whole recording: gravity gives the tilt in each still, the gyro the yaw from still to still.
+# The attitude through the whole recording: gravity gives the tilt in each still, the gyro carries the yaw from still to still.
 #
-# Where the chain breaks (samples lost or clipped in a turn, a log that does not go on where the last one ended) a new yaw group begins,
-# with a heading of its own.  A segment that was only left out by request does not break it.
+# Where the chain breaks (samples lost or clipped in a turn, a log that does not continue the previous one) a new yaw group begins, with a
+# heading of its own.  A segment excluded on request does not break the chain.
 
-#: the table has not been touched between two files if time goes on within this, and gravity is where it was to this
+#: the table was not touched between two files if the gap in time and the change of gravity's direction are below these
 UNTOUCHED_S = 600.0
 UNTOUCHED_RAD = 0.1 * DEG
-#: more than this between a still and the file's end may be a turn about the vertical, which gravity does not see
+#: a longer time between a still and the file's end may hide a turn about the vertical, which gravity does not show
 UNSEEN_S = 1.0
 
 
 def goes_on(before: Samples, last: Still, after: Samples, first: Still) -> bool:
-    """Whether one log begins where another ended: still to its end, the device's time goes on, and gravity is where it was."""
+    """Whether a log continues another: the first is still to its end, the device's time continues, gravity's direction is the same."""
     pause_s = (after.t_ns[0] - before.t_ns[-1]) * NS
     moved_s = max((len(before) - last.stop) * before.period_s, first.start_s)
     return 0 <= pause_s < UNTOUCHED_S and moved_s < UNSEEN_S and angle_between(last.accel_mean, first.accel_mean) < UNTOUCHED_RAD
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """rad between two vectors (3,)."""
+    """Angle between two vectors (3,), rad."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model: LinearModel) -> tuple[list[StillSet], Batch]:
-    """Attitudes of all stills, and the batch with them at its ends; yaw is 0 at the first still of each group.
+    """Compute the attitudes of all stills and set them at the batch's ends; yaw is 0 at the first still of each group.
 
-    ``chain`` holds all segments, in order, with their ends' tilt (or all three angles, where the table's dials are the reference).
+    ``chain`` holds all segments in order, with the tilt at their ends (or all three angles if the table's dials are the reference).
     """
     start, end = chain.start.copy(), chain.end.copy()
     q_tb = [rotation.from_gravity(np.array([still.accel_mean for still in log.stills]).reshape(-1, 3)) for log in logs]
     group = [np.zeros(len(log.stills), dtype=int) for log in logs]
     step = rotation.multiply(rotation.conjugate(chain.start), end_attitude(chain, model(chain.rate)))
     if chain.turns is not None:
-        # Where a turn's angle is known, it is that, not the gyro's, which carries the yaw.
+        # A known turn angle carries the yaw instead of the gyro's angle.
         step = rotation.multiply(rotation.conjugate(chain.start), chain.turns.turned(chain.start, rotation.multiply(chain.start, step)))
     groups, begun = 0, -1
     place = {id(still): number for log in logs for number, still in enumerate(log.stills)}

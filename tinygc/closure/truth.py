@@ -27,16 +27,16 @@ from tinygc.models.linear import LinearModel, bias_only
 
 # The problem of a session whose reference is a truth file: segments between moments of truth, three angles each.
 #
-# Stills are not needed.  Where there are some they are used for what only they tell, the sensor's noise and its rate at rest; a log that
-# never rests has its noise measured in the sample-to-sample scatter of its quietest half seconds, which holds the vibration, too.
+# Stills are not needed.  If there are any, they give the sensor's noise and its rate at rest.  The noise of a log without rests is measured
+# in the sample-to-sample scatter of its quietest half seconds, and includes vibration.
 
-#: "stills" noisier than this are a steady flight: no MEMS gyro is worse by itself
+#: "stills" noisier than this are steady flight: no MEMS gyro has so much noise
 STILL_NOISE_RPS_RTHZ = 0.1 * DEG
 #: twelve parameters, three angles a segment
 FEWEST_SEGMENTS = 5
 QUIET_BLOCK_S = 0.5
 QUIETEST = 0.05
-#: over much more, a bias of some dps turns by more than half a turn, from where no search returns
+#: over a much longer time a bias of some dps rotates by more than half a circle, where no search converges
 SHORT_S = 2.0
 
 
@@ -48,7 +48,7 @@ def build_truth_problem(
     exclude: tuple[int, ...] = (),
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
-    """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (the truth's times are not the log's)."""
+    """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (truth and log do not share their times)."""
     logs: list[StillSet] = []
     cut: list[tuple[Segment, TruthEnds]] = []
     protocol, sensor = session.config.protocol, session.config.sensor
@@ -107,7 +107,7 @@ def _noise_in_motion(samples: Samples) -> Noise:
 
 
 def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[TruthEnds]) -> Batch:
-    """Segments side by side, with the truth's attitudes at their ends."""
+    """Batch of the segments with the truth's attitudes at their ends."""
     longest = max(segment.stop - segment.start for segment in segments)
     rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
     for i, segment in enumerate(segments):
@@ -120,7 +120,7 @@ def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[TruthEnds
 
 
 def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearModel:
-    """A linear model that closes the segments, from nothing: from short segments, if the truth has moments enough inside the long ones."""
+    """Fit a linear model without a start value: first to short segments, if the truth is dense enough inside the long ones."""
     still = next((still for log in logs for still in log.stills if still.problem is None), None)
     model = bias_only(None if still is None else still.gyro_mean)
     protocol = session.config.protocol
@@ -141,12 +141,12 @@ def _earth(session: Session) -> EarthRate:
     site = session.config.site
     if site.latitude_deg is None:
         return no_earth()
-    # The truth's own x axis is what the heading is of.
+    # The heading is that of the truth's x axis.
     return vertical_only(site.latitude_deg) if site.heading_deg is None else with_heading(site.latitude_deg, site.heading_deg)
 
 
 def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Segment], at: np.ndarray, model: LinearModel) -> StillSet:
-    """The stills with the attitude that truth and gyro give them."""
+    """Set the attitudes of the stills from truth and gyro."""
     q = []
     for still in log.stills:
         i = next(i for i, s in enumerate(segments) if s.log == number and s.start <= still.middle < s.stop)
@@ -155,7 +155,7 @@ def _with_attitudes(log: StillSet, number: int, batch: Batch, segments: list[Seg
 
 
 def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[TruthEnds], logs: list[StillSet], truth_sigma: float) -> Floor:
-    """Gyro noise and the truth's own at both ends; neighbours share a moment of truth."""
+    """Floor from the gyro's noise and the truth's sigma at both ends; neighbours share a moment of truth."""
     own = gyro_variance(batch, at, [logs[segment.log].noise for segment in segments])
     truth = np.eye(3) * truth_sigma**2
     shared = np.zeros((len(batch) - 1, 3, 3))
@@ -179,20 +179,20 @@ def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
     return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), attitude, np.array(middle_s))
 
 
-# Absolute orientation error (AOE) of a run: the attitude carried by the gyro alone, from the first true one, against the truth.
+# Absolute orientation error (AOE) of a run: the attitude integrated from the gyro alone, from the first true one, against the truth.
 #
-# AOE = sqrt(mean |log(R_true^T R_carried)|^2) over all moments of the truth (Brossard et al. 2020, and the paper's Table 1): one number, in
-# which yaw counts as much as tilt, and an error early in the run as much as one at its end.
+# AOE = sqrt(mean |log(R_true^T R_carried)|^2) over all moments of the truth (Brossard et al. 2020, and the paper's Table 1).  Yaw and tilt
+# have equal weight, as have early and late errors.
 
 
 def orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> tuple[np.ndarray, np.ndarray]:
-    """t_s (K,) since the first moment, and rotation vectors (K, 3) rad in the body's axes, of the truth's moments within the log.
+    """Orientation error at the truth's moments within the log: t_s (K,) since the first, and rotation vectors (K, 3) rad in body axes.
 
-    ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError where the truth's times are not the log's.
+    ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError if truth and log do not share their times.
     """
     rows, q_true = moments_inside(samples, truth)
     part = samples.between(int(rows[0]), int(rows[-1]) + 1)
-    # The whole log goes through the model: one with a memory has its past then.
+    # The model runs over the whole log, since it may have memory.
     rate = np.asarray(model(samples.gyro))[rows[0] : rows[-1] + 1]
     running = rotation.accumulate(steps(rate, part.dt_s, integrator))
     q = np.concatenate([q_true[:1], rotation.multiply(q_true[0], running)])[rows - rows[0]]
@@ -200,6 +200,6 @@ def orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator
 
 
 def absolute_orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> float:
-    """AOE in rad."""
+    """Absolute orientation error (AOE), rad."""
     _, error = orientation_error(samples, truth, model, integrator)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -1,4 +1,4 @@
-"""How well the parameters are known, and how far the closure is from its floor."""
+"""Covariance of the parameters, and goodness of fit of the closure against its floor."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from tinygc.closure.prior import GaussianPrior
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
-# Probabilities of a few statistics.  ``scipy.stats`` has them as well, and takes longer to import than a fit takes.
+# Probabilities of a few statistics: importing ``scipy.stats`` takes longer than a fit.
 #
-# tests/test_probability.py holds them against it.
+# tests/test_probability.py compares them with it.
 
-#: differences up to which every assignment of signs is counted
+#: number of differences up to which all assignments of signs are counted
 EXACT_UP_TO = 50
 
 
 def chi_square_above(value: float, freedom: int) -> float:
-    """Probability that chi-square of so many degrees of freedom, 1 or more, exceeds a value.
+    """Probability that chi-square with ``freedom`` >= 1 degrees of freedom exceeds a value.
 
-    For whole degrees the incomplete gamma function is a finite sum, of positive terms (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5).
+    For integer degrees the incomplete gamma function is a finite sum of positive terms (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5).
     """
     half = value / 2
     if half <= 0:
@@ -40,20 +40,20 @@ def chi_square_above(value: float, freedom: int) -> float:
 
 
 def normal_above(value: float) -> float:
-    """Probability that a normal number exceeds so many sigmas."""
+    """Probability that a standard normal variable exceeds a value."""
     return math.erfc(value / math.sqrt(2)) / 2
 
 
 def signed_ranks_above(differences: np.ndarray) -> float:
-    """Wilcoxon's signed ranks: probability of a sum of the positive ones' ranks as large by chance, differences (n,) being symmetric.
+    """Wilcoxon signed-rank test: one-sided p-value of the sum of positive ranks for symmetric differences (n,).
 
-    Zeros are left out, ties share their mean rank.  Exact up to ``EXACT_UP_TO``, normal with the variance that ties leave above.
+    Zeros are left out; ties share their mean rank.  Exact up to ``EXACT_UP_TO``; above, a normal approximation with the ties' variance.
     """
     left = differences[differences != 0]
     if not len(left):
         return 1.0
     _, place, counts = np.unique(np.abs(left), return_inverse=True, return_counts=True)
-    twice = (2 * np.cumsum(counts) - counts + 1)[place]  # ranks, doubled: a tie's may be halves
+    twice = (2 * np.cumsum(counts) - counts + 1)[place]  # doubled ranks, since those of ties may be half-integers
     positive = int(np.sum(twice[left > 0]))
     if len(left) <= EXACT_UP_TO:
         ways = np.zeros(int(np.sum(twice)) + 1)
@@ -65,15 +65,15 @@ def signed_ranks_above(differences: np.ndarray) -> float:
     return normal_above((2 * positive - float(np.sum(twice))) / sigma)
 
 
-# How well the parameters are known, and how far the closure is from its floor.
+# Covariance of the parameters, and goodness of fit of the closure against its floor.
 
-#: a closure this improbable from noise alone is a mismatch
+#: p-value below which the closure is a mismatch
 MISMATCH_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class GoodnessOfFit:
-    """chi_square of the error angles against the floor, its degrees of freedom, and the probability of more by chance."""
+    """chi_square of the error angles against the floor, its degrees of freedom, and its p-value."""
 
     chi_square: float
     freedom: int
@@ -81,14 +81,14 @@ class GoodnessOfFit:
 
     @property
     def excess(self) -> float:
-        """Factor on the floor's variance that the residuals ask for; 1 where noise alone explains them."""
+        """Factor on the floor's variance that explains the residuals; 1 if noise alone explains them."""
         return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
 
 
 def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: BiasWander | None = None) -> GoodnessOfFit:
-    """Of the closure that a linear model leaves, its 12 parameters' best taken off once more with the full covariance.
+    """Goodness of fit of the closure under a linear model, whose 12 parameters are refitted with the full covariance.
 
-    That covariance knows of shared stills and, with the segments' moments in ``wander``, of the bias's wander.
+    That covariance includes shared stills and, if ``wander`` is given, bias drift.
     """
     rate = model(batch.rate)
     end, sensitivity = closure.end_and_sensitivity(batch, rate)
@@ -115,11 +115,11 @@ def parameter_covariance(
     wander: BiasWander | None = None,
     prior: GaussianPrior | None = None,
 ) -> np.ndarray:
-    """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it, by the session's noise, not by what a prior errs by.
+    """(12, 12) covariance of ``LinearModel.vector`` from least squares, due to the session's noise without errors of the prior.
 
-    Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, that the heading is only estimated,
-    nor that the bias wanders while the session lasts; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
-    wander: when each segment was recorded, and how far the bias wanders; without it the bias is taken to stand still.
+    Weighted least squares with weights 1/sigma^2 neglects that neighbours share a still, that the heading is estimated, and that the bias
+    drifts during the session; the sandwich H^-1 (J' W C W J) H^-1 includes all three (White 1980).
+    wander: bias drift between the segments; without it the bias is constant.
     """
     rate = model(batch.rate)
     sensitivity = closure.sensitivity(batch, rate)
@@ -133,7 +133,7 @@ def parameter_covariance(
         meat += rows.T @ rows
         still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
     if earth.source == "estimated":
-        # A heading wrong by dh turns the horizontal Earth rate by dh: one more column, with the heading's own sigma.
+        # A heading error dh rotates the horizontal Earth rate by dh: one more column, with the heading's sigma.
         sideways = np.cross([0.0, 0.0, 1.0], earth.rate_t)
         body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
@@ -144,7 +144,7 @@ def parameter_covariance(
         pull = pull * earth.heading_sigma_rad
         meat += np.outer(pull, pull)
     if wander is not None:
-        # A bias error turns a segment's end as the three bias columns say.
+        # A bias error rotates a segment's end along the three bias columns.
         pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
         more_s: tuple[np.ndarray, ...] = ()
         if still_rates is not None and still_rates.middle_s is not None:
@@ -166,10 +166,10 @@ def covariance_from_columns(
     information: np.ndarray | None = None,
     known: GaussianPrior | None = None,
 ) -> np.ndarray:
-    """(P, P) from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
+    """(P, P) covariance from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
 
-    Behind the 12 parameters there may be others, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data;
-    known: what is known of the 12 beforehand.
+    Further parameters may follow the 12, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data; known: prior of
+    the 12.
     """
     prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
     prior[: linear.PARAMETERS, : linear.PARAMETERS] = _information(known)
@@ -181,11 +181,11 @@ def covariance_from_columns(
     if information is not None:
         hessian, meat = hessian + information, meat + information
     inverse = np.linalg.inv(hessian)
-    # The prior is no datum: what no segment has seen is as uncertain as it was.
+    # The prior's term in the middle keeps its uncertainty for parameters that no segment observes.
     return inverse @ (meat + prior) @ inverse
 
 
 def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:
-    """Rotation matrices (S, T, 3, 3) out of a sensitivity, which is they times the sample's duration."""
+    """Rotation matrices (S, T, 3, 3) from a sensitivity, which is their product with the sample's duration."""
     duration = sample_weights(batch.dt)[..., None, None]
     return sensitivity / np.where(duration > 0, duration, 1)

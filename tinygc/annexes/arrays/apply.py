@@ -26,13 +26,16 @@ from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
 
-# An array's logs, piece by piece, as the units' readings at the first unit's moments.
+# Read an array's logs piece by piece and resample all units at the sample times of the first unit.
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """t_ns (T,) int64 of the first unit's samples; rate (T, N, 3) rad/s as measured and force (T, N, 3) m/s^2 calibrated, NaN where a unit
-    has none."""
+    """Rates and forces of all units at the same times.
+
+    t_ns (T,) int64: sample times of the first unit; rate (T, N, 3) rad/s as measured and force (T, N, 3) m/s^2 calibrated, NaN where a unit
+    has none.
+    """
 
     t_ns: np.ndarray
     rate: np.ndarray
@@ -40,12 +43,12 @@ class Moments:
 
 
 class UnitLog:
-    """A unit's log as pieces in SI, and its samples at any moments."""
+    """One unit's log in SI, read piece by piece and resampled at any times."""
 
     def __init__(self, unit: FusedUnit, clock: UnitClock | None, path: Path, answers: Answers):
-        """clock: None of a unit whose clock nobody knows, and which so gives nothing; answers: what a person says of all logs.
+        """clock is None for a unit with an unknown clock, which then contributes nothing; answers: the user's description of all logs.
 
-        Raises FormatError for what is no log of a gyroscope, or is calibrated already.
+        Raises FormatError for a file that is no gyroscope log, or is calibrated already.
         """
         self.unit, self.clock, self.reader = unit, clock, Reader(path, answers)
         if self.reader.layout.gyro is None:
@@ -66,11 +69,12 @@ class UnitLog:
         self._resampler, self._ended = Resampler(6), False
 
     def pieces(self) -> Iterator[Applicable]:
-        """Its own, of the unit whose moments are the array's."""
+        """Yield the unit's own pieces; used for the unit whose sample times are the array's."""
         return self._pieces
 
     def at(self, t_s: np.ndarray, begins_ns: int) -> np.ndarray:
-        """(T, 6) rate and force at moments (T,) s of the array's clock after begins_ns; each call goes on where the last one ended."""
+        """Return (T, 6) rate and force at times (T,) s of the array's clock after begins_ns; each call continues where the last one
+        ended."""
         if self.clock is None:
             return np.full((len(t_s), 6), np.nan)
         while not self._ended and self._resampler.ends < t_s[-1]:
@@ -85,22 +89,22 @@ class UnitLog:
 
 
 def _moments(clock: UnitClock, t_ns: np.ndarray, begins_ns: int) -> np.ndarray:
-    """(K,) s of the array's clock after begins_ns."""
+    """Convert stamps to times (K,) s of the array's clock after begins_ns."""
     since = (t_ns - begins_ns) * NS
     return since + clock.offset_s + clock.rate * (since + (begins_ns * NS - clock.about_s))
 
 
 def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
-    """(K, 6): rate and force, the latter NaN where there is none."""
+    """Stack rate and force to (K, 6); force is NaN where there is none."""
     force = piece.accel if with_force and piece.accel is not None else np.full_like(piece.gyro, np.nan)
     return np.hstack([piece.gyro, force])
 
 
 class ArrayLogs:
-    """All units of one log; ``moments()`` goes through it once, in bounded memory: a piece of each unit's file."""
+    """All units of one log; ``moments()`` reads them once in bounded memory, one piece of each unit's file at a time."""
 
     def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path], answers: Answers):
-        """clocks by number; a unit without one gives nothing.  FormatError where a unit of the model has no log."""
+        """clocks are by unit number; a unit without one contributes nothing.  Raises FormatError where a unit of the model has no log."""
         if not set(paths) >= set(model.numbers):
             there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (paths, model.numbers))
             raise FormatError(f"{next(iter(paths.values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
@@ -108,18 +112,18 @@ class ArrayLogs:
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Bytes of the first unit's file that were read, and all."""
+        """Return the bytes read of the first unit's file, and its size."""
         reader = self.units[0].reader
         size = max(reader.path.stat().st_size, 1)
         return min(reader.position, size), size
 
     @property
     def notes(self) -> list[str]:
-        """Of the readers, with their files' names."""
+        """Return the readers' notes, each with its file's name."""
         return [f"{unit.reader.path.name}: {note}" for unit in self.units for note in unit.reader.notes]
 
     def moments(self) -> Iterator[Moments]:
-        """Piece after piece of the first unit's samples, and what the others read then."""
+        """Yield the first unit's samples piece by piece, with the other units resampled at the same times."""
         begins: int | None = None
         first, *others = self.units
         for piece in first.pieces():
@@ -131,19 +135,19 @@ class ArrayLogs:
             yield Moments(piece.t_ns, values[..., :3], values[..., 3:])
 
 
-# The units' specific force as one: turned by their mountings, moved to one point, averaged.
+# Fused specific force: each unit's force is rotated by its mounting, moved to one point, and averaged.
 #
 #     f_0 = R_i f_i - (domega/dt x r_i + omega x (omega x r_i))
 #
-# r_i is the unit's position from the first unit's accelerometer, omega the fused rate, its derivative the central difference.  Where a
-# unit's position is not known its lever arm is left out, and that is said.
+# r_i is the unit's position relative to the first unit's accelerometer, omega the fused rate, its derivative the central difference. The
+# lever arm of a unit with an unknown position is left out, and a note is written.
 
 
 def fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """(T, 3) m/s^2 in the array's frame, at the first unit's accelerometer where positions are known.
+    """Return (T, 3) m/s^2 in the array's frame, at the first unit's accelerometer where positions are known.
 
     force (T, N, 3) m/s^2 calibrated, in each unit's body frame, NaN for none; rate (T, 3) rad/s, change (T, 3) rad/s^2 of the array; used
-    (T, N): units that are believed.  NaN where none of these has one.
+    (T, N): units that are not rejected.  NaN where none of these has a force.
     """
     mountings = np.stack([unit.place.mounting for unit in model.units])
     turned = np.einsum("nij,tnj->tni", mountings, force)
@@ -158,7 +162,8 @@ def fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: 
 
 
 def force_weights(model: ArrayModel) -> np.ndarray:
-    """(N,): 1 over the squared noise density where every calibrated accelerometer's is known, else 1; 0 of what is not calibrated."""
+    """Return (N,) weights: 1 over the squared noise density if it is known of every calibrated accelerometer, else 1; 0 for an uncalibrated
+    one."""
     there = np.array([unit.accelerometer is not None for unit in model.units])
     noise = [unit.accel_noise_density for unit in model.units]
     if all(value is not None for value, use in zip(noise, there, strict=True) if use):
@@ -166,18 +171,21 @@ def force_weights(model: ArrayModel) -> np.ndarray:
     return there.astype(float)
 
 
-# An array's model applied to an array's recording of any length: one log with the fused rate and specific force.
+# Apply an array's model to a recording of any length; the result is one log with the fused rate and specific force.
 
 Progress = Callable[[str, int, int], None]
-#: of a log, by which it is seen whether one reader gave them
+#: samples of a log that are compared to find out whether one reader stamped all units
 FIRST_STAMPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayApplied:
-    """out; which log; rows; left_out moments at which no unit gave a rate; at_end rows at which every unit read its end; used: share of the
-    rows that each unit is in; events of the vote, with their s from the log's first sample; clocks: ``model``, ``same`` or ``found``;
-    noise_density (3,) rad/s/sqrt(Hz) while all are in; force: whether there is any; notes."""
+    """Result of applying an array's model.
+
+    out; which log; rows; left_out: sample times at which no unit gave a rate; at_end: rows in which every unit is saturated; used: share of
+    the rows that include each unit; events of fault detection, with their time in s from the log's first sample; clocks: ``model``,
+    ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units; force: whether there is any; notes.
+    """
 
     out: Path
     which: str
@@ -205,8 +213,8 @@ def apply_array(
 ) -> ArrayApplied:
     """Fuse one log of an array's folder; which: its name without the unit, needed where there are several.
 
-    Memory is that of a piece of each unit's file; where clocks must be found, the recording is read whole once before.
-    Raises FormatError, DataError, CalibrationError.
+    Memory holds one piece of each unit's file; where clocks must be estimated, the whole recording is read once before. Raises FormatError,
+    DataError, CalibrationError.
     """
     model = load_array_model(model_path)
     logs = array_log_paths(folder)
@@ -281,7 +289,10 @@ def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -
 
 
 def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: Answers) -> tuple[dict[int, UnitClock], str, list[str]]:
-    """Of this recording, by number: the model's where it was made of it, or where it needs none; else found anew; and notes."""
+    """Return this recording's clocks by unit number, and notes.
+
+    The model's clocks are used if the model was made from this recording, or needs none; otherwise they are estimated.
+    """
     own = {unit.number: unit.place.clock for unit in model.units}
     if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths, answers):
         return own, "same", []
@@ -295,7 +306,7 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: An
 
 
 def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path], answers: Answers) -> bool:
-    """Whether a log's first stamps are all units' own, as one reader gives them: to a tenth of a period, by their median."""
+    """Return whether one reader stamped all units: the first stamps of a log agree to a tenth of a period, by their median."""
     stamps = []
     for unit in model.units:
         if unit.number in paths:
@@ -325,7 +336,7 @@ def _force_notes(model: ArrayModel, reading: ArrayLogs, force: bool) -> list[str
 def _with_change(
     parts: Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Each part with the rate's derivative (T, 3) rad/s^2, by central differences; a part's last row waits for the next one."""
+    """Yield each part with the rate's derivative (T, 3) rad/s^2, by central differences; a part's last row waits for the next part."""
     waiting: tuple[np.ndarray, ...] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
     for part in parts:
@@ -341,7 +352,7 @@ def _with_change(
 
 
 def _change(t_ns: np.ndarray, rate: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """(T, 3): one-sided at the ends of what is known."""
+    """Return (T, 3) central differences, one-sided at the ends of the data."""
     if before is not None:
         t_ns, rate = np.concatenate([before[0], t_ns]), np.concatenate([before[1], rate])
     if len(t_ns) < 2:

@@ -15,7 +15,7 @@ from tinygc.annexes.arrays.voting import ASIDE, BACK, FAST, FEWEST, SLOW, SOON_S
 from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.source import FLAGS, commented, constant, initialiser, literal
 
-# The header of an array's C, facts left open.
+# Template of the header file of an array's C code.
 
 HEADER_TEXT = """\
 /* {count} gyroscopes on one body as one, by TinyGC {version}.
@@ -91,7 +91,7 @@ int tinygc_array_self_test(float *worst);
 """
 
 
-# The source of an array's C, tables left open.
+# Template of the source file of an array's C code.
 
 REGISTERS_PROTOTYPE = """
 /* Registers gx gy gz of each unit as rates; all are present. */
@@ -380,18 +380,18 @@ int tinygc_array_self_test(float *worst)
 """
 
 
-# An array's model as C99: fusion and vote of ``one_vote.py``, sample by sample, in single precision.
+# An array's model as C99: fusion and fault detection as in ``voting.py``, sample by sample, in single precision.
 
 HEADER, SOURCE = "tinygc_array.h", "tinygc_array.c"
-#: samples of the self-test, from which on one unit lies, and by how much, rad/s
+#: samples of the self-test, sample at which one unit's fault begins, and its size in rad/s
 TEST_COUNT, TEST_LIES_FROM, TEST_LIE = 64, 24, 2.0
-#: of the answer, plus 1 rad/s: two orders of operations in single precision differ by less
+#: relative tolerance of the self-test, for values plus 1 rad/s: two orders of operations in single precision differ by less
 TEST_TOLERANCE = 2e-5
 _SEED = 16
 
 
 def array_source(model: ArrayModel) -> dict[str, str]:
-    """File name -> text.  ExportError for numbers that single precision does not hold."""
+    """Return file name -> text.  Raises ExportError for numbers that exceed single precision."""
     tables, constants = Tables.of(model), c_constants(model)
     worst = max(float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) for table in constants.values())
     if worst > 1e30:
@@ -444,7 +444,7 @@ def array_source(model: ArrayModel) -> dict[str, str]:
 
 
 def c_constants(model: ArrayModel) -> dict[str, np.ndarray]:
-    """Tables in single precision, by their names in C; a unit without a known end has the greatest number as its end."""
+    """Return the tables in single precision, by their names in C; a unit with an unknown full scale gets the largest float as its end."""
     tables = Tables.of(model)
     end = np.where(np.isfinite(tables.end), tables.end, 1e30)
     return {
@@ -464,7 +464,7 @@ def c_constants(model: ArrayModel) -> dict[str, np.ndarray]:
 
 
 def _per_lsb(model: ArrayModel) -> np.ndarray | None:
-    """(N,) rad/s of one LSB; None where a unit's registers are not known."""
+    """Return (N,) rad/s per LSB; None where a unit's registers are unknown."""
     try:
         known = [None if unit.sensor is None else unit.sensor.register_units.gyro_rps for unit in model.units]
     except FormatError:
@@ -473,7 +473,7 @@ def _per_lsb(model: ArrayModel) -> np.ndarray | None:
 
 
 def self_test_vectors(model: ArrayModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``(inputs (K, N, 3), rates (K, 3) float32 rad/s, why (N,) at the end)``: a turn in which the last unit begins to lie."""
+    """Return ``(inputs (K, N, 3), rates (K, 3) float32 rad/s, why (N,) at the end)`` of a turn in which the last unit becomes faulty."""
     rng = np.random.default_rng(_SEED)
     at = np.arange(TEST_COUNT) / TEST_COUNT
     omega = np.sin(2 * np.pi * np.outer(at, [1.0, 2.0, 0.5])) * [0.3, 0.2, 0.4]
@@ -488,13 +488,13 @@ def self_test_vectors(model: ArrayModel) -> tuple[np.ndarray, np.ndarray, np.nda
     return single, rates, why
 
 
-# An array's model for other programs: C for a device, or its own JSON; a format of one sensor's numbers cannot hold an array.
+# Export of an array's model: C for a device, or its own JSON. Formats that hold the numbers of one sensor cannot hold an array.
 
 FORMATS = ("json", "c")
 
 
 def export_array(path: Path, to: str) -> dict[str, str]:
-    """File name -> text of an array's model file.  ExportError for a format that holds one sensor only."""
+    """Return file name -> text of an array's model file.  Raises ExportError for a format that holds one sensor only."""
     model = load_array_model(path)
     if to not in FORMATS:
         raise ExportError(f"{to} holds one sensor's calibration, {path.name} is an array of {len(model)} units; json and c carry an array")

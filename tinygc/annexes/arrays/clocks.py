@@ -1,4 +1,4 @@
-"""A unit's clock against the first unit's: offset and rate, by the likelihood of its rates."""
+"""Clock of each unit relative to the first unit's: offset and rate, by maximum likelihood from the measured rates."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from session.io.numeric import sigma_of
 from session.io.samples import Samples
 from session.io.units import DEG, NS
 
-# Where a unit of an array is in time and space: its clock, its mounting, its position, against the array's first unit.
+# Extrinsics of a unit: clock, mounting and position relative to the array's first unit.
 
 
 @dataclass(frozen=True, eq=False)
 class UnitClock:
-    """``t_array = t_unit + offset_s + rate (t_unit - about_s)``, all in s; sigmas of offset and rate.
+    """Linear clock model ``t_array = t_unit + offset_s + rate (t_unit - about_s)``, all in s, with the sigmas of offset and rate.
 
-    rate is positive where the unit's own clock is slow.  The array's clock is that of its first unit, whose offset and rate are 0.
+    rate is positive where the unit's own clock is slow.  The array's clock is the clock of its first unit, whose offset and rate are 0.
     """
 
     offset_s: float = 0.0
@@ -34,15 +34,19 @@ class UnitClock:
     rate_sigma: float = 0.0
 
     def array_time(self, t_unit_s: np.ndarray) -> np.ndarray:
-        """(N,) s on the array's clock of moments (N,) s on the unit's."""
+        """Convert times (N,) s of the unit's clock to the array's clock."""
         return t_unit_s + self.offset_s + self.rate * (t_unit_s - self.about_s)
 
 
 @dataclass(frozen=True, eq=False)
 class UnitPlace:
-    """Of one unit: number; clock; mounting (3, 3), the rotation that takes vectors from the unit's body frame (its accelerometer's triad,
-    or what session.toml says) to the array's, and its covariance (3, 3) rad^2, of a turn about the array's axes; position (3,) m of its
-    accelerometer from the first unit's, in the array's frame, and its covariance (3, 3) m^2, both None where the motion does not tell."""
+    """Extrinsics of one unit.
+
+    number; clock; mounting (3, 3), the rotation that takes vectors from the unit's body frame (its accelerometer's triad, or the frame
+    given in session.toml) to the array's, and its covariance (3, 3) rad^2, of a turn about the array's axes; position (3,) m of its
+    accelerometer from the first unit's, in the array's frame, and its covariance (3, 3) m^2, both None where the motion does not determine
+    it.
+    """
 
     number: int
     clock: UnitClock = field(default_factory=UnitClock)
@@ -52,20 +56,23 @@ class UnitPlace:
     position_covariance: np.ndarray | None = None
 
 
-# What a unit's gyroscope read, log by log, on its own clock, without what stands at the register's end.
+# Measured rates of a unit's gyroscope, log by log, on its own clock, without saturated readings.
 
-#: samples on either side of a clipped one that a spline through it would bend
+#: samples on either side of a clipped one that a spline through it would distort
 BESIDE = 3
-#: of the usual period: a longer step is a gap, over which nothing is interpolated
+#: of the usual period: a longer step is a gap, and readings are not interpolated across it
 GAP_PERIODS = 1.6
-#: s of one and the same reading on all axes, from which on it is no measurement: a sensor has noise (as in the vote of the fused output)
+#: s of identical readings on all axes after which a sensor counts as stuck (as in fault detection)
 STUCK_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Rates:
-    """One log of one unit: t_s (N,) s of its own clock, rate (N, 3) rad/s in its gyroscope's axes, good (N,) bool: neither clipped nor
-    stuck, nor beside such a one or a gap; period_s of its stamps."""
+    """Rates of one log of one unit.
+
+    t_s (N,) s of its own clock, rate (N, 3) rad/s in its gyroscope's axes, good (N,) bool: neither clipped nor stuck, nor next to such a
+    reading or a gap; period_s of its stamps.
+    """
 
     t_s: np.ndarray
     rate: np.ndarray
@@ -76,11 +83,11 @@ class Rates:
         return len(self.t_s)
 
     def shifted(self, t_s: np.ndarray) -> Rates:
-        """The same readings at other moments (N,) s."""
+        """Return the same readings at other times (N,) s."""
         return replace(self, t_s=t_s)
 
     def between_good(self) -> Rates:
-        """From the first good reading to the last: without the end of a log whose sensor had died."""
+        """Trim to the span from the first good reading to the last, which drops the tail of a log whose sensor failed."""
         good = np.flatnonzero(self.good)
         if len(good) < 2:
             return self
@@ -88,11 +95,11 @@ class Rates:
         return replace(self, t_s=self.t_s[part], rate=self.rate[part], good=self.good[part])
 
     def spline(self) -> CubicSpline:
-        """The rate as a smooth function of the unit's time."""
+        """Return the rate as a cubic spline over the unit's time."""
         return CubicSpline(self.t_s, self.rate)
 
     def covers(self, t_s: np.ndarray) -> np.ndarray:
-        """(M,) bool: which moments lie between two good readings that are neighbours."""
+        """Return (M,) bool: which times lie between two adjacent good readings."""
         after = np.searchsorted(self.t_s, t_s)
         inside = (after > 0) & (after < len(self))
         after = np.clip(after, 1, len(self) - 1)
@@ -100,7 +107,7 @@ class Rates:
 
 
 def rates_of(samples: Samples, end_dps: float) -> Rates:
-    """Of one log; end_dps: from which rate on a reading is no measurement (``register_end_dps``)."""
+    """Return the rates of one log; end_dps: rate above which a reading is saturated (``register_end_dps``)."""
     t_s, rate = samples.t_ns * NS, np.asarray(samples.gyro)
     bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
     step, period_s = np.diff(t_s), samples.period_s
@@ -113,43 +120,43 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
 
 
 def _stuck(rate: np.ndarray, length: int) -> np.ndarray:
-    """(N,) bool: readings in runs of one and the same value on all axes, as long as that or longer."""
+    """Return (N,) bool: readings in runs of identical values on all axes, of at least this length."""
     begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
     count = np.diff(np.append(begins, len(rate)))
     return np.repeat(count >= length, count)
 
 
 def session_rates(session: Session) -> tuple[Rates, ...]:
-    """Of every log, then every closure run, of a unit."""
+    """Return the rates of every log, then of every closure run, of a unit."""
     return tuple(map(lambda log: log_rates(session, log), (*session.logs, *session.closures)))
 
 
 def log_rates(session: Session, log: Log) -> Rates:
-    """Of one of its logs."""
+    """Return the rates of one log of a session."""
     samples = log.samples
     return rates_of(samples, register_end_dps(session.config.sensor, np.asarray(samples.gyro)))
 
 
-# Where a unit's clock stands, roughly: where its speed of turning goes along best with the first unit's.
+# Coarse clock of a unit: the offset and rate that maximise the correlation of its speed of turning with the first unit's.
 #
-# The speed, ``|rate|``, is the same in any axes, so no mounting need be known.  A clock that runs by up to 1 % fast or slow smears the
-# correlation of a long recording, so rates are tried on a grid that is as fine as the recording is long.
+# The speed, ``|rate|``, is the same in any axes, so the mounting need not be known. A clock that runs up to 1 % fast or slow smears the
+# correlation of a long recording, so the grid of rates is finer for longer recordings.
 
-#: how far a clock's rate may be from the first unit's: an RC oscillator's trimming, and half as much again
+#: largest difference of a clock's rate from the first unit's: an RC oscillator's trimming, and half as much again
 MOST_RATE = 0.015
-#: s; a hand's turn has its speed's bends over some tenths of a second
+#: s, step of the grid; the speed of a turn by hand bends over some tenths of a second
 STEP_S = 0.05
-#: times as long steps, in which all rates are tried first
+#: factor by which the step is longer in the first search over all rates
 COARSER = 4
-#: of the shorter log, that has to lie within the longer one
+#: share of the shorter log that has to overlap the longer one
 LEAST_OVERLAP = 0.5
-#: a speed is looked at on this many grid points at most
+#: most grid points used for one speed
 MOST_POINTS = 400_000
 
 
 @dataclass(frozen=True)
 class RoughClock:
-    """Of one log: ``t_array = t_unit + offset_s + rate (t_unit - about_s)``; likeness: the correlation of the speeds there."""
+    """Coarse clock of one log, ``t_array = t_unit + offset_s + rate (t_unit - about_s)``; likeness: the correlation of the speeds there."""
 
     offset_s: float
     rate: float
@@ -158,13 +165,13 @@ class RoughClock:
 
 
 def rough_clock(first: Rates, unit: Rates) -> RoughClock:
-    """The clock of one log of a unit against the first unit's log of the same time."""
+    """Estimate the clock of one log of a unit from the first unit's log of the same time."""
     first, unit = first.between_good(), unit.between_good()
     length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
     fine_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
     best, around, reach = None, 0.0, MOST_RATE
     for step_s in (COARSER * fine_s, fine_s):
-        # With a step of the grid at the ends of the recording, the smear takes little from the peak.
+        # At this grid step the smear at the ends of the recording lowers the peak only a little.
         rate_step = min(MOST_RATE, 2 * step_s / max(float(unit.t_s[-1] - unit.t_s[0]), step_s))
         count = int(np.ceil(reach / rate_step))
         best = _search(first, unit, step_s, np.clip(around + rate_step * np.arange(-count, count + 1), -MOST_RATE, MOST_RATE))
@@ -174,7 +181,7 @@ def rough_clock(first: Rates, unit: Rates) -> RoughClock:
 
 
 def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> RoughClock:
-    """The best of these rates (R,), at any offset; speeds are meaned over steps of so many s."""
+    """Return the best of these rates (R,), at any offset; speeds are averaged over steps of this length in s."""
     grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
     about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
     count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
@@ -190,7 +197,7 @@ def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> Roug
 
 
 def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
-    """|rate| without the zero-rate offset, meaned over the steps of a grid that lies within the log."""
+    """Return |rate| without the zero-rate offset, averaged over the steps of a grid that lies within the log."""
     speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
     turned = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))])
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2] if len(grid) > 1 else 1.0))
@@ -198,7 +205,7 @@ def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
 
 
 class _Front:
-    """The first unit's speeds (N,), against which others are laid at every lag."""
+    """Speeds (N,) of the first unit, correlated with other speeds at every lag."""
 
     def __init__(self, ours: np.ndarray, size: int):
         self.count, self.size = len(ours), size
@@ -206,7 +213,8 @@ class _Front:
         self.one, self.value, self.square = (rfft(each, size) for each in (np.ones(self.count), ours, ours**2))
 
     def best(self, theirs: np.ndarray) -> tuple[float, int]:
-        """Largest correlation coefficient over all lags that overlap by enough, and its lag: theirs[0] beside ours[lag]."""
+        """Return the largest correlation coefficient over all lags with enough overlap, and its lag: theirs[0] is aligned with
+        ours[lag]."""
         theirs = theirs - theirs.mean()
         one, value, square = (np.conj(rfft(each, self.size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
 
@@ -224,35 +232,38 @@ class _Front:
         return float(likeness[lag]), lag - self.size if lag >= self.count else lag
 
 
-# A unit's clock against the first unit's: offset and rate, by the likelihood of its rates given the first unit's.
+# Fine clock of a unit: offset and rate, by the likelihood of its rates given the first unit's.
 #
 # The unit's gyroscope reads ``g(t) = A g_1(tau(t)) + b + noise`` with ``tau = t + offset + rate (t - about)`` and g_1 the first unit's.
-# A is any linear map: mounting, scales and misalignments of both.  So none of them can pull the clock.  All are estimated together, by
-# Gauss and Newton from where the correlation of the speeds has put the clock (``correlation``).
+# A is any linear map: mounting, scales and misalignments of both units, so none of them can bias the clock. All are estimated together by
+# Gauss-Newton, starting at the coarse clock (``rough_clock``).
 #
-# The first unit's noise stands in the regressors as well.  What it adds to the normal equations in the mean is taken off again, since an
-# interpolated reading is quieter between two readings than at one, and least squares would move the clock there.
+# The first unit's noise is in the regressors as well. Its mean contribution is subtracted from the normal equations: an interpolated
+# reading is less noisy between two readings than at one, and least squares would shift the clock towards there.
 
-#: s; readings of one block share their errors, as those of one hand's movement do
+#: s; readings of one block share their errors, such as those of one hand movement
 BLOCK_S = 2.0
 ROUNDS = 25
-#: s and 1; a step that is smaller ends the search
+#: s and 1; a smaller step ends the search
 ENOUGH_S, ENOUGH_RATE = 1e-8, 1e-10
-#: of the square of a turning unit's rates, that the first unit's have to explain: units of one body 0.99 and more, others 0.4 at most
-#: (benchmarks/array_clocks.py)
+#: share of the mean square of a turning unit's rates that the first unit's have to explain: units of one body reach 0.99 and more, others
+#: 0.4 at most (benchmarks/array_clocks.py)
 SAME_BODY = 0.9
-#: of a log's own clock against that of all logs, s: more, and the clock was set anew between them
+#: s, difference of one log's clock from that of all logs above which the clock was reset between them
 SET_ANEW_S = 0.5
-#: units of sigma of the unit's noise; a reading that turns by less tells no time
+#: sigmas of the unit's noise; a reading that turns by less has no information on time
 MOVING_SIGMAS = 20.0
-#: of the map between two units' rates, one sigma: known worse, the body has not turned about all three axes
+#: one sigma of the map between two units' rates; above it, the body has not turned about all three axes
 KNOWN_MAP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ClockFit:
-    """clock of a unit; matrix (3, 3): its rates from the first unit's, both in their own gyroscopes' axes, and bias (logs, 3) rad/s;
-    agreement: which share of its turning's mean square that explains; covariance (2, 2) of offset and rate, of ``clock.about_s``."""
+    """Estimated clock of a unit.
+
+    clock; matrix (3, 3): its rates from the first unit's, both in their own gyroscopes' axes, and bias (logs, 3) rad/s; agreement: share of
+    the mean square of its turning that these explain; covariance (2, 2) of offset and rate, at ``clock.about_s``.
+    """
 
     clock: UnitClock
     matrix: np.ndarray
@@ -264,12 +275,12 @@ class ClockFit:
 
     @property
     def map_is_known(self) -> bool:
-        """Whether the body has turned about all three axes, so that the map between the units' rates is one."""
+        """Whether the body has turned about all three axes, so that the map between the units' rates is determined."""
         return bool(self.matrix_sigma.max() < KNOWN_MAP)
 
 
 def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> ClockFit:
-    """first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
+    """Estimate a unit's clock; first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
     fit, likeness = nearest_clock(first, unit, name)
     if fit is None or fit.agreement < SAME_BODY:
         found = "no turn that both felt" if fit is None else f"its rates follow the first unit's by {max(fit.agreement, 0.0):.2f} of 1"
@@ -281,8 +292,10 @@ def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the un
 
 
 def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> tuple[ClockFit | None, float]:
-    """The clock that suits best, be it good or not, and the correlation of the speeds from which it was looked for; None where nothing
-    turns.  Raises CalibrationError for a clock that was set anew between two logs."""
+    """Return the best clock, however well it fits, and the correlation of speeds at its start; None where nothing turns.
+
+    Raises CalibrationError for a clock that was reset between two logs.
+    """
     rough = _roughly(first, unit, name)
     about_s = rough.about_s
     splines = [rates.spline() for rates in first]
@@ -298,7 +311,7 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
             break
         try:
             solved = rows.solve(noise, None if solved is None else solved.matrix)
-        except np.linalg.LinAlgError:  # no column of the first unit's rates tells of this one's: there is no clock
+        except np.linalg.LinAlgError:  # the first unit's rates do not determine this one's
             return None, rough.likeness
         x = x + solved.step
         if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
@@ -313,7 +326,8 @@ def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
 
 
 def _roughly(first: Sequence[Rates], unit: Sequence[Rates], name: str) -> RoughClock:
-    """Of the log that is most alike; CalibrationError where another that is alike too says another clock."""
+    """Return the coarse clock of the log with the largest correlation; CalibrationError where another log with as large a one contradicts
+    it."""
     each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
     best = max(each, key=lambda rough: rough.likeness)
     for number, rough in enumerate(each):
@@ -327,14 +341,14 @@ def _roughly(first: Sequence[Rates], unit: Sequence[Rates], name: str) -> RoughC
 
 
 def noise_of(rate: np.ndarray) -> np.ndarray:
-    """(3,) scatter of single readings, by their third differences: what turns smoothly does not count."""
+    """Return (3,) scatter of single readings, from third differences, in which smooth turning cancels."""
     if len(rate) < 8:
         return np.zeros(3)
     return np.asarray(sigma_of(np.diff(rate, 3, axis=0)) / np.sqrt(20.0))
 
 
 def _moves(rates: Rates, bar: float) -> np.ndarray:
-    """(N,) bool: readings that turn, and what lies within half a second of them."""
+    """Return (N,) bool: readings that turn, and those within half a second of them."""
     speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
     reach = max(1, round(0.25 / rates.period_s))
     return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
@@ -352,7 +366,7 @@ class _Solved:
 
 
 class _ClockRows:
-    """The first unit's rates and their slopes where the unit's readings stand, at one clock."""
+    """The first unit's rates and their slopes at the unit's sample times, for one clock."""
 
     def __init__(
         self,
@@ -389,11 +403,11 @@ class _ClockRows:
 
     @property
     def enough(self) -> bool:
-        """Whether there is something to fit."""
+        """Return whether there are enough rows to fit."""
         return len(self.values["since"]) > 10 * (3 + self.logs)
 
     def solve(self, noise: np.ndarray, matrix: np.ndarray | None) -> _Solved:
-        """One step of Gauss and Newton; noise (3,): variance of the first unit's readings."""
+        """Take one Gauss-Newton step; noise (3,): variance of the first unit's readings."""
         v = self.values
         ours, read, since = v["ours"], v["read"], v["since"]
         count, logs = len(since), self.logs
@@ -439,7 +453,7 @@ class _ClockRows:
         )
 
     def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Of all coefficients, from how the blocks' own scores scatter: whatever the readings of a block share is in it."""
+        """Covariance of all coefficients from the scatter of the blocks' scores, which includes all errors shared within a block."""
         blocks, index = np.unique(self.values["block"], return_inverse=True)
         size = design.shape[1]
         scores = np.zeros((len(blocks), whole.shape[0]))
@@ -452,7 +466,7 @@ class _ClockRows:
 
 
 def _cardinal(reach: int = 12, points: int = 101) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of a cubic spline through white noise of variance 1, between two readings, at phases 0 to 1."""
+    """Return the variance of a cubic spline through white noise of variance 1, between two readings, at phases 0 to 1."""
     knots = np.arange(-reach, reach + 1.0)
     phase = np.linspace(0, 1, points)
     weights = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(phase)
@@ -464,5 +478,6 @@ _VARIANCE_SLOPE = _VARIANCE.derivative()
 
 
 def interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of an interpolated reading, in units of a reading's own, at phases (N,) 0 to 1 between two; and its slope over the phase."""
+    """Return the variance of an interpolated reading, relative to a reading's own, at phases (N,) 0 to 1 between two; and its slope over
+    the phase."""
     return _VARIANCE(phase), _VARIANCE_SLOPE(phase)

@@ -1,6 +1,6 @@
-"""What the commands do with arrays: ``fit``, ``explain``, ``apply``, ``export`` and ``simulate`` of several units on one rigid body.
+"""Commands for arrays: ``fit``, ``explain``, ``apply``, ``export`` and ``simulate`` of several units on one rigid body.
 
-Imports nothing heavy at its top: the core's commands ask it for its options.
+Imports nothing heavy at its top, since the core's commands load it for its options.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 #: options of ``fit`` that an array's fit uses
 USED = ("bias", "accelerometer", "no_earth")
-#: further options of ``fit`` that it does not use
+#: further options of ``fit`` that do not apply to an array
 UNUSED = ("model", "bias_dps", "physics", "resume", "temperature")
 
 
 def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
-    """Of ``simulate``: a flag for each field of ``ArrayOptions``."""
+    """Add the arguments of ``simulate``: a flag for each field of ``ArrayOptions``."""
     from tinygc.annexes.arrays.options import ArrayOptions
     from tinygc.simulation.options import flag
 
@@ -36,7 +36,7 @@ def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
-    """Simulate several units on one body; None where no option of an array is given."""
+    """Simulate several units on one body; return None if no array option is given."""
     from tinygc.annexes.arrays.options import ArrayOptions
     from tinygc.annexes.arrays.simulation import check_array_folder, simulate_array, write_array
 
@@ -48,7 +48,7 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
         raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
     if args.rest_cycles or options.stop_sigma_deg:
         raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
-    check_array_folder(args.out, args.force)  # before the work
+    check_array_folder(args.out, args.force)  # fail early
     folder = write_array(simulate_array(options, array), args.out, args.force)
     output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen | {"array": asdict(array)}})
@@ -56,7 +56,7 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
 
 
 def fit(args: argparse.Namespace) -> Done:
-    """All units of one folder, estimated together."""
+    """Estimate all units of one folder jointly."""
     from tinygc.annexes.arrays import library
     from tinygc.cli.console import progress_bar
 
@@ -86,7 +86,7 @@ def fit(args: argparse.Namespace) -> Done:
 
 
 def explain(args: argparse.Namespace) -> int:
-    """Each unit by itself, and by the others."""
+    """Explain each unit by itself and by comparison with the others."""
     from tinygc.annexes.arrays import library
     from tinygc.annexes.arrays.text import array_verdict_line
     from tinygc.cli.console import progress_bar
@@ -109,7 +109,7 @@ def explain(args: argparse.Namespace) -> int:
 
 
 def apply(args: argparse.Namespace, out: Path) -> int:
-    """An array's folder as one log: units fused, and what the vote excluded."""
+    """Write an array's folder as one log: the fused units, and those that fault detection excluded."""
     from session.io.units import DEG
     from tinygc.annexes.arrays.apply import apply_array
     from tinygc.cli.console import progress_bar
@@ -159,7 +159,7 @@ def apply(args: argparse.Namespace, out: Path) -> int:
 
 
 def export(args: argparse.Namespace) -> int:
-    """An array's model file, beside which the files go."""
+    """Export an array's model file into files next to it."""
     from tinygc.annexes.arrays.c_code import export_array
 
     if args.model is not None:

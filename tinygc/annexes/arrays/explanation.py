@@ -1,4 +1,4 @@
-"""``check`` and ``explain`` of an array: each unit by itself, and what the others say of it."""
+"""``check`` and ``explain`` of an array: each unit by itself, and by comparison with the others."""
 
 from __future__ import annotations
 
@@ -29,15 +29,17 @@ from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.faulty_readings import FALSE, bridged, proposed
 from tinygc.explanation.result import to_json
 
-# The first look at an array: each unit as a session of its own, then whether they are one body.
+# Check of an array: each unit as a session of its own, then whether all units are on one body.
 
 WHAT = "one body"
 PPM = 1e6
 
 
 def check_array(array: ArraySession, further: Callable[[Session, SessionStills], list[Finding]]) -> list[Finding]:
-    """Findings of every unit, ``where`` beginning with its number, and of the array; further: a look at a unit's whole session and its
-    stills, that is taken where nothing of it is an error."""
+    """Return the findings of every unit, ``where`` beginning with its number, and of the array.
+
+    further: a check of a unit's whole session and its stills, run where the unit has no error so far.
+    """
     findings: list[Finding] = []
     for number, unit in zip(array.numbers, array.units, strict=True):
         session, own = with_own_accelerometer(unit)
@@ -50,7 +52,7 @@ def check_array(array: ArraySession, further: Callable[[Session, SessionStills],
 
 
 def check_one_body(array: ArraySession) -> list[Finding]:
-    """Whether all units felt the same motion, and where their clocks are."""
+    """Check that all units felt the same motion, and report their clocks."""
     try:
         fits = clock_fits(array)
     except CalibrationError as error:
@@ -71,24 +73,27 @@ def _said(fit: ClockFit, first: int) -> str:
     )
 
 
-# Moments at which one unit's register leaps: did the others feel it?  A false reading is in one unit, a knock in all.
+# Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.
 
 FALSE_READING, KNOCK = "false reading", "knock"
-#: of the leap: what the others feel less of, they have not felt (benchmarks/array_fit.py: knocks are felt alike to a tenth)
+#: share of the step below which the others have not felt it (benchmarks/array_fit.py: knocks agree to a tenth)
 FELT = 0.5
-#: samples beside the leap in which the others' clocks may see it
+#: samples around the step in which the others may see it, by their clocks
 BESIDE = 1
-#: s around a leap that is read of the others
+#: s around a step that are read from the others
 NEAR_S = 0.1
-#: a board's impact lasts so long, s: units that jump within it have felt one knock
+#: s, duration of a board's impact: steps of several units within it are one knock
 TOGETHER_S = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """what: ``false reading`` or ``knock``; at_s of the array's clock; unit: number of the one whose register leaps, or that feels a knock
-    most; size_rps of the leap, 0 of a knock that only accelerometers show; felt: share of it that the other units feel; units: numbers of
-    those in which a detector found it."""
+    """A false reading or a knock.
+
+    what: ``false reading`` or ``knock``; at_s of the array's clock; unit: number of the unit with the step, or with the largest one of a
+    knock; size_rps of the step, 0 for a knock that only accelerometers show; felt: share of it that the other units feel; units: numbers of
+    those in which a detector found it.
+    """
 
     what: str
     at_s: float
@@ -99,7 +104,7 @@ class Moment:
 
     @property
     def words(self) -> str:
-        """Whose it is."""
+        """Return whether it belongs to one unit or to all."""
         leap, felt = f"leaps by {self.size_rps / DEG:.3g}°/s", f"{100 * max(self.felt, 0.0):.0f} % of it"
         if self.what == FALSE_READING:
             return f"unit {self.unit} alone {leap}, the others feel {felt}: a false reading"
@@ -109,7 +114,7 @@ class Moment:
 
 
 def moments_of(fit: ArrayFit) -> list[Moment]:
-    """Leaps that any unit's detector proposes, and impacts, in order of time."""
+    """Return the steps found by any unit's detector, and the impacts, in order of time."""
     leaps = []
     for i, unit in enumerate(fit.prepared):
         session = unit.problem.session
@@ -132,7 +137,7 @@ def moments_of(fit: ArrayFit) -> list[Moment]:
 
 
 def _one_knock_each(leaps: list[Moment]) -> list[Moment]:
-    """Leaps of several units at once that all felt are one knock: that of the unit which leaps most."""
+    """Merge simultaneous steps of several units that all felt into one knock, that of the unit with the largest step."""
     kept: list[Moment] = []
     for leap in sorted(leaps, key=lambda moment: -moment.size_rps):
         same = [k for k, one in enumerate(kept) if one.what == leap.what == KNOCK and abs(one.at_s - leap.at_s) < TOGETHER_S]
@@ -145,13 +150,13 @@ def _one_knock_each(leaps: list[Moment]) -> list[Moment]:
 
 
 def _in_array(fit: ArrayFit, i: int, rate: np.ndarray, bias: bool = True) -> np.ndarray:
-    """Measured rates (K, 3) of the i-th unit, or differences of such, as rates of the body in the array's axes."""
+    """Convert measured rates (K, 3) of the i-th unit, or their differences, to rates of the body in the array's axes."""
     unit = fit.units[i]
     return np.asarray((rate @ unit.model.E.T + (unit.model.B if bias else 0.0)) @ unit.place.mounting.T)
 
 
 def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, usual: np.ndarray, period_s: float) -> float | None:
-    """Share of the leap in the mean of the others; None where none of them was there."""
+    """Return the share of the step in the mean of the others; None where no other unit has data."""
     shares = []
     for late in np.arange(-BESIDE, BESIDE + 1) * period_s / 2:
         others = []
@@ -171,7 +176,7 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
 
 
 def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
-    """Impacts that more than half of the units' accelerometers show at once, and no leap told already."""
+    """Return impacts that more than half of the accelerometers show at once, without those already found as a step."""
     found: list[tuple[float, int]] = []
     for unit in fit.prepared:
         for log in unit.problem.session.logs:
@@ -187,30 +192,34 @@ def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
     return moments
 
 
-# ``explain`` of an array: each unit by itself, and what the others say of it.
+# Explanation of an array: each unit by itself, and by comparison with the others.
 #
-# What one unit has and the others have not is its own; what all have is none of the sensors': the motion, the table, the reference.
+# An effect in one unit only is that unit's own. An effect in all units is not a sensor error: it comes from the motion, the table or the
+# reference.
 
 OWN, SOME, COMMON, ALIKE = "own", "some", "common", "alike"
-#: of effects: what moves or is at rest is the body's, not a sensor's
+#: effects of motion and of stills, which belong to the body and not to a sensor
 OF_THE_BODY = ("motion", "still", "reference", "earth")
 
 
 @dataclass(frozen=True)
 class Trait:
-    """An effect that is named: in which units; whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in
-    all; says: of each unit, in its order; unknown: units that could not be explained, of which nobody knows."""
+    """A reported effect and the units it is in.
+
+    whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in all; says: a description for each unit, in
+    order; unknown: units that could not be explained.
+    """
 
     id: str
     units: tuple[int, ...]
     whose: str
     says: tuple[str, ...]
     unknown: tuple[int, ...] = ()
-    instead: tuple[str, ...] = ()  #: effects that a unit's own explanation could not tell from it
+    instead: tuple[str, ...] = ()  #: equivalent effects, which a unit's own data cannot separate from it
 
     @property
     def words(self) -> str:
-        """Whose it is, in a sentence."""
+        """Return a sentence that states which units have it."""
         if self.unknown:
             plural = "s" * (len(self.unknown) != 1)
             return f"{self._whose}; unit{plural} {', '.join(map(str, self.unknown))} could not be explained, and may have it too"
@@ -235,7 +244,10 @@ class Trait:
 
 @dataclass(frozen=True, eq=False)
 class ArrayExplanation:
-    """fit; explanations of the units by number; not_explained: why one has none, by number; traits; moments."""
+    """Explanation of an array.
+
+    fit; explanations of the units by number; not_explained: the reason why a unit has none, by number; traits; moments.
+    """
 
     fit: ArrayFit
     explanations: dict[int, Explanation]
@@ -245,9 +257,9 @@ class ArrayExplanation:
 
     @property
     def verdict(self) -> str:
-        """``no_mismatch``, or what the array is: ``common``, ``own``, or ``common_and_own``."""
+        """Return ``no_mismatch``, or where the effects are: ``common``, ``own``, or ``common_and_own``."""
         events = self.fit.joint.events
-        at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0, all of them, and several: no unit's own
+        at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0 (all of them) and several: not one unit's own
         common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits) or bool(at_once - {1})
         own = any(trait.whose in (OWN, SOME) for trait in self.traits) or 1 in at_once
         own = own or bool((self.fit.split.own_p < OWN_P).any())
@@ -263,9 +275,9 @@ def explain_array(
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> ArrayExplanation:
-    """Fit the array, explain each unit as a session of its own, and judge with the others what is whose.
+    """Fit the array, explain each unit as a session of its own, and attribute each effect to one unit or to all.
 
-    Raises the errors of ``fit_array``; a unit that cannot be explained alone is said, and does not stop the others.
+    Raises the errors of ``fit_array``; a unit that cannot be explained alone is reported, and does not stop the others.
     """
     fit = fit_array(array, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
     explanations: dict[int, Explanation] = {}
@@ -280,7 +292,7 @@ def explain_array(
 
 
 def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> tuple[Trait, ...]:
-    """unknown: numbers of the units that could not be explained, so that nothing is said to be in all."""
+    """unknown: numbers of the units that could not be explained; while there are any, no effect is reported as in all."""
     named: dict[str, dict[int, str]] = {}
     kinds: dict[str, str] = {}
     instead: dict[str, dict[str, None]] = {}
@@ -306,7 +318,7 @@ NAME = "array.json"
 
 
 def explained_to_json(found: ArrayExplanation) -> dict:
-    """The whole result, JSON-ready; times in seconds of the array's clock from its first sample."""
+    """Return the whole result, JSON-ready; times in seconds of the array's clock from its first sample."""
     fit = found.fit
     return {
         "schema": SCHEMA,
@@ -349,9 +361,9 @@ def _moment(moment: Moment, begins: float) -> dict:
 
 
 def save_array_explanation(found: ArrayExplanation, folder: Path | None = None) -> Path:
-    """``array.json``, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; returns it.
+    """Write ``array.json``, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
 
-    CalibrationError where the array was never a folder and none is given.
+    Raises CalibrationError if the array has no folder and none is given.
     """
     array = found.fit.array
     if folder is None and not array.folder.is_dir():

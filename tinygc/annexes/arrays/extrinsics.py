@@ -1,4 +1,4 @@
-"""Where the units of an array are: clock and mounting of each against the first."""
+"""Extrinsics of the units of an array: clock and mounting of each relative to the first."""
 
 from __future__ import annotations
 
@@ -15,25 +15,28 @@ from session.io.folder import Session
 from session.io.units import NS
 from tinygc.annexes.arrays.clocks import ClockFit, Rates, UnitClock, UnitPlace, fit_clock, session_rates
 
-# How a unit is turned against the first one: from gravity in the stills of both, and from the rates of both.
+# Mounting of a unit relative to the first one, from gravity in the stills of both and from the rates of both.
 #
-# Gravity gives the rotation between the accelerometers' triads, which the body frames are, and needs two directions that are not one.  The
-# rates give the rotation between the gyroscopes' triads, about all axes, but a gyroscope's triad is only mounted on the accelerometer's as
-# well as its maker could.  Both are put together by their sigmas (Wahba's problem; Markley, J. Astronaut. Sci. 36, 1988).
+# Gravity gives the rotation between the accelerometers' triads, which are the body frames; it needs two distinct directions. The rates give
+# the rotation between the gyroscopes' triads, about all axes, but a gyroscope's triad is aligned with the accelerometer's only to the
+# maker's tolerance. Both are weighted by their sigmas (Wahba's problem; Markley, J. Astronaut. Sci. 36, 1988).
 
-#: rad; how far a gyroscope's triad is from the accelerometer's of its chip: cross-axis sensitivities of 2 % stand in data sheets
+#: rad; misalignment of a gyroscope's triad against the accelerometer of its chip: data sheets state cross-axis sensitivities of 2 %
 TRIADS_RAD = 0.02
-#: rad; a direction of gravity by an accelerometer that nobody has calibrated: zeros of some 30 mg
+#: rad; sigma of gravity's direction by an uncalibrated accelerometer: zero offsets of some 30 mg
 DIRECTION_RAD = 0.03
-#: rad; no direction is known better: a 16-bit register of 2 g has steps of 6e-5 g
+#: rad; smallest sigma of a direction: a 16-bit register of 2 g has steps of 6e-5 g
 LEAST_RAD = 1e-5
 ROUNDS = 20
 
 
 @dataclass(frozen=True, eq=False)
 class Mounting:
-    """matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
-    scatter_rad: of gravity's directions, NaN with too few of them; stills: how many of them both units have."""
+    """Estimated mounting of a unit.
+
+    matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
+    scatter_rad: of gravity's directions, NaN with too few of them; stills: how many of them both units have.
+    """
 
     matrix: np.ndarray
     covariance: np.ndarray
@@ -42,14 +45,17 @@ class Mounting:
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) that is nearest to a matrix of positive determinant (polar decomposition)."""
+    """Return the rotation (3, 3) nearest to a matrix of positive determinant (polar decomposition)."""
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
 def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
-    """first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix
-    (3, 3): the unit's rates from the first unit's.  K may be 0."""
+    """Estimate a unit's mounting.
+
+    first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix (3,
+    3): the unit's rates from the first unit's.  K may be 0.
+    """
     from_rates = nearest_rotation(np.linalg.inv(rate_matrix))
     ours, theirs = (force / np.linalg.norm(force, axis=1, keepdims=True) for force in (first_force, unit_force))
     count = len(ours)
@@ -65,8 +71,10 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
 
 
 def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """The rotation of the largest likelihood, and its information (3, 3) about the array's axes: gravity's directions of a sigma each, and
-    the rates' three axes, whose directions a turn by TRIADS_RAD moves."""
+    """Return the maximum-likelihood rotation, and its information (3, 3) about the array's axes.
+
+    Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
+    """
     axes = np.eye(3)
     weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
     to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
@@ -76,22 +84,23 @@ def _weighed(ours: np.ndarray, theirs: np.ndarray, from_rates: np.ndarray, sigma
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
-    """(3,) rad of a rotation matrix."""
+    """Return the rotation vector (3,) rad of a rotation matrix."""
     return np.asarray(Rotation.from_matrix(matrix).as_rotvec())
 
 
-# Where the units of an array are: clock and mounting of each, from their rates and from gravity in their stills.
+# Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.
 
-#: of the shorter of two stills, that they have to have in common
+#: share of the shorter of two stills that both have to have in common
 LEAST_COMMON = 0.5
-#: of a period of the readings, by which units that one reader asks in turn may seem apart: sensors sample far oftener than they are read
+#: of a period of the readings: clocks of units polled in turn by one reader may seem this far apart; sensors sample far oftener than they
+#: are read
 ONE_READER = 0.1
 
 
 def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
-    """Clock and mounting of every unit against the first; no positions.
+    """Estimate clock and mounting of every unit against the first; positions are not estimated.
 
-    Raises CalibrationError where a unit did not feel the same motion, or has mirrored axes: it says which.
+    Raises CalibrationError, which names the unit, where a unit did not feel the same motion, or has mirrored axes.
     """
     rates = [session_rates(unit) for unit in array.units]
     fits = clock_fits(array, rates)
@@ -111,7 +120,7 @@ def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
 
 
 def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None) -> list[ClockFit]:
-    """Of every unit, the first one's being exact; rates: of each unit, where they are at hand.  Raises CalibrationError."""
+    """Estimate the clock of every unit; the first one's is exact.  rates: of each unit, if available.  Raises CalibrationError."""
     rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
     names = [f"{array.name}: unit {number}" for number in array.numbers]
     _turned(rates, names)
@@ -128,7 +137,7 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
 
 
 def clocks_found(array: ArraySession) -> tuple[dict[int, UnitClock], dict[int, str]]:
-    """Of a recording in which a unit may have failed: clocks by number, and why a unit has none, in one line.
+    """Return the clocks by number, and a one-line reason for each unit without one; units may have failed in the recording.
 
     Raises CalibrationError where no unit follows the first one.
     """
@@ -146,7 +155,7 @@ def clocks_found(array: ArraySession) -> tuple[dict[int, UnitClock], dict[int, s
 
 
 def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
-    """CalibrationError of the first one that is; of the array's first unit, where most of the others are mirrored against it."""
+    """Raise CalibrationError for the first mirrored unit; for the array's first unit where most of the others are mirrored against it."""
     known = [i for i, fit in enumerate(fits) if i and fit.map_is_known]
     mirrored = [i for i in known if np.linalg.det(fits[i].matrix) <= 0]
     if not mirrored:
@@ -158,8 +167,10 @@ def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
 
 
 def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]) -> ClockFit:
-    """Stamps that are the first unit's own, and not told from them by the motion, are one reader's: its clock is exact, and what is left
-    is the age of each reading (``ages``)."""
+    """Replace a clock that the motion does not separate from the first unit's by an exact one, if the stamps are identical.
+
+    Identical stamps are one reader's; what remains is the latency of each reading (``latency``).
+    """
     same = all(np.array_equal(one.t_s, other.t_s) for one, other in zip(first, mine, strict=True))
     apart = max(float(np.abs(fit.clock.array_time(each.t_s[[0, -1]]) - each.t_s[[0, -1]]).max() / each.period_s) for each in mine)
     if not same or apart > ONE_READER:
@@ -184,7 +195,7 @@ def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
 
 
 def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:
-    """CalibrationError of the first unit where the others go along with each other, and none of them with it."""
+    """Raise CalibrationError for the first unit where the others agree with each other, and none of them with it."""
     others = [each for each in rates[1:] if each is not mine]
     for other in others:
         try:
@@ -200,7 +211,7 @@ def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[R
 
 @dataclass(frozen=True, eq=False)
 class _Force:
-    """Of one still: from when to when on the unit's clock, s, and its mean specific force (3,) m/s^2."""
+    """Mean force of one still: its begin and end on the unit's clock, s, and its mean specific force (3,) m/s^2."""
 
     start_s: float
     stop_s: float
@@ -208,7 +219,7 @@ class _Force:
 
 
 def _forces(session: Session) -> list[list[_Force]]:
-    """Of each log, stills that are a reference, under an accelerometer that is calibrated as well as it can be."""
+    """Return the reference stills of each log, with the best available calibration of the accelerometer."""
     found = SessionStills(session)
     session, _ = with_own_accelerometer(session, looked_at=found)
     found = found.under(session)
@@ -221,7 +232,7 @@ def _forces(session: Session) -> list[list[_Force]]:
 
 
 def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
-    """Mean specific force (K, 3) of both units in the stills that both have."""
+    """Return the mean specific force (K, 3) of both units in the stills that both have."""
     pairs = []
     for mine, other in zip(ours, theirs, strict=True):
         for one in mine:

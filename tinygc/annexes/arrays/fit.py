@@ -1,4 +1,4 @@
-"""``fit`` of an array: from its recording to every unit's calibration and place, and its JSON."""
+"""``fit`` of an array: calibration and extrinsics of every unit, and the result as JSON."""
 
 from __future__ import annotations
 
@@ -50,25 +50,27 @@ if TYPE_CHECKING:
     from tinygc.closure.floor import Floor
 
 
-# Where each unit's accelerometer is on the body, from what it feels beyond the first one while the body turns.
+# Position of each unit's accelerometer on the body, from its force relative to the first unit's while the body turns.
 #
-# a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r.  A force that lags behind the rate is one more
-# column, its derivative.  The rate is the mean of all units' calibrated rates, its derivative that of a spline.  Covariance by the scatter
-# from turn to turn (the sandwich, White 1980, turns as clusters): what filters and clocks leave is alike within a turn.
+# a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r. A delay of the force against the rate is one more
+# column, the derivative of the force. The rate is the mean of all units' calibrated rates, its derivative that of a spline. The covariance
+# is from the scatter between turns (the sandwich, White 1980, turns as clusters), since errors of filters and clocks are common to a turn.
 
-#: m: a position known worse than this is not known
+#: m: a position with a larger sigma counts as unknown
 KNOWN_M = 0.05
 FEWEST_TURNS = 5
-#: of its length: what filters of gyroscope and accelerometer that differ make of a position (benchmarks/array_fit.py)
+#: of its length: error of a position from differing filters of gyroscope and accelerometer (benchmarks/array_fit.py)
 FILTERS = 0.005
-#: rows that miss by more than this many typical misses count less
+#: rows with a residual beyond this many typical residuals are down-weighted
 BAR = 2.0
 ROUNDS = 6
 
 
 def positions(units: list[ArrayUnit], joint: Joint) -> list[tuple[np.ndarray, np.ndarray] | None]:
-    """Of each unit: position (3,) m from the first, in the array's axes, and its covariance (3, 3) m^2; None where the motion does not
-    tell.  The first unit's is zero."""
+    """Return each unit's position (3,) m from the first, in the array's axes, and its covariance (3, 3) m^2.
+
+    None where the motion does not determine it.  The first unit's is zero.
+    """
     rate, force, turns = [], [], []
     for i, unit in enumerate(units):
         rate.append(_of_logs(unit, joint, i, "rate"))
@@ -99,7 +101,7 @@ def positions(units: list[ArrayUnit], joint: Joint) -> list[tuple[np.ndarray, np
 
 
 def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpline]:
-    """Calibrated rate or force, in the array's axes, of each log over the array's time; readings that are none are left out."""
+    """Return splines of calibrated rate or force, in the array's axes, of each log over the array's time; invalid readings are left out."""
     M, x, model = joint.state.mountings[i], joint.state.accelerometers[i], joint.models[i]
     found = []
     for log, given in zip(unit.problem.logs, force_problem(unit).logs, strict=True):
@@ -135,22 +137,22 @@ def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
     return x[:3], covariance
 
 
-# ``fit`` of an array: from its recording to every unit's calibration and place, and to what its turns miss by, in common and alone.
+# Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
 
-#: where each turn's bias is from; auto: the stills, where the units' own errors are less by more than chance
+#: source of each turn's bias; auto: the stills, if they reduce the units' own errors significantly
 BIASES = ("auto", "ends", "stills")
 
 
 @dataclass(frozen=True, eq=False)
 class UnitFit:
-    """Of one unit.
+    """Result of one unit.
 
-    number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in
-    seconds of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about
-    the array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt, rms a
-    turn, by which it misses alone beyond noise, with its sigma; closure_rad, floor_rad: rms of tilt by its own calibration alone, and what
-    white noise makes of it; noise; instability; warnings of its first look; runs: its closure runs, each with the error (3,) rad at
-    its end.
+    number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in seconds
+    of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about the
+    array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt beyond noise,
+    rms a turn, by which this unit alone misses, with its sigma; closure_rad, floor_rad: rms of tilt by its own calibration alone, and the
+    part that white noise explains; noise; instability; warnings of its check; runs: its closure runs, each with the error (3,) rad at its
+    end.
     """
 
     number: int
@@ -172,22 +174,22 @@ class UnitFit:
 
     @property
     def sigma(self) -> np.ndarray:
-        """(12,) of the model's numbers."""
+        """Return the sigmas (12,) of the model's numbers."""
         return np.sqrt(np.diag(self.covariance))[:PARAMETERS]
 
     @property
     def unobserved(self) -> tuple[str, ...]:
-        """Names of the model's numbers that neither this unit's turns nor the others tell."""
+        """Return the names of the model's numbers that neither this unit's turns nor the others determine."""
         return tuple(name for name, s, prior in zip(NAMES, self.sigma, PRIOR_SIGMA, strict=True) if s > OBSERVED_BELOW * prior)
 
     @property
     def sigma_alone(self) -> np.ndarray:
-        """(12,) of the same by the unit's own gravity alone."""
+        """Return the sigmas (12,) by the unit's own gravity alone."""
         return np.sqrt(np.diag(self.covariance_alone))
 
     @property
     def best_gain(self) -> float:
-        """By how much less the array's sigma is, in that direction of the twelve in which the others tell most: yaw about the vertical."""
+        """Return the largest reduction of sigma by the array in any direction of the twelve: yaw about the vertical."""
         factor = np.linalg.cholesky(self.covariance[:PARAMETERS, :PARAMETERS])
         white = solve_triangular(factor, self.covariance_alone, lower=True)
         return float(np.sqrt(np.linalg.eigvalsh(solve_triangular(factor, white.T, lower=True))[-1]))
@@ -195,8 +197,11 @@ class UnitFit:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """array; units that were used, and left_out; covariance (24 N, 24 N) of all units' numbers; bias: where it is from, and bias_p of the
-    stills being better by chance, None where it was asked for; joint; split."""
+    """Result of an array's fit.
+
+    array; units that were used, and left_out; covariance (24 N, 24 N) of all units' numbers; bias: its source, and bias_p, the p-value of
+    the stills' advantage, None if the source was requested; joint; split.
+    """
 
     array: ArraySession
     units: tuple[UnitFit, ...]
@@ -214,17 +219,17 @@ class ArrayFit:
 
     @property
     def same(self) -> SameStills:
-        """Stills and turns that the units have in common."""
+        """Return the stills and turns that the units have in common."""
         return self.joint.same
 
     @cached_property
     def numbers(self) -> tuple[int, ...]:
-        """Of the units that were used."""
+        """Return the numbers of the units that were used."""
         return tuple(unit.number for unit in self.units)
 
     @cached_property
     def fused(self) -> ArrayModel:
-        """All units as one gyroscope."""
+        """Return all units as one gyroscope."""
         return array_model_of(self.array, self.units, self.covariance)
 
 
@@ -240,9 +245,9 @@ def fit_array(
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    places: where clocks and mountings are known already; with_ages: whether ages of readings that beat against the reader are taken off
-    their stamps; bias: of ``BIASES``; accelerometer as of ``prepare``.  Raises the errors of
-    ``places_of``, and FitError where fewer than two units can be used or their turns are not the same.
+    places: clocks and mountings, if known; with_ages: whether the latencies of readings that beat against the reader are subtracted from
+    their stamps; bias: one of ``BIASES``; accelerometer as in ``prepare``.  Raises the errors of ``places_of``, and FitError where fewer
+    than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
     ages = ages_of(array, clock_fits(array)) if with_ages and places is None and _one_reader(array) else ()
@@ -306,7 +311,7 @@ def fit_array(
 
 
 def _one_reader(array: ArraySession) -> bool:
-    """Whether all units have the very same stamps: then one reader gave them, and readings may be older than they say."""
+    """Return whether all units have identical stamps: one reader stamped them, and readings may be older than their stamps."""
     first = array.units[0].logs
     return all(
         len(unit.logs) == len(first)
@@ -316,7 +321,7 @@ def _one_reader(array: ArraySession) -> bool:
 
 
 def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
-    """(Q-1,) rad of each angle: tilt that motion beyond the data rate is predicted to make each unit miss, the mean of all units' own."""
+    """Return (Q-1,) rad of each angle: the predicted tilt error of each unit from motion beyond the data rate, averaged over all units."""
     square, count = np.zeros(len(same) - 1), np.zeros(len(same) - 1)
     for i, unit in enumerate(units):
         each = undersampling(Twin(unit.problem)).predicted_rad
@@ -329,7 +334,7 @@ def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
 def _by_bias(
     units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Callable[[str], None]
 ) -> tuple[str, float | None, Joint]:
-    """The biases' source, p-value of the stills being better by chance, and the estimate with it."""
+    """Return the biases' source, the p-value of the stills' advantage, and the estimate with that source."""
     if bias != "auto":
         return bias, None, estimate(units, same, missed, bias=bias, use_earth=use_earth, progress=progress)
     both = {name: estimate(units, same, missed, bias=name, use_earth=use_earth, progress=progress) for name in ("ends", "stills")}
@@ -340,7 +345,7 @@ def _by_bias(
 
 
 def _alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel, np.ndarray]:
-    """The same estimate of one unit, for which no other unit is a reference."""
+    """Estimate one unit in the same way, without the other units as reference."""
     by_itself = replace(unit, place=UnitPlace(unit.number))
     same = same_stills([by_itself])
     joint = estimate([by_itself], same, np.zeros(len(same) - 1), bias=bias, alone=True, use_earth=use_earth)
@@ -365,7 +370,7 @@ MODEL = "model_least_squares.json"
 
 
 def array_to_json(fit: ArrayFit) -> dict:
-    """The whole result, JSON-ready; angles in degrees, times in seconds of the array's clock from its first sample."""
+    """Return the whole result, JSON-ready; angles in degrees, times in seconds of the array's clock from its first sample."""
     begins = begins_s(fit)
     return {
         "schema": SCHEMA,
@@ -391,12 +396,12 @@ def array_to_json(fit: ArrayFit) -> dict:
 
 
 def begins_s(fit: ArrayFit) -> float:
-    """s of the array's clock at its first sample."""
+    """Return the time of the first sample, s of the array's clock."""
     return float(fit.array.units[0].logs[0].samples.t_ns[0]) * NS
 
 
 def place_to_json(place: UnitPlace) -> dict:
-    """``clock``, ``mounting``, ``position`` of a unit; null where it is not known."""
+    """Return ``clock``, ``mounting``, ``position`` of a unit; null where unknown."""
     known = place.position_m is not None and place.position_covariance is not None
     return {
         "clock": {
@@ -451,7 +456,7 @@ def _unit(unit: UnitFit, own_p: float) -> dict:
 
 
 def split_to_json(split: VarianceSplit) -> dict:
-    """``split``: tilt, rms a turn, that all units miss by in common, and what of it goes as fast motion is predicted to."""
+    """Return ``split``: the tilt error common to all units, rms a turn, and its part predicted from fast motion."""
     return {
         "common_rms_deg": split.common / DEG,
         "common_p_value": split.p_value,
@@ -469,7 +474,7 @@ def split_to_json(split: VarianceSplit) -> dict:
 
 
 def event_to_json(event: ArrayEvent, fit: ArrayFit) -> dict:
-    """One of ``events``: turns in degrees, stills in mg; unit null: of all."""
+    """Return one of ``events``: turns in degrees, stills in mg; unit is null for an event of all."""
     turn = "turn" in event.what
     return {
         "what": event.what,
@@ -487,13 +492,13 @@ def _or_none(value: float) -> float | None:
 
 
 def unit_model(unit: UnitFit) -> LinearModel:
-    """The unit's model for its own log: in seconds of its own clock, which the array's may outrun."""
+    """Return the unit's model for its own log, in seconds of its own clock, whose rate may differ from the array's."""
     pace = 1 + unit.place.clock.rate
     return LinearModel(unit.model.E * pace, unit.model.B * pace)
 
 
 def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
-    """``tinygc-model/1`` of one unit, for its own log and clock, as a fit of a single session writes it."""
+    """Return ``tinygc-model/1`` of one unit, for its own log and clock, as the fit of a single session writes it."""
     pace = 1 + unit.place.clock.rate
     return models.to_dict(
         unit_model(unit),
@@ -509,9 +514,9 @@ def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
 
 
 def save_array(fit: ArrayFit, folder: Path | None = None) -> Path:
-    """``array.json``, ``model_array.json``, and of each unit ``unit3/model_least_squares.json``, into a folder; returns it.
+    """Write ``array.json``, ``model_array.json``, and each unit's ``unit3/model_least_squares.json``, into a folder; return it.
 
-    Without one it is ``fit`` in the array's.  CalibrationError where the array was never a folder and none is given.
+    The default is ``fit`` in the array's folder.  Raises CalibrationError if the array has no folder and none is given.
     """
     if folder is None and not fit.array.folder.is_dir():
         raise CalibrationError(f"{fit.array.name}: made of arrays, it has no folder of its own; give one to save to")

@@ -1,4 +1,4 @@
-"""``fit`` and ``explain`` of an array for Python: several units on one rigid body, estimated together."""
+"""Python interface of ``fit`` and ``explain`` for an array: several units on one rigid body, estimated together."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tinygc.annexes.arrays.fit import ArrayFit, array_to_json, fit_array, save_a
 from tinygc.annexes.arrays.text import array_explain_page, array_page
 from tinygc.library.sessions import as_html, as_text
 
-#: told what is being done, and how many steps of how many are done
+#: called with the current step's name, the steps done, and their total
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedArray:
-    """What ``fit`` gives; ``result`` holds everything that was found, in SI."""
+    """Result of ``fit``; ``result`` holds all estimates, in SI."""
 
     result: ArrayFit
 
@@ -29,11 +29,11 @@ class FittedArray:
 
     @property
     def page(self) -> Group:
-        """What the command prints, for rich."""
+        """Return the command's output, for rich."""
         return array_page(self.result)
 
     def summary(self) -> str:
-        """The same as plain text."""
+        """Return the page as plain text."""
         return as_text(self.page)
 
     def _repr_html_(self) -> str:
@@ -44,7 +44,7 @@ class FittedArray:
         return array_to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:
-        """Write figures, and each unit's model, into a folder (``fit`` in the array's); returns it."""
+        """Write the result, and each unit's model, into a folder (``fit`` in the array's); return it."""
         return save_array(self.result, None if folder is None else Path(folder))
 
 
@@ -56,7 +56,7 @@ def fit(
     use_earth: bool = True,
     progress: Progress = lambda what, done, of: None,
 ) -> FittedArray:
-    """Fit an array, or an array's folder.  Raises CalibrationError, in one line, for what cannot be read or fitted."""
+    """Fit an array, or an array's folder.  Raises CalibrationError with one line for data that cannot be read or fitted."""
     read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
     told = fit_array(read, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
     return FittedArray(told)
@@ -64,7 +64,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExplainedArray:
-    """What ``explain`` of an array gives; ``result`` holds everything that was found, in SI."""
+    """Result of ``explain`` of an array; ``result`` holds all estimates, in SI."""
 
     result: ArrayExplanation
 
@@ -73,11 +73,11 @@ class ExplainedArray:
 
     @property
     def page(self) -> Group:
-        """What the command prints, for rich."""
+        """Return the command's output, for rich."""
         return array_explain_page(self.result)
 
     def summary(self) -> str:
-        """The same as plain text."""
+        """Return the page as plain text."""
         return as_text(self.page)
 
     def to_json(self) -> dict:
@@ -85,13 +85,13 @@ class ExplainedArray:
         return explained_to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:
-        """Write the result, and each unit's, into a folder (``explain`` in the array's); returns it."""
+        """Write the result, and each unit's, into a folder (``explain`` in the array's); return it."""
         return save_array_explanation(self.result, None if folder is None else Path(folder))
 
 
 def explain(
     array: ArraySession | Path | str, *, seed: int = 0, use_earth: bool = True, progress: Progress = lambda what, done, of: None
 ) -> ExplainedArray:
-    """Explain an array, or an array's folder.  Raises CalibrationError, in one line, for what cannot be read or fitted."""
+    """Explain an array, or an array's folder.  Raises CalibrationError with one line for data that cannot be read or fitted."""
     read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
     return ExplainedArray(explain_array(read, seed=seed, use_earth=use_earth, progress=progress))

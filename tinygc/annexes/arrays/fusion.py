@@ -37,34 +37,34 @@ from tinygc.closure.allan import FLICKER_FLOOR
 from tinygc.closure.floor import BiasInstability
 from tinygc.models.linear import PARAMETERS, LinearModel
 
-# How far units of an array may be apart, and are: their median, their noise, their ends, and what a calibration shows beyond these.
+# Disagreement between the units of an array: the vote's median, the units' noise and full scale, and the errors a calibration shows.
 
-#: of one unit's disagreement to the units' median: no unit that lies in the calibration widens its own bar without end
+#: limit of one unit's disagreement, relative to the units' median: no faulty unit in the calibration widens its own limit without bound
 MOST_OWN = 3.0
 #: of the units' median share in the vote
 MOST_SHARE = 1.5
-#: of what is expected, squared: a residual beyond is a liar's, and does not count
+#: of the expected square: a residual beyond is an outlier and does not count
 TRIMMED = 9.0
 _ROUNDS = 8
-#: a unit with fewer common samples says nothing
+#: a unit with fewer common samples is left out
 FEWEST_SAMPLES = 10
-#: s of a window, share of windows that may be worse, and what the mean of u, the greatest of three squares, may be there
+#: s of a window, share of windows that may be worse, and the limit of the mean of u, the greatest of three squares, in the others
 WINDOW_S, WINDOWS, EXPECTED_U = 0.5, 0.005, 3.0
-#: rad/s below which nothing turns that a scale or a delay would show in: 5 dps
+#: rad/s, 5 dps: below it, a scale or a delay error does not show
 QUIET_RPS = 5 * DEG
-#: a single u counts as no more than this: one impact is no disagreement
+#: limit of a single u, so that one impact is no disagreement
 MOST_U = 36.0
-#: of the full scale: from here on a reading is the register's end
+#: of the full scale: from here on a reading is saturated
 END = 1 - FULL_SCALE_ROUNDING
 
 
 def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
-    """How much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s of the same moments, NaN for none.
+    """Estimate how much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s at the same times, NaN for none.
 
-    Of each unit |d|^2 = noise + 3 bias^2 + (scale |omega|)^2 + (delay |domega/dt|)^2 about the units' weighted median, by least squares
-    without negative terms, outliers trimmed, the bias at least what differences at rest wander by; of the units the greatest, but at most
-    three times their median.  Delays and scales stand for seconds and do not average out within a window, so all three are widened until
-    all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold.
+    Each unit's distance from the units' weighted median is modelled as |d|^2 = noise + 3 bias^2 + (scale |omega|)^2 + (delay
+    |domega/dt|)^2, by least squares with non-negative terms and outliers trimmed. The bias is at least the wander of differences at rest.
+    Of the units the greatest counts, but at most three times their median.  Delays and scales persist for seconds and do not average out
+    within a window, so all three are widened until all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold.
     """
     calibrated = np.einsum("nij,tnj->tni", model.matrices, measured) + model.offsets
     there = np.isfinite(calibrated).all(axis=2) & ~clips(model, measured)
@@ -74,7 +74,7 @@ def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
     change2 = np.maximum(np.append(change, 0), np.insert(change, 0, 0))
     noise, fixed = sample_variance(model), fixed_variance(model)
     columns = np.column_stack([np.ones(len(rate2)), rate2, change2])
-    by_vector = columns * [3, 1, 1]  # a bias is each axis' own; a scale and a delay may lie on one axis whole
+    by_vector = columns * [3, 1, 1]  # a bias is independent on each axis; a scale or a delay error may lie on one axis entirely
     apart_signed = calibrated - middle[:, None]
     apart = np.square(apart_signed)
     window = max(round(WINDOW_S * model.rate_hz), 2)
@@ -98,18 +98,18 @@ def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
 
 
 def _common(table: np.ndarray) -> np.ndarray:
-    """Of all units (N, ...): the greatest, but at most what three times their median's root has."""
+    """Return the greatest over all units (N, ...), but at most what three times the root of their median has."""
     return np.minimum(table.max(axis=0), MOST_OWN**2 * np.median(table, axis=0))
 
 
 def _wander(apart: np.ndarray, use: np.ndarray, noise: np.ndarray, window: int) -> float:
-    """(rad/s)^2: variance of the windows' means of differences (T, 3) where nothing turns, beyond what white noise has; greatest axis."""
+    """Return (rad/s)^2: variance, beyond white noise, of window means of differences (T, 3) at rest; greatest axis."""
     still = apart[use][: use.sum() // window * window].reshape(-1, window, 3).mean(axis=1)
     return float(max((np.square(still).mean(axis=0) - noise / window).max(), 0.0)) if len(still) else 0.0
 
 
 def _components(columns: np.ndarray, square: np.ndarray, noise: float) -> np.ndarray:
-    """(3,) variances that add up to squares (T,), their spread following their size; squares far beyond are trimmed."""
+    """Return (3,) variances that add up to squares (T,), whose spread follows their size; outliers are trimmed."""
     size = np.maximum(columns.max(axis=0), 1e-300)
     theta = np.zeros(3)
     expected = np.full(len(square), noise + max(float(np.median(square)), 0.0))
@@ -121,20 +121,23 @@ def _components(columns: np.ndarray, square: np.ndarray, noise: float) -> np.nda
 
 
 def vote_weights(model: ArrayModel) -> np.ndarray:
-    """(N,): a unit's weight in the median: its share of the combination, at most one and a half times the units' median share, so
-    that of three no single one can be the median by itself; sum 1."""
+    """Return (N,) weights of the units in the median, sum 1.
+
+    Each is the unit's share of the combination, at most one and a half times the units' median share, so that of three units no single one
+    can be the median by itself.
+    """
     share = np.maximum(np.trace(model.weights, axis1=1, axis2=2), 1e-6)
     share = np.minimum(share, MOST_SHARE * np.median(share))
     return share / share.sum()
 
 
 def sample_variance(model: ArrayModel) -> np.ndarray:
-    """(N, 3) (rad/s)^2 of one sample's white noise, unit by unit, in the array's frame."""
+    """Return (N, 3) (rad/s)^2, each unit's white-noise variance of one sample, in the array's frame."""
     return np.diag(model.density).reshape(-1, 3) * model.rate_hz / 2
 
 
 def fixed_variance(model: ArrayModel) -> np.ndarray:
-    """(N, 3) (rad/s)^2 in the array's frame of what stands still: the bias of the disagreement, bias instability, parameters at rest."""
+    """Return (N, 3) (rad/s)^2 in the array's frame of constant errors: bias of the disagreement, bias instability, parameters at rest."""
     whole = np.full((len(model), 3), model.disagreement.bias_rps**2)
     for i, unit in enumerate(model.units):
         if unit.bias_instability is not None:
@@ -146,49 +149,48 @@ def fixed_variance(model: ArrayModel) -> np.ndarray:
 
 
 def ends(model: ArrayModel) -> np.ndarray:
-    """(N,) rad/s: from where on a unit's reading is its end and no rate; infinite where its full scale is not known."""
+    """Return (N,) rad/s above which a unit is saturated; infinite where its full scale is not known."""
     scales = [None if unit.sensor is None else unit.sensor.gyro_fs_dps for unit in model.units]
     return np.array([np.inf if scale is None else END * scale * DEG for scale in scales])
 
 
 def clips(model: ArrayModel, measured: np.ndarray) -> np.ndarray:
-    """(..., N): whether a unit reads its end on any axis, of measured rates (..., N, 3) rad/s."""
+    """Return (..., N): whether a unit is saturated on any axis, for measured rates (..., N, 3) rad/s."""
     with np.errstate(invalid="ignore"):
         return (np.abs(measured) >= ends(model)[:, None]).any(axis=-1)
 
 
-# One unit's samples at the array's moments: cubic between four samples, in pieces, each sample once.
+# Resampling of one unit's samples at the array's sample times: cubic between four samples, in pieces, each sample read once.
 #
-# A reading at one of the unit's own moments is that reading.  Between two, the Lagrange cubic through the two samples before and the two
-# behind: the noise that remains of white noise has, on average over all moments, 0.79 of a sample's variance, and the same density at low
-# frequencies; a motion of frequency f is held to (pi f T)^4 of itself and better, T the sample's period.  No reading is made up across a
-# gap.
+# A reading at one of the unit's own sample times is kept. Between two, the Lagrange cubic through the two samples before and the two after
+# is used. White noise keeps, on average over all times, 0.79 of a sample's variance, and the same density at low frequencies; a motion of
+# frequency f is reproduced to (pi f T)^4 of itself or better, T the sample's period. Readings are not interpolated across a gap.
 
-#: of the unit's median step: two samples farther apart have a gap between them
+#: of the unit's median step: a longer step is a gap
 GAP = 1.75
 
 
 class Resampler:
-    """``push`` samples in time order, ``at`` moments in time order; what lies behind is forgotten."""
+    """Cubic resampler: ``push`` samples in time order, ``at`` times in time order; samples no longer needed are dropped."""
 
     def __init__(self, width: int):
-        """width: of the values."""
+        """width: number of values per sample."""
         self._t, self._values = np.zeros(0), np.zeros((0, width))
         self._step: float | None = None
 
     @property
     def ends(self) -> float:
-        """The last moment from which on two samples are known; -inf at the beginning."""
+        """Return the last time after which two samples are known; -inf at the beginning."""
         return float(self._t[-2]) if len(self._t) >= 2 else -np.inf
 
     def push(self, t_s: np.ndarray, values: np.ndarray) -> None:
-        """The next samples: t_s (K,) s, values (K, W)."""
+        """Append samples: t_s (K,) s, values (K, W)."""
         self._t, self._values = np.concatenate([self._t, t_s]), np.vstack([self._values, values])
         if self._step is None and len(self._t) > 2:
             self._step = float(np.median(np.diff(self._t)))
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
-        """(K, W) at moments (K,) s, NaN where there is nothing on both sides of one."""
+        """Return (K, W) at times (K,) s, NaN where samples are missing on either side."""
         out = np.full((len(t_s), self._values.shape[1]), np.nan)
         t, count = self._t, len(self._t)
         if not count:
@@ -212,7 +214,7 @@ class Resampler:
         return out
 
     def forget(self, t_s: float) -> None:
-        """All that no moment from t_s on needs."""
+        """Drop the samples not needed for times from t_s on."""
         keep = max(int(np.searchsorted(self._t, t_s, side="right")) - 2, 0)
         self._t, self._values = self._t[keep:], self._values[keep:]
 
@@ -229,9 +231,9 @@ class Resampler:
         return found
 
 
-# An array's model from what a joint fit gives: weights with their reason, and how much the units differ beyond their noise.
+# Build an array's model from a joint fit: weights with their reason, and the units' disagreement beyond noise.
 
-#: the weights are best at this averaging time: a turn takes seconds, and what a rate is integrated over is its attitude's error
+#: averaging time for which the weights are optimal: a turn takes seconds, and the integrated rate is the attitude error
 AVERAGING_S = 3.0
 
 
@@ -245,12 +247,12 @@ def build_array_model(
     averaging_s: float = AVERAGING_S,
     session: str = "",
 ) -> ArrayModel:
-    """The model of units whose parameters, places and noise are known; rate_hz: samples a second of the array.
+    """Build the model of units with known parameters, extrinsics and noise; rate_hz: samples a second of the array.
 
     correlation (3 N, 3 N): of the units' white noise in the array's frame, where it was measured; joint_covariance (12 N, 12 N) of the
-    units' E and B, unit by unit; measured (T, N, 3) rad/s: what the units read at the same moments in the calibration, NaN where one
-    has none: how much they differ beyond noise is learnt from it; averaging_s: what the weights are best for.
-    Raises CalibrationError for fewer than two units, and for noise that no combination can be best for.
+    units' E and B, unit by unit; measured (T, N, 3) rad/s: the units' readings at the same times in the calibration, NaN where one has
+    none, from which their disagreement is estimated; averaging_s: averaging time for which the weights are optimal. Raises CalibrationError
+    for fewer than two units, and for noise for which no combination is optimal.
     """
     units = tuple(units)
     if len(units) < 2:
@@ -281,15 +283,15 @@ def build_array_model(
 
 
 def save_array_model(model: ArrayModel, path: Path) -> None:
-    """As ``tinygc-array-model/1``, whole or not at all."""
+    """Write ``tinygc-array-model/1`` atomically."""
     write_whole(path, to_table(model))
 
 
-# An array's model of a joint fit: its units, their noise, and how much they differed in the recording itself.
+# Array's model of a joint fit: its units, their noise, and their disagreement in the recording.
 
 
 class FittedUnit(Protocol):
-    """What a joint fit says of a unit; covariance (K, K), K at least 12, begins with E row by row, then B."""
+    """What a joint fit provides for a unit; covariance (K, K), K at least 12, begins with E row by row, then B."""
 
     @property
     def number(self) -> int: ...  # noqa: D102
@@ -310,7 +312,7 @@ class FittedUnit(Protocol):
 
 
 def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance: np.ndarray | None = None) -> ArrayModel:
-    """The model of fitted units; covariance (K N, K N) of all their numbers, unit by unit, as each unit's own is ordered.
+    """Build the model of fitted units; covariance (K N, K N) of all their numbers, unit by unit, each in the order of the unit's own.
 
     Raises CalibrationError as ``build_array_model``.
     """
@@ -339,7 +341,7 @@ def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance
 
 
 def together(sessions: Sequence[Session], places: Sequence[UnitPlace]) -> np.ndarray:
-    """(T, N, 3) rad/s that units measured at the first one's moments, all logs one after the other; NaN where one has none."""
+    """Return (T, N, 3) rad/s, all units' measured rates at the first one's sample times, log after log; NaN where one has none."""
     whole = []
     for logs in zip(*(session.logs for session in sessions), strict=True):
         begins_ns = int(logs[0].samples.t_ns[0])

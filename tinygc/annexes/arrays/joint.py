@@ -1,4 +1,4 @@
-"""All units estimated together, and the closure split into what is common and what is each unit's own."""
+"""Joint estimate of all units, and the split of the closure into a common part and each unit's own."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
-# What stands beyond an array's usual errors: a reading of one unit that the others contradict, a turn that all miss alike.
+# Events beyond an array's usual errors: a reading of one unit that the others contradict, a turn that all miss alike.
 
-#: family-wise, of all blocks of rows of an array
+#: family-wise probability, over all blocks of rows of an array
 RARE_P = 0.01
 
 OWN_TURN, OWN_STILL, COMMON_TURN, COMMON_STILL = "turn", "still", "common turn", "common still"
@@ -42,9 +42,12 @@ OWN_TURN, OWN_STILL, COMMON_TURN, COMMON_STILL = "turn", "still", "common turn",
 
 @dataclass(frozen=True, eq=False)
 class ArrayEvent:
-    """what: ``turn`` or ``still`` of one unit, ``common turn`` or ``common still`` of all; unit: its place among the units, None of all;
-    rival: of two units, the other one where it contradicts as much, so that nobody knows which of them errs; first, last: the array's
-    stills around it; size: rad or m/s^2; p_value: of one as large by chance, family-wise; rows of the system."""
+    """An outlying block of rows.
+
+    what: ``turn`` or ``still`` of one unit, ``common turn`` or ``common still`` of all; unit: its index among the units, None of all;
+    rival: of two units, the other one where it contradicts as much, so that the faulty one is unknown; first, last: the array's stills
+    around it; size: rad or m/s^2; p_value: of one as large by chance, family-wise; rows of the system.
+    """
 
     what: str
     unit: int | None
@@ -56,13 +59,13 @@ class ArrayEvent:
     rival: int | None = None
 
     def together(self, events: Sequence[ArrayEvent]) -> tuple[ArrayEvent, ...]:
-        """Of these, those of single units in the same turn or still: of more than one unit at once, none is a sensor's own reading."""
+        """Return the events of single units in the same turn or still; with more than one unit, none is a sensor's own."""
         return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseBlocks:
-    """Rows (B, d) that stand or fall together, by whose they are; spans (B, 2) stills."""
+    """Blocks of rows (B, d) that are kept or rejected together, by the unit they belong to; spans (B, 2) stills."""
 
     what: str
     unit: int | None
@@ -71,7 +74,7 @@ class NoiseBlocks:
 
 
 def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[NoiseBlocks]:
-    """Of every unit's turns and stills, and of what is common."""
+    """Return the blocks of every unit's turns and stills, and of the common part."""
     found = []
     for i, unit in enumerate(rows):
         found.append(NoiseBlocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
@@ -84,9 +87,9 @@ def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Noi
 
 
 def candidates(solution: Solution, blocks: list[NoiseBlocks]) -> list[ArrayEvent]:
-    """Of each block its event, with the probability, of all blocks together, that chance makes one as large.
+    """Return each block's event, with the family-wise probability that chance makes one as large.
 
-    A block's part in the estimate of its own component is taken off: F of what it misses by against what the others do.
+    A block's share in the estimate of its own component is removed: an F test of its residual against those of the others.
     """
     from scipy.stats import f
 
@@ -109,7 +112,7 @@ def candidates(solution: Solution, blocks: list[NoiseBlocks]) -> list[ArrayEvent
 
 
 def worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEvent]:
-    """New events, one of each turn or still: what one reading does shows a little in all that share its turn."""
+    """Return the new events, at most one of each turn or still, since one bad reading also shows in the rows that share its turn."""
     best: dict[tuple[bool, int], ArrayEvent] = {}
     for event in found:
         if event.p_value > RARE_P or out[event.rows].all():
@@ -122,26 +125,29 @@ def worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEv
 
 
 def _with_rival(event: ArrayEvent, found: list[ArrayEvent]) -> ArrayEvent:
-    """Of an array of two: in yaw each is the only witness against the other."""
+    """Add the rival in an array of two units, where in yaw each is the only reference of the other."""
     same = [e for e in found if e.unit not in (None, event.unit) and (e.what, e.first, e.last) == (event.what, event.first, event.last)]
     rival = next((other.unit for other in same if other.p_value <= RARE_P), None)
     return replace(event, rival=rival) if event.unit is not None else event
 
 
-# All units of an array estimated together: one motion, and of each unit its twelve, its nine and its mounting.
+# Joint estimate of all units of an array: one motion, and for each unit twelve gyroscope, nine accelerometer and three mounting numbers.
 #
-# Rows and unknowns are in ``rows.py``; sizes of what each unit, and all together, miss by are variance components, found by restricted
-# maximum likelihood with the numbers (``system.py``).  A reading of one unit that the others contradict does not count (``events.py``).
+# Rows and unknowns are in ``system.py``. The sizes of each unit's errors, and of the common ones, are variance components, estimated
+# together with the numbers by restricted maximum likelihood. A reading of one unit that the others contradict is rejected.
 
 ROUNDS = 12
-#: rad, of any attitude or mounting, and share of E: a change below ends the search
+#: rad, of any attitude or mounting, and share of E: a smaller change ends the search
 SETTLED = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """state: where it ended; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
-    change is nothing; events; earths by yaw group; missed_rad (Q-1,) tilt that fast motion is predicted to make all miss."""
+    """Result of the joint estimate.
+
+    state: the final one; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
+    change is zero; events; earths by yaw group; missed_rad (Q-1,): predicted tilt error of all units from fast motion.
+    """
 
     state: ArrayState
     start: ArrayState
@@ -155,12 +161,12 @@ class Joint:
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the numbers."""
+        """Return the layout of the numbers."""
         return ParameterLayout(len(self.rows), len(self.same))
 
     @property
     def models(self) -> tuple[LinearModel, ...]:
-        """Of each unit, for rates as they are measured."""
+        """Return each unit's model for measured rates."""
         return tuple(
             model if unit.rest is None else replace(model, B=-model.E @ unit.rest)
             for model, unit in zip(self.state.models, self.rows, strict=True)
@@ -168,25 +174,25 @@ class Joint:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(count, count) of the last step's solution, which takes the units' biases to stand still (``parameters.py``)."""
+        """Return (count, count) of the last step's solution, which assumes constant biases of the units."""
         return self.solution.covariance
 
     @property
     def common_rad(self) -> np.ndarray:
-        """(Q-1, 2) rad: the tilt by which all units miss between two stills."""
+        """Return (Q-1, 2) rad: the tilt error common to all units between two stills."""
         return np.asarray(self.solution.x[self.layout.common].reshape(-1, 2))
 
     def component(self, name: str) -> tuple[float, float]:
-        """A component's size and its sigma, as a standard deviation: rad or m/s^2; of ``common.undersampled`` a factor."""
+        """Return a component's size and its sigma, as a standard deviation: rad or m/s^2; of ``common.undersampled`` a factor."""
         k = self.where.names.index(name)
         t, sigma = float(self.solution.t[k]), float(self.sigmas[k])
         size = np.sqrt(t)
-        # Of one near zero, the size that its sigma stands for.
+        # for a component near zero, the size that its sigma stands for
         return float(size), float(sigma / (2 * size)) if t > sigma else float(np.sqrt(sigma) if np.isfinite(sigma) else np.inf)
 
     @cached_property
     def sigmas(self) -> np.ndarray:
-        """(G,) of the components, as variances."""
+        """Return the sigmas (G,) of the components, as variances."""
         return self.solution.sigma()
 
 
@@ -200,10 +206,10 @@ def estimate(
     use_earth: bool = True,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Joint:
-    """Of all units together.
+    """Estimate all units jointly.
 
-    missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it;
-    alone: of a single unit, in which what is common cannot be told from its own.
+    missed_rad (Q-1,): predicted tilt error of every unit from motion beyond the data rate, zero where unknown; alone: for a single unit,
+    whose common errors cannot be separated from its own.
     """
     rows = [unit_rows(unit, i, same, bias) for i, unit in enumerate(units)]
     start = state = start_state(units, rows, same)
@@ -247,7 +253,7 @@ def estimate(
 
 
 def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:
-    """Components (G,) to begin with, from medians, which single wild readings do not move."""
+    """Return initial components (G,) from medians, which are robust to outliers."""
     usual = np.array([np.median(system.base[v > 0]) for v in system.V[: 2 * units]])
     t = np.concatenate([usual, [np.mean(usual[:units]), 0.25, 1e-6]])
     for _ in range(3):
@@ -260,14 +266,14 @@ def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:
     return t
 
 
-# How well the units' numbers are known: the joint solution's covariance, and what it does not know of, biases that wander.
+# Covariance of the units' numbers: that of the joint solution, and the bias wander that it does not include.
 
 
 def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
-    """(24 N, 24 N) of all units' numbers in the order of ``state.py``: E, B, accelerometer, mounting; of the models for measured rates.
+    """Return (24 N, 24 N) of all units' numbers in the order of ``ParameterLayout``: E, B, accelerometer, mounting; for measured rates.
 
-    A bias that wanders turns the ends of its unit's turns, so it moves what follows them; where biases are from the stills, B = -E b has
-    the stills' own error, and their wander.
+    A wandering bias turns the ends of its unit's turns, which moves the numbers fitted to them; where biases are from the stills, B = -E b
+    has the stills' own error, and their wander.
     """
     layout = joint.layout
     covariance = joint.covariance[: layout.gravity, : layout.gravity].copy()
@@ -300,7 +306,7 @@ def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
 
 
 def _response(joint: Joint, rows: np.ndarray) -> np.ndarray:
-    """(24 N, S, 3): how the units' numbers follow an error of closure rows (S, 3)."""
+    """Return (24 N, S, 3): the response of the units' numbers to an error of closure rows (S, 3)."""
     solution, units = joint.solution, joint.layout.gravity
     weight = np.where(solution.system.out, 0.0, 1 / solution.variance)[rows.ravel()]
     found = -joint.covariance[:units] @ (solution.system.design[rows.ravel()] * weight[:, None]).T
@@ -314,28 +320,31 @@ def _middle_s(unit: ArrayUnit, row: int) -> float:
 
 
 def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:
-    """(24, 24) of one unit."""
+    """Return (24, 24) of one unit."""
     own = slice(index * PER_UNIT, (index + 1) * PER_UNIT)
     return covariance[own, own]
 
 
-# What the closure misses beyond noise, split: what all units have in common is not the sensors', what one has alone is its own.
+# Split of the closure error beyond noise: a part common to all units is not a sensor error, a part in one unit only is its own.
 #
-# Common are motion beyond the data rate (of units that are read at the same moments), the reference (a body that is not at rest in a still)
-# and whatever else turned the body without the readings' knowledge.  Its size between two stills is gamma (``rows.py``).
+# Common causes are motion beyond the data rate (of units that are read at the same times), the reference (a body that is not at rest in a
+# still) and any rotation of the body that the readings miss. The size between two stills is gamma (``system.py``).
 
-#: -2 log likelihood by which the name "motion beyond the data rate" must better a part of no name, and no part at all
+#: drop of -2 log likelihood that ``motion beyond the data rate`` needs against an unnamed common part, and against none
 BORNE_OUT = 2.0
-#: family-wise, of all units: an own excess less probable by chance is that unit's
+#: family-wise, over all units: an own excess less probable by chance is reported as that unit's
 OWN_P = 0.01
-#: of what is predicted: less is what a filter lets through (``explanation/noise/components.py``: predicted within a factor of 1.5)
+#: share of the predicted size; below it, a filter passes only a part (predictions hold within a factor of 1.5)
 FILTERED = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
 class TurnSplit:
-    """Of one turn between stills first and last: common_rad (2,) tilt that all units miss by, sigma_rad of each angle; own_rad (N,) the
-    length of what each unit errs by itself, NaN where it has no such turn; events of it."""
+    """Split of one turn between stills first and last.
+
+    common_rad (2,): tilt error common to all units, sigma_rad of each angle; own_rad (N,): length of each unit's own error, NaN where it
+    has no such turn; events of it.
+    """
 
     first: int
     last: int
@@ -347,12 +356,12 @@ class TurnSplit:
 
 @dataclass(frozen=True, eq=False)
 class VarianceSplit:
-    """Tilt, both angles together, rms over the turns, rad.
+    """Tilt errors, both angles together, rms over the turns, rad.
 
-    own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, of all units together; turn (2,): of what
-    is common, equal in all turns; fast (2,): what of it goes as motion beyond the data rate is predicted to, and its sigma;
-    predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood falls with a common part that is equal in all
-    turns, and with one that goes as predicted; minus_mean_rad: unit minus mean; turns.
+    own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, over all units; turn (2,): the common part
+    that is equal in all turns; fast (2,): the part proportional to the prediction for motion beyond the data rate, and its sigma;
+    predicted: that prediction; level_mps2 (2,); gains: drop of -2 log likelihood with a common part that is equal in all turns, and with
+    one that follows the prediction; minus_mean_rad: unit minus mean; turns.
     """
 
     own: np.ndarray
@@ -368,23 +377,23 @@ class VarianceSplit:
 
     @property
     def common(self) -> float:
-        """rad: all that is common to the turns' closure."""
+        """Return the whole common part of the turns' closure, rad."""
         return float(np.hypot(self.turn[0], self.fast[0]))
 
     @property
     def p_value(self) -> float:
-        """Of there being nothing common, by chance: likelihood ratio, whose part is zero half the time (Self & Liang 1987)."""
+        """Return the p-value of no common part: likelihood ratio, zero half of the time (Self & Liang 1987)."""
         gain = max(self.gains.values())
         return float(chi2.sf(max(gain, 0.0), 1)) if gain > 0 else 1.0
 
     @property
     def is_fast_motion(self) -> bool:
-        """Whether what is common goes from turn to turn as motion beyond the data rate is predicted to."""
+        """Return whether the common part varies between turns as predicted for motion beyond the data rate."""
         return self.p_value < 0.01 and self.gains["undersampled"] > self.gains["turn"] + BORNE_OUT
 
     @property
     def words(self) -> str:
-        """What is common, in one sentence."""
+        """Describe the common part in one sentence."""
         if self.p_value > 0.01:
             return "nothing in common beyond noise: what turns miss by is each unit's own"
         size = f"{self.common / DEG:.2g}° rms a turn in common, which no unit's sensor has made"
@@ -398,7 +407,7 @@ class VarianceSplit:
 
 
 def split_of(joint: Joint) -> VarianceSplit:
-    """Of a joint estimate of two units or more."""
+    """Split the closure of a joint estimate of two units or more."""
     count = len(joint.rows)
     predicted = float(np.sqrt(2 * np.mean(joint.missed_rad**2)))
     both = np.sqrt(2)
@@ -420,9 +429,9 @@ def split_of(joint: Joint) -> VarianceSplit:
 
 
 def _own_p(joint: Joint) -> np.ndarray:
-    """(N,) of each unit's own excess being chance, over all units: likelihood ratio, whose part is zero half the time (Self & Liang 1987).
+    """Return (N,) p-values of each unit's own excess, over all units: likelihood ratio, zero half of the time (Self & Liang 1987).
 
-    A component's size over its sigma tells nothing near zero, where half of all sizes are zero and the others small.
+    A component's size over its sigma is no test near zero, where half of all estimates are zero and the others small.
     """
     solution, count = joint.solution, len(joint.rows)
     p = np.ones(count)
@@ -437,7 +446,7 @@ def _own_p(joint: Joint) -> np.ndarray:
 
 
 def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
-    """A size and its sigma; nothing where the factor is."""
+    """Scale a size and its sigma by the factor."""
     return (factor * size[0], factor * size[1]) if factor > 0 else (0.0, 0.0)
 
 
@@ -455,7 +464,7 @@ def _gains(joint: Joint) -> dict[str, float]:
 
 
 def _minus_mean(joint: Joint) -> tuple[float, np.ndarray]:
-    """rad rms of tilt over the turns that all units have, and of each unit: its closure minus the mean of all units'."""
+    """Return rad rms of tilt over the turns that all units have, and for each unit its closure minus the mean of all units'."""
     same, count = joint.same, len(joint.rows)
     left: dict[tuple[int, int], dict[int, np.ndarray]] = {}
     for i in range(count):

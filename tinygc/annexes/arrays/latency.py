@@ -1,4 +1,4 @@
-"""Read latency: how old each unit's readings are when they are read, where units sample by clocks of their own."""
+"""Read latency: the age of each unit's readings when they are read, for units that sample by clocks of their own."""
 
 from __future__ import annotations
 
@@ -16,29 +16,32 @@ from session.io.numeric import sigma_of
 from session.io.units import NS
 from tinygc.annexes.arrays.clocks import ClockFit, Rates, UnitClock, noise_of, session_rates
 
-# Does the age of a unit's readings beat?  The sum of periodograms of short stretches, over every frequency that a reader can see.
+# Detection of a beat in the age of a unit's readings: the sum of periodograms of short stretches, over all frequencies a reader can
+# resolve.
 #
-# A sensor that samples by its own clock and is read by another gives readings of an age between nothing and its own period.  The age grows
-# or falls evenly and jumps back, with the difference of the sensor's rate and the next multiple of the reader's.
+# A sensor that samples by its own clock and is read by another gives readings of an age between zero and its own period. The age grows or
+# falls linearly and jumps back, at the difference of the sensor's rate and the nearest multiple of the reader's.
 
-#: s; over which an RC oscillator at rest keeps its phase, well enough
+#: s, length of a stretch over which an RC oscillator at rest keeps its phase well enough
 STRETCH_S = 10.0
 #: frequencies per width of a stretch's peak
 FINENESS = 5
-#: points of time per reading
+#: time points per reading
 GRID = 8
-#: of the strongest reading's weight; weaker ones add nothing
+#: of the strongest reading's weight; weaker readings are left out
 LEAST_WEIGHT = 1e-3
-#: Hz; over which the level of what is no beat is taken to be one
+#: Hz; width over which the background level is taken as constant
 LEVEL_HZ = 3.0
-#: chance, over all frequencies together, with which a unit without any beat is said to have one
+#: false-alarm probability of a beat, over all frequencies together
 FALSE_ALARM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class AgeReadings:
-    """What single readings say of a unit's age: t_s (N,) s, age_s (N,) s, each of a variance (N,) s^2, with spread_s^2 of it common
-    to all; reader_s: the reader's period."""
+    """Ages as measured by single readings.
+
+    t_s (N,) s, age_s (N,) s, each of a variance (N,) s^2, with spread_s^2 of it common to all; reader_s: the reader's period.
+    """
 
     t_s: np.ndarray
     age_s: np.ndarray
@@ -49,7 +52,7 @@ class AgeReadings:
 
 @dataclass(frozen=True)
 class Beat:
-    """frequency_hz: without its sign; amplitude_s of the sinusoid there; p_value over all frequencies that were looked at."""
+    """Detected beat: frequency_hz without its sign; amplitude_s of the sinusoid there; p_value over all frequencies searched."""
 
     frequency_hz: float
     amplitude_s: float
@@ -57,10 +60,10 @@ class Beat:
 
 
 def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: float, reader_s: float) -> AgeReadings:
-    """excess, slope (N, 3) rad/s and rad/s^2, as of a ``Difference``; noise: scatter of one component of the excess, rad/s.
+    """Estimate ages from excess and slope (N, 3), rad/s and rad/s^2, as in ``Difference``; noise: scatter of one excess component, rad/s.
 
-    A reading that is old by a lacks a times the angular acceleration.  What else scatters with the acceleration is taken from the strongest
-    readings themselves, ages and all.
+    A reading that is old by a lacks a times the angular acceleration.  Other scatter proportional to the acceleration is estimated from the
+    strongest readings themselves, including their ages.
     """
     power = np.square(slope).sum(axis=1)
     power = np.maximum(power, 1e-12 * max(float(power.max(initial=0.0)), 1e-300))
@@ -76,11 +79,11 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
 
 
 def find_beat(readings: AgeReadings) -> Beat:
-    """The frequency that stands out most; p_value 1 where there are too few readings to say."""
+    """Return the frequency of the highest peak; p_value is 1 where there are too few readings."""
     stretches = _stretches(readings)
     if not stretches:
         return Beat(0.0, 0.0, 1.0)
-    # A fast Fourier transform of readings on a grid that is much finer than their reader's.
+    # fast Fourier transform of readings on a grid much finer than the reader's period
     step_s = readings.reader_s / GRID
     points = round(FINENESS * STRETCH_S / step_s)
     frequency = np.arange(round(0.5 * points / GRID)) / (points * step_s)
@@ -95,7 +98,7 @@ def find_beat(readings: AgeReadings) -> Beat:
         summed = np.abs(np.fft.rfft(gridded)[: len(frequency)])
         power += summed**2 / weight[part].sum()
         amplitude += 2 * summed
-    # The level of a residual that is no white noise, where it has no line, is the median around.
+    # the background of a coloured residual is the median of the periodogram around a frequency
     count = len(stretches)
     half = max(1, round(LEVEL_HZ * FINENESS * STRETCH_S))
     padded = np.pad(power, half, mode="reflect")
@@ -107,34 +110,38 @@ def find_beat(readings: AgeReadings) -> Beat:
 
 
 def _stretches(readings: AgeReadings) -> list[np.ndarray]:
-    """Readings by stretches of time that hold enough of them."""
+    """Split the readings into stretches of time that hold enough of them."""
     if not len(readings.t_s):
         return []
     index = np.floor((readings.t_s - readings.t_s[0]) / STRETCH_S).astype(int)
     return [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= 8]
 
 
-# The phase of a beat through a recording whose readings tell it only here and there.
+# Phase of a beat through a recording in which only some readings determine it.
 #
-# States are a grid of phase and frequency.  From window to window the phase goes on by the frequency, and the frequency wanders as an
-# oscillator's does while it warms up.  Each window's readings give a likelihood of every phase.  Both passes together (Rabiner, Proc. IEEE
-# 77, 1989) give phase and frequency of every window with their sigmas, and the probability of all readings, by which the sign is decided.
+# States are a grid of phase and frequency. Between windows the phase advances by the frequency, and the frequency wanders as an
+# oscillator's does while it warms up. Each window's readings give a likelihood of every phase. The forward and backward pass (Rabiner,
+# Proc. IEEE 77, 1989) give phase and frequency of every window with their sigmas, and the probability of all readings, which decides the
+# sign.
 
 PHASES = 64
-#: Hz; how far around where the beat stands out, and how finely
+#: Hz; range around the detected frequency, and step
 REACH_HZ, STEP_HZ = 0.09, 0.0015
-#: Hz per root second, of the frequency's walk: an oscillator of 1 kHz that changes by some 20 ppm in ten minutes
+#: Hz per root second, of the frequency's random walk: an oscillator of 1 kHz that changes by some 20 ppm in ten minutes
 WALK_HZ = 1e-3
-#: s; a window's phase goes on by the frequency at its middle
+#: s; a window's phase advances by the frequency at its middle
 WINDOW_S = 1.0
-#: share of the readings that anything may have spoilt, and over how many periods they then scatter
+#: share of readings assumed to be outliers, and the number of periods over which these scatter
 SPOILT, SPOILT_PERIODS = 0.02, 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class PhaseTrack:
-    """t_s (W,) s: middles of the windows; cycles (W,): phase, not wrapped; frequency_hz (W,), positive where the phase grows; sigma_cycles
-    and sigma_hz (W,); log_probability of all readings, beyond the one without any beat."""
+    """Phase and frequency of a beat over time.
+
+    t_s (W,) s: middles of the windows; cycles (W,): phase, not wrapped; frequency_hz (W,), positive where the phase grows; sigma_cycles and
+    sigma_hz (W,); log_probability of all readings, relative to no beat.
+    """
 
     t_s: np.ndarray
     cycles: np.ndarray
@@ -144,7 +151,7 @@ class PhaseTrack:
     log_probability: float
 
     def at(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Phase in cycles, not wrapped, and its sigma at moments (N,) s."""
+        """Return the phase in cycles, not wrapped, and its sigma at times (N,) s."""
         if len(self.t_s) == 1:
             return self.cycles[0] + self.frequency_hz[0] * (t_s - self.t_s[0]), np.full(len(t_s), self.sigma_cycles[0])
         inside = np.clip(t_s, self.t_s[0], self.t_s[-1])
@@ -157,7 +164,7 @@ class PhaseTrack:
 
 
 def sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
-    """Expected fraction of a phase in cycles, known to a sigma: between 0 and 1, its edge as blunt as the phase is uncertain."""
+    """Return the expected fraction of a phase in cycles with a given sigma: between 0 and 1, its edge smoothed by the sigma."""
     x = cycles - np.floor(cycles)
     sigma = np.maximum(sigma_cycles, 1e-9)
     below = sum(ndtr((x - n) / sigma) for n in (1, 2))
@@ -166,7 +173,7 @@ def sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
 
 
 def track(readings: AgeReadings, beat_hz: float, period_s: float, offset_s: float) -> PhaseTrack:
-    """Of ages ``offset + period frac(phase)``; beat_hz with its sign."""
+    """Track the phase of ages ``offset + period frac(phase)``; beat_hz with its sign."""
     windows = _windows(readings)
     middle = np.array([np.average(readings.t_s[w], weights=1 / readings.variance[w]) for w in windows])
     likelihood, none = np.zeros((len(windows), PHASES)), 0.0
@@ -227,7 +234,7 @@ def _passes(middle: np.ndarray, likelihood: np.ndarray, beat_hz: float, none: fl
 
 
 def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarray:
-    """The distribution (F, P) so many seconds later, or earlier: half the way, the frequency's walk, the other half."""
+    """Propagate the distribution (F, P) forwards or backwards in time: half the drift, the frequency's random walk, the other half."""
     half = np.exp(-2j * np.pi * np.outer(frequency * seconds / 2, np.arange(PHASES // 2 + 1)))
     spectrum = np.fft.rfft(state, axis=1) * half
     width = WALK_HZ * np.sqrt(abs(seconds)) / STEP_HZ
@@ -239,18 +246,18 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
     return np.maximum(np.fft.irfft(walked * half, PHASES, axis=1), 1e-15 / state.size)
 
 
-# The motion that all units of an array felt, and what each unit's rates have beyond it.
+# Motion common to all units of an array, and each unit's rates beyond it.
 #
-# Each unit is held against the mean of the others, so that its own error is not in what it is compared with.  Rates stand in the
-# gyroscope's axes of the first unit; a linear map takes each unit's there, with its scales and misalignments.
+# Each unit is compared with the mean of the others, so that its own error is not in its reference. Rates are in the gyroscope's axes of the
+# first unit; a linear map takes each unit's there, with its scales and misalignments.
 
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """Of one unit, over all its logs, readings that all units cover.
+    """One unit's difference from the others, over all its logs, at readings that all units cover.
 
     t_s (N,) s array clock, as stamped; log and row (N,) of each; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the
-    others' mean at that moment; rate and slope (N, 3), rad/s and rad/s^2, of that mean.
+    others' mean at that time; rate and slope (N, 3), rad/s and rad/s^2, of that mean.
     """
 
     t_s: np.ndarray
@@ -271,14 +278,14 @@ class SharedMotion:
         self.moved = self.stamped
 
     def correct(self, ages: Sequence[Sequence[np.ndarray]]) -> None:
-        """Take the readings to have been made so much earlier than they are stamped: of each unit, of each log, (N,) s."""
+        """Shift the readings' times back by their ages: of each unit, of each log, (N,) s."""
         self.moved = [
             [each.shifted(each.t_s - age) for each, age in zip(unit, mine, strict=True)]
             for unit, mine in zip(self.stamped, ages, strict=True)
         ]
 
     def differences(self) -> list[Difference]:
-        """Of every unit against the others, each unit's map fitted anew."""
+        """Return every unit's difference from the others, with each unit's map refitted."""
         splines = [[each.spline() for each in unit] for unit in self.moved]
         slopes = [[spline.derivative() for spline in unit] for unit in splines]
         found, maps, offsets = [], [], []
@@ -289,7 +296,7 @@ class SharedMotion:
                 covered = mine.good & np.all([self.moved[other][number].covers(mine.t_s) for other in others], axis=0)
                 rows = np.flatnonzero(covered)
                 at = self.stamped[unit][number].t_s[rows]
-                # Held against the motion at the stamp: what the age is, is then seen whole.
+                # compared with the motion at the stamp, so that the whole age shows
                 rate = np.mean([(splines[o][number](at) - self.offsets[o][number]) @ self.maps[o].T for o in others], axis=0)
                 slope = np.mean([slopes[o][number](at) @ self.maps[o].T for o in others], axis=0)
                 parts.append((at, np.full(len(rows), number), rows, mine.rate[rows], rate, slope))
@@ -297,7 +304,7 @@ class SharedMotion:
             logs = len(self.moved[unit])
             design = np.hstack([read, (log[:, None] == np.arange(logs)).astype(float)])
             age = np.concatenate([self.stamped[unit][i].t_s[part[2]] - self.moved[unit][i].t_s[part[2]] for i, part in enumerate(parts)])
-            target = rate - age[:, None] * slope  # what the others say of the moment in which the reading was made
+            target = rate - age[:, None] * slope  # the others' rate at the time of the reading
             coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
             found.append(Difference(t_s, log, row, design @ coefficients - rate, rate, slope))
             maps.append(coefficients[:3].T)
@@ -306,38 +313,40 @@ class SharedMotion:
         return found
 
 
-# How old each unit's readings are when they are read: a sawtooth, where the unit samples by its own clock and waits for the reader.
+# Age of each unit's readings when they are read: a sawtooth, for a unit that samples by its own clock and waits for the reader.
 #
-# A sensor of 1 kHz that is asked 62.5 times a second answers with its newest sample, which is between 0 and 1 ms old.  The age drifts and
-# jumps back with a beat.  A turn of 200 deg/s that is under way at a jump is wrong by 0.2 deg.  One unit alone cannot know that.  Units
-# that felt the same motion can: the old reading lacks the age times the angular acceleration.
+# A sensor of 1 kHz that is read 62.5 times a second returns its newest sample, which is between 0 and 1 ms old. The age drifts and jumps
+# back with a beat. A turn of 200 deg/s in progress at a jump is wrong by 0.2 deg. One unit alone cannot detect that. Units that felt the
+# same motion can: the old reading lacks the age times the angular acceleration.
 #
-# Each unit is held against the mean of the others.  Their ages are in that mean, so all are found again with the others' taken off.  A
-# constant that all ages share is the same thing as the array's clock.  Two units tell only the difference of their ages, and not whose it
-# is.
+# Each unit is compared with the mean of the others. Their ages are in that mean, so all are estimated again with the others' ages
+# subtracted. A constant common to all ages is equivalent to an offset of the array's clock. Two units determine only the difference of
+# their ages.
 
-#: with fewer nobody knows whose the difference is
+#: fewest units: with two, the ages cannot be attributed
 LEAST_UNITS = 3
-#: of finding all units' ages with the others' taken off; a fourth moves half of the ages of mimu's first experiment by less than 0.003 ms
+#: iterations over all units' ages, each with the others' subtracted; a fourth moves half of the ages of mimu's first experiment by less
+#: than 0.003 ms
 ROUNDS = 3
-#: of a period; nearer to the jump a reading may be on its other side
+#: of a period; a reading nearer to the jump may be on its other side
 NEAR_JUMP = 0.1
-#: jumps that a recording has to hold; a clock that wanders makes ages that are no sawtooth
+#: fewest jumps in a recording; the ages by a wandering clock are no sawtooth
 LEAST_CYCLES = 2.0
-#: of a sawtooth, that may show elsewhere; and how near to one a beat is taken for it, the width of a stretch's peak
+#: harmonics of a sawtooth that may show in another unit; distance from one within which a beat is taken for it, the width of a stretch's
+#: peak
 HARMONICS, ECHO_HZ = 5, 1 / STRETCH_S
-#: periods; farther off a reading is spoilt
+#: periods; a reading farther off is an outlier
 WILD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class SampleAges:
-    """Of one unit: whether its readings' ages beat (found) and, where they do, with what.
+    """Latency of one unit: whether its readings' ages beat (found), and the estimated beat.
 
-    beat_hz: by how much its samples come faster than the next multiple of the reader's rate, where the recording tells it best, and its
-    sigma; period_s of its samples, and its sigma; p_value: chance of so strong a beat without one, over all frequencies looked at; gain:
-    logarithm of how much likelier the readings are with these ages; scatter_s: of single readings' ages about them; track: the phase, over
-    time on the array's clock; clock of the unit.
+    beat_hz: rate of its samples less the nearest multiple of the reader's rate, where the recording determines it best, and its sigma;
+    period_s of its samples, and its sigma; p_value: chance of so strong a beat without one, over all frequencies searched; gain: log
+    likelihood ratio of these ages to none; scatter_s: of single readings' ages about them; track: the phase, over time on the array's
+    clock; clock of the unit.
     """
 
     number: int
@@ -353,21 +362,21 @@ class SampleAges:
     clock: UnitClock = field(default_factory=UnitClock)
 
     def age_s(self, t_s: np.ndarray) -> np.ndarray:
-        """Expected ages (N,) s of readings with these stamps, s of the unit's own clock; 0 where no beat was found."""
+        """Return the expected ages (N,) s of readings with these stamps, s of the unit's own clock; 0 where no beat was found."""
         if self.track is None:
             return np.zeros(len(t_s))
         return np.asarray(self.period_s * sawtooth(*self.track.at(self.clock.array_time(t_s))))
 
 
 def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, ...]:
-    """fits: of every unit (``places.clock_fits``).  Of fewer than three units none is found."""
+    """Estimate the ages of every unit's readings; fits: of every unit (``clock_fits``).  With fewer than three units none is found."""
     clocks = [fit.clock for fit in fits]
     ages = [SampleAges(number, False, 1.0, clock=clock) for number, clock in zip(array.numbers, clocks, strict=True)]
     if len(array) < LEAST_UNITS:
         return tuple(ages)
     rates = [session_rates(unit) for unit in array.units]
     motion = SharedMotion(rates, fits)
-    motion.differences()  # the maps, each unit's on the mean of the others
+    motion.differences()  # fits the maps, each unit's on the mean of the others
     for _ in range(ROUNDS):
         found = motion.differences()
         ages = [_aged(before, difference, mine[0].period_s) for before, difference, mine in zip(ages, found, rates, strict=True)]
@@ -377,8 +386,10 @@ def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, 
 
 
 def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
-    """Whether a beat is another unit's, or one of its harmonics, as it shows in the mean that this unit is held against: each unit of the
-    others has its share in that, and no more."""
+    """Return whether a beat is another unit's, or one of its harmonics, seen through the mean of the others.
+
+    In that mean each of the others has its share of the weight, and no more.
+    """
     for other in ages:
         if not one.found or not other.found or one.period_s > other.period_s / (len(ages) - 1):
             continue
@@ -390,7 +401,7 @@ def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
 
 
 def _aged(before: SampleAges, difference: Difference, reader_s: float) -> SampleAges:
-    """One unit's ages, as the others see them now."""
+    """Estimate one unit's ages relative to the others' current ones."""
     noise = float(np.sqrt(np.mean(noise_of(difference.excess) ** 2)))
     readings = age_readings(difference.t_s, difference.excess, difference.slope, noise, reader_s)
     beat = find_beat(readings)
@@ -405,7 +416,7 @@ def _aged(before: SampleAges, difference: Difference, reader_s: float) -> Sample
     few = abs(phases.cycles[-1] - phases.cycles[0]) < LEAST_CYCLES
     if few or not 0 < period < reader_s or phases.log_probability < -np.log(FALSE_ALARM):
         return none
-    # What scatters beside the ages is less than what was taken for it before they were known.
+    # with known ages, the remaining scatter is smaller than first assumed
     sharper = replace(readings, variance=np.maximum(readings.variance - readings.spread_s**2, 0.0) + scatter**2)
     phases = track(sharper, float(phases.frequency_hz[best]), period, offset)
     period, sigma, offset, scatter = _sized(sharper, phases)
@@ -426,7 +437,7 @@ def _aged(before: SampleAges, difference: Difference, reader_s: float) -> Sample
 
 
 def _sized(readings: AgeReadings, phases: PhaseTrack) -> tuple[float, float, float, float]:
-    """Height of the sawtooth and its sigma, what is added to it, and the scatter of single readings about it, s."""
+    """Return the height of the sawtooth and its sigma, the offset added to it, and the scatter of single readings about it, s."""
     cycles, blur = phases.at(readings.t_s)
     part = cycles - np.floor(cycles)
     height, weight = sawtooth(cycles, blur), 1 / readings.variance
@@ -447,7 +458,7 @@ def _sized(readings: AgeReadings, phases: PhaseTrack) -> tuple[float, float, flo
 
 
 def corrected(array: ArraySession, ages: Sequence[SampleAges]) -> ArraySession:
-    """The same readings with the stamps of when they were made: each unit's own clock less the age."""
+    """Return the same readings stamped when they were measured: each unit's own clock less the age."""
     units = [_corrected(unit, each) if each.found else unit for unit, each in zip(array.units, ages, strict=True)]
     return replace(array, units=tuple(units))
 

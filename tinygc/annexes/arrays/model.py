@@ -1,4 +1,4 @@
-"""Several units as one gyroscope: weights, fused rate, and its file ``tinygc-array-model/1``."""
+"""Several units as one gyroscope: weights, fused rate, and the file format ``tinygc-array-model/1``."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from tinygc.models.model import (
 #
 #     omega = sum_i W_i x_i,   sum_i W_i = I,   W = (A^T Q^-1 A)^-1 A^T Q^-1,   covariance (A^T Q^-1 A)^-1
 #
-# x_i is a unit's calibrated rate in the array's frame, Q the noise covariance of all of them, A identities one below the other.
+# x_i is a unit's calibrated rate in the array's frame, Q the noise covariance of all of them, A identities stacked vertically.
 
-#: of eigenvalues to the greatest one: below, a covariance cannot be undone
+#: ratio of eigenvalues to the largest one below which a covariance is singular
 SINGULAR = 1e-12
 
 
 def best_weights(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``(weights (N, 3, 3), covariance of the combination (3, 3))`` for a noise covariance (3 N, 3 N) of the units, unit by unit.
+    """Return ``(weights (N, 3, 3), covariance of the combination (3, 3))`` for a noise covariance (3 N, 3 N) of the units, unit by unit.
 
-    CalibrationError where the covariance cannot be undone.  Any unit's weights may be negative where noise is correlated.
+    Raises CalibrationError where the covariance is singular.  Weights may be negative where noise is correlated.
     """
     count = len(covariance) // 3
     scale = np.sqrt(np.diag(covariance))
@@ -61,22 +61,22 @@ def best_weights(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def combined(weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(3, 3): the covariance of a combination by any weights (N, 3, 3) of units with covariance (3 N, 3 N)."""
+    """Return (3, 3), the covariance of a combination by any weights (N, 3, 3) of units with covariance (3 N, 3 N)."""
     row = weights.transpose(1, 0, 2).reshape(3, -1)
     return row @ covariance @ row.T
 
 
 def divisible(weights: np.ndarray, fused: np.ndarray) -> bool:
-    """Whether the weights of any units that are left can be renormalised: ``fused^-1 W_i``, a unit's information, is positive for each.
+    """Return whether the weights of any subset can be renormalised: ``fused^-1 W_i``, a unit's information, is positive for each.
 
-    Sums of such matrices have a positive symmetric part, so they can be undone.
+    Sums of such matrices have a positive symmetric part, so they can be inverted.
     """
     information = np.linalg.solve(fused, weights)
     return bool(np.linalg.eigvalsh((information + information.transpose(0, 2, 1)) / 2).min() > 0)
 
 
 def blocks(matrices: np.ndarray) -> np.ndarray:
-    """(N k, N k): matrices (N, k, k) along the diagonal."""
+    """Return (N k, N k) with matrices (N, k, k) along the diagonal."""
     count, size, _ = matrices.shape
     whole = np.zeros((count, size, count, size))
     whole[np.arange(count), :, np.arange(count), :] = matrices
@@ -85,15 +85,15 @@ def blocks(matrices: np.ndarray) -> np.ndarray:
 
 # The weighted median of units, continuous in their values and weights.
 
-#: of a unit's weight, to either side of its middle: there it is the median by itself, and no other unit has a share in it
+#: share of a unit's weight, on either side of its middle, in which it alone is the median
 ALONE = 0.25
 
 
 def weighted_median(values: np.ndarray, use: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(T, 3) of values (T, N, 3), those with use (T, N), by weights (N,); NaN where no unit is used.
+    """Return the weighted median (T, 3) of values (T, N, 3), those with use (T, N), by weights (N,); NaN where no unit is used.
 
-    Sorted values stand at the middle halves of their weights, and the half of all weights is read there, or between two of them: of two
-    equal units their mean; of three equal ones the middle one, however far off another is.
+    Sorted values occupy the middle halves of their weights, and the median is read at half the total weight, interpolated between two of
+    them: the mean of two equal units; the middle one of three, however far off another is.
     """
     used = np.where(use, weights, 0.0)
     value = np.where(use[..., None], values, np.inf)
@@ -114,23 +114,26 @@ def weighted_median(values: np.ndarray, use: np.ndarray, weights: np.ndarray) ->
     return np.where(total > 0, middle, np.nan)
 
 
-# Several units as one gyroscope: what each measures and is worth, and the best linear combination of them.
+# Several units as one gyroscope: each unit's model and noise, and the best linear combination.
 #
 #     omega = sum_i W_i R_i (E_i m_i + B_i),   sum_i W_i = I
 #
 # m_i is the rate that unit i measures (register x sensitivity, rad/s), R_i its mounting, omega the rate in the array's frame.
 
 EQUATION = "omega = sum_i weights_i @ mounting_i @ (E_i @ m_i + B_i), m_i the measured rate of unit i in rad/s"
-#: what the weights can be best for
+#: noise for which the weights can be optimal
 WHITE, INSTABILITY = "white", "instability"
 
 
 @dataclass(frozen=True, eq=False)
 class FusedUnit:
-    """One unit: place (number, clock, mounting, position); model, omega = E m + B in its own body frame; sensor; accelerometer, None where
-    nobody has calibrated it; noise_density (3,) rad/s/sqrt(Hz), one-sided, of its own axes; bias_instability (3,) rad/s, None where it
-    is not known; covariance (12, 12) of E row by row, then B, rad/s, None where it is not known; accel_noise_density m/s^2/sqrt(Hz);
-    sha256 of the logs that it was fitted to."""
+    """One unit of the fused gyroscope.
+
+    place (number, clock, mounting, position); model, omega = E m + B in its own body frame; sensor; accelerometer, None where it is
+    uncalibrated; noise_density (3,) rad/s/sqrt(Hz), one-sided, of its own axes; bias_instability (3,) rad/s, None where it is not known;
+    covariance (12, 12) of E row by row, then B, rad/s, None where it is not known; accel_noise_density m/s^2/sqrt(Hz); sha256 of the logs
+    that it was fitted to.
+    """
 
     place: UnitPlace
     model: LinearModel
@@ -144,33 +147,35 @@ class FusedUnit:
 
     @property
     def number(self) -> int:
-        """The unit's, as its files name it."""
+        """Return the unit's number, as its files name it."""
         return self.place.number
 
     @cached_property
     def matrix(self) -> np.ndarray:
-        """(3, 3): from the measured rate to the array's frame."""
+        """Return (3, 3), which takes the measured rate to the array's frame."""
         return self.place.mounting @ self.model.E
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """(3,) rad/s in the array's frame."""
+        """Return (3,) rad/s in the array's frame."""
         return self.place.mounting @ self.model.B
 
     def in_array(self, per_axis: np.ndarray) -> np.ndarray:
-        """(3, 3): the covariance in the array's frame of noise that has sigmas (3,) on the unit's own axes, independent."""
+        """Return the covariance (3, 3) in the array's frame of independent noise with sigmas (3,) on the unit's own axes."""
         return self.matrix @ np.diag(np.square(per_axis)) @ self.matrix.T
 
     def parameter_columns(self, rate: np.ndarray) -> np.ndarray:
-        """(3, 12): how E and B move the rate in the array's frame, at a true rate (3,) rad/s there."""
+        """Return (3, 12): derivatives by E and B of the rate in the array's frame, at a true rate (3,) rad/s there."""
         measured = np.linalg.solve(self.model.E, self.place.mounting.T @ rate - self.model.B)
         return self.place.mounting @ np.hstack([np.kron(np.eye(3), measured), np.eye(3)])
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """By how much units of this array differ beyond their white noise, one sigma of each: bias_rps at rest; scale, of the rate; delay_s, of
-    the rate's change: their moments within a sample, and filters."""
+    """Difference between units beyond white noise, one sigma of each: bias_rps at rest; scale, of the rate; delay_s, of the rate's change.
+
+    Delays are from sampling times and filters.
+    """
 
     bias_rps: float = 0.0
     scale: float = 0.0
@@ -179,9 +184,12 @@ class Disagreement:
 
 @dataclass(frozen=True, eq=False)
 class ArrayModel:
-    """units; weights (N, 3, 3); rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; correlation (3 N, 3 N) of
-    the units' white noise in the array's frame, None where it is independent; disagreement; joint_covariance (12 N, 12 N) of all units'
-    E and B, None where the units' own stand alone; session it comes from."""
+    """Model of an array as one gyroscope.
+
+    units; weights (N, 3, 3); rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; correlation (3 N, 3 N) of the
+    units' white noise in the array's frame, None where it is independent; disagreement; joint_covariance (12 N, 12 N) of all units' E and
+    B, None where only the units' own are known; session it comes from.
+    """
 
     units: tuple[FusedUnit, ...]
     weights: np.ndarray
@@ -198,38 +206,38 @@ class ArrayModel:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Of the units."""
+        """Return the units' numbers."""
         return tuple(unit.number for unit in self.units)
 
     @cached_property
     def density(self) -> np.ndarray:
-        """(3 N, 3 N) (rad/s)^2/Hz, one-sided: the white noise of all units in the array's frame."""
+        """Return (3 N, 3 N) (rad/s)^2/Hz, one-sided: the white noise of all units in the array's frame."""
         return white_covariance(self.units, self.correlation)
 
     @cached_property
     def fused_density(self) -> np.ndarray:
-        """(3, 3) (rad/s)^2/Hz, one-sided, of the combination."""
+        """Return (3, 3) (rad/s)^2/Hz, one-sided, of the combination."""
         return combined(self.weights, self.density)
 
     @property
     def best_covariance(self) -> np.ndarray:
-        """(3, 3) of the combination, of the noise that the weights are best for; white noise where no bias instability is known."""
+        """Return the covariance (3, 3) of the combination for the noise ``best_for``; of white noise where no bias instability is known."""
         wander = instability_covariance(self.units)
         return self.fused_density if self.best_for == WHITE or wander is None else combined(self.weights, wander)
 
     @property
     def noise_density(self) -> np.ndarray:
-        """(3,) rad/s/sqrt(Hz), one-sided, of the combination."""
+        """Return (3,) rad/s/sqrt(Hz), one-sided, of the combination."""
         return np.sqrt(np.diag(self.fused_density))
 
     @property
     def bias_instability(self) -> np.ndarray | None:
-        """(3,) rad/s of the combination, the units' being independent; None where a unit's is not known."""
+        """Return (3,) rad/s of the combination, with independent units; None where a unit's is not known."""
         wander = instability_covariance(self.units)
         return None if wander is None else np.sqrt(np.diag(combined(self.weights, wander)))
 
     def parameter_sigma(self, rate: np.ndarray | None = None) -> np.ndarray | None:
-        """(3,) rad/s: what the parameters' uncertainty leaves in the combination at a true rate (3,) rad/s, at rest without it.
+        """Return (3,) rad/s, the combination's sigma from the parameters' uncertainty at a true rate (3,) rad/s, at rest by default.
 
         None where a unit's covariance is not known.
         """
@@ -244,22 +252,24 @@ class ArrayModel:
         return np.sqrt(np.diag(row @ blocks(np.stack([each for each in own if each is not None])) @ row.T))
 
     def __call__(self, measured: np.ndarray) -> np.ndarray:
-        """(..., 3) rad/s in the array's frame, of all units' measured rates (..., N, 3) rad/s of the same moments: no unit is left out."""
+        """Combine all units' measured rates (..., N, 3) rad/s of the same times into (..., 3) rad/s in the array's frame, without fault
+        detection."""
         return np.einsum("nij,...nj->...i", self.weights @ self.matrices, measured) + np.einsum("nij,nj->i", self.weights, self.offsets)
 
     @cached_property
     def matrices(self) -> np.ndarray:
-        """(N, 3, 3) of ``FusedUnit.matrix``."""
+        """Return (N, 3, 3) of ``FusedUnit.matrix``."""
         return np.stack([unit.matrix for unit in self.units])
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(N, 3) rad/s of ``FusedUnit.offset``."""
+        """Return (N, 3) rad/s of ``FusedUnit.offset``."""
         return np.stack([unit.offset for unit in self.units])
 
 
 def white_covariance(units: tuple[FusedUnit, ...], correlation: np.ndarray | None = None) -> np.ndarray:
-    """(3 N, 3 N) (rad/s)^2/Hz of the units' white noise in the array's frame; correlation (3 N, 3 N) between units, None for none."""
+    """Return (3 N, 3 N) (rad/s)^2/Hz of the units' white noise in the array's frame; correlation (3 N, 3 N) between units, None for
+    none."""
     whole = blocks(np.stack([unit.in_array(unit.noise_density) for unit in units]))
     if correlation is None:
         return whole
@@ -268,17 +278,17 @@ def white_covariance(units: tuple[FusedUnit, ...], correlation: np.ndarray | Non
 
 
 def instability_covariance(units: tuple[FusedUnit, ...]) -> np.ndarray | None:
-    """(3 N, 3 N) (rad/s)^2 of the units' bias instability in the array's frame; None where a unit's is not known."""
+    """Return (3 N, 3 N) (rad/s)^2 of the units' bias instability in the array's frame; None where a unit's is not known."""
     known = [unit.in_array(unit.bias_instability) for unit in units if unit.bias_instability is not None]
     return blocks(np.stack(known)) if len(known) == len(units) else None
 
 
-# An array's model as a file, ``tinygc-array-model/1`` (docs/formats.md); loading executes nothing.
+# File of an array's model, ``tinygc-array-model/1`` (docs/formats.md); loading executes nothing.
 
 UNITS = "rad/s in, rad/s out"
-#: of a rotation, and of weights that sum to identity
+#: tolerance of a rotation, and of weights that sum to identity
 ROUNDING = 1e-6
-#: the greatest number of a unit (session/io/folder.py), and of units
+#: largest number of a unit (session/io/folder.py), and most units
 LARGEST_NUMBER, MOST_UNITS = 9999, 64
 
 
@@ -338,7 +348,7 @@ SHAPE = Keys(
 
 
 def to_table(model: ArrayModel) -> dict:
-    """JSON-ready."""
+    """Return a JSON-ready table."""
     wander, own = model.bias_instability, model.parameter_sigma()
     return {
         "schema": SCHEMA,
@@ -399,12 +409,12 @@ def _unit_table(unit: FusedUnit, weights: np.ndarray) -> dict:
 
 
 def load_array_model(path: Path | str) -> ArrayModel:
-    """Read a file.  FormatError, in one line, for what is no array's model."""
+    """Read a model file.  Raises FormatError, in one line, for a file that is no array's model."""
     return from_table(read_json(Path(path)), str(path))
 
 
 def from_table(table: Any, where: str = "array model") -> ArrayModel:
-    """The model; FormatError says what is wrong with the table."""
+    """Return the model; raises FormatError, which describes the error in the table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no array\'s model of this tool, expected "schema": "{SCHEMA}"')
     if (units := table.get("rates", UNITS)) != UNITS:

@@ -1,4 +1,4 @@
-"""The options of a simulated array, beside those of each unit's session."""
+"""Options of a simulated array, in addition to those of each unit's session."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from session.io.errors import CalibrationError
 from tinygc.simulation.options import choice
 
 MOST_UNITS = 64
-#: beyond any board, any reader and any hand
+#: limits beyond any board, reader and hand motion
 LARGEST = {
     "mounting_deg": 30.0,
     "position_mm": 1000.0,
@@ -24,7 +24,7 @@ LARGEST = {
 
 @dataclass(frozen=True)
 class ArrayOptions:
-    """Several units on one body.  Places and clocks are drawn with the sizes given here (1 sigma), from the session's seed."""
+    """Several units on one body.  Extrinsics and clocks are drawn with the sizes given here (1 sigma), from the session's seed."""
 
     units: int = choice(1, "on one rigid body, each with errors, place, clock and noise of its own; 2 or more make an array")
     mounting_deg: float = choice(2.0, "deg about each axis, from the first unit's axes to another's")

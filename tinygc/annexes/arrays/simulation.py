@@ -1,4 +1,4 @@
-"""Simulate an array: one motion of the body, each unit with its own place, clock, errors and noise."""
+"""Simulate an array: one motion of the body, each unit with its own extrinsics, clock, errors and noise."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOpti
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session, unit_of
 from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
 
-# Rotation of the body beside the table's: short jerks that come back, about one axis each, exact in rate, attitude and acceleration.
+# Jerks: short rotations of the body in addition to the table's, about one axis each, that return; exact in rate, attitude and acceleration.
 
 #: width (sigma) of a jerk in periods of the data rate: two thirds of its power lie above half the rate
 WIDTH_PERIODS = 0.4
 JERKS_A_TURN = 3
-#: of a turn's length: jerks keep off its ends, where the body comes to rest
+#: of a turn's length: jerks stay away from its ends, where the body comes to rest
 MARGIN = 0.15
-#: widths after which a jerk is over
+#: widths after which a jerk has decayed
 OVER = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class Jerks:
-    """at_s (J,), size_rad (J,), axis (3,) of unit length, fixed in the body; width_s: a jerk is a Gaussian of the angle."""
+    """Gaussian jerks of the angle: at_s (J,), size_rad (J,), axis (3,) of unit length, fixed in the body; width_s, sigma of each."""
 
     at_s: np.ndarray
     size_rad: np.ndarray
@@ -44,7 +44,7 @@ class Jerks:
     width_s: float
 
     def angle(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(N,) rad, rad/s, rad/s^2 at moments (N,) s, increasing."""
+        """Return (N,) rad, rad/s, rad/s^2 at times (N,) s, increasing."""
         angle, rate, acceleration = np.zeros((3, len(t_s)))
         for at, size in zip(self.at_s, self.size_rad, strict=True):
             rows = slice(*np.searchsorted(t_s, [at - OVER * self.width_s, at + OVER * self.width_s]))
@@ -56,24 +56,24 @@ class Jerks:
         return angle, rate, acceleration
 
     def rate(self, t_s: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Of the jerked body (N, 3) rad/s, in its axes, from that of the table's."""
+        """Return the rate (N, 3) rad/s of the jerked body, in its axes, from the table's rate."""
         angle, own, _ = self.angle(t_s)
         return self._seen(rate, angle) + own[:, None] * self.axis
 
     def force(self, t_s: np.ndarray, force: np.ndarray, lever_m: np.ndarray) -> np.ndarray:
-        """(N, 3) m/s^2 at a lever from the crossing of the gimbals, about which the jerk turns, too."""
+        """Return (N, 3) m/s^2 at a lever from the crossing of the gimbals, about which the jerk also turns."""
         angle, _, acceleration = self.angle(t_s)
         return self._seen(force, angle) + acceleration[:, None] * np.cross(self.axis, lever_m)
 
     def _seen(self, vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """Vectors (N, 3) from axes that the body has turned out of by angle (N,), Rodrigues."""
+        """Rotate vectors (N, 3) into the body turned by angle (N,), Rodrigues."""
         along = (vectors @ self.axis)[:, None] * self.axis
         across = vectors - along
         return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
 
 
 def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
-    """Drawn anew for each turn."""
+    """Draw jerks for each turn."""
     turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
     at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
     axis = rng.normal(size=3)
@@ -81,22 +81,25 @@ def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.r
 
 
 def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
-    """One knock in one turn."""
+    """Draw one knock in one turn."""
     start, stop = plan.turns[turn]
     axis = rng.normal(size=3)
     return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
 
 
-# An array's units, each simulated as a session of its own is, under one motion of the body.
+# Units of an array, each simulated like a session of its own, under one motion of the body.
 
-#: where in a turn the false readings are, and how many
+#: position of the false readings in a turn, and their number
 FALSE_AT, FALSE_ROWS, FALSE_TURN = 0.5, 3, 1
 
 
 @dataclass(frozen=True, eq=False)
 class UnitTruth:
-    """Of one unit: mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its
-    clock: ``t_array = t_unit + offset_s + rate t_unit``."""
+    """True extrinsics of one unit.
+
+    mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its clock: ``t_array =
+    t_unit + offset_s + rate t_unit``.
+    """
 
     mounting: np.ndarray
     position_m: np.ndarray
@@ -106,7 +109,7 @@ class UnitTruth:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedArray:
-    """units: each unit's session, stamps by its own clock; truths of their places; jerks and knocks that all have felt."""
+    """Simulated array: each unit's session, stamped by its own clock; truths of their extrinsics; jerks and knocks common to all."""
 
     options: SimulationOptions
     array: ArrayOptions
@@ -117,7 +120,7 @@ class SimulatedArray:
 
 
 def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Mapping[int, Distort] | None = None) -> SimulatedArray:
-    """The same arguments give the same registers.  distort: by unit, what it alone conceals, in its own axes."""
+    """Simulate all units; equal arguments give equal registers.  distort: by unit, the injected errors of that unit, in its own axes."""
     plan, rng = plan_of(options), np.random.default_rng([options.seed, 16])
     place_rng, jerk_rng, table_rng = rng.spawn(3)
     truths = tuple(_placed(array, number, place_rng) for number in range(array.units))
@@ -146,7 +149,7 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
 
 
 def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitTruth:
-    """Drawn whatever the options say, so that one does not change the others' draws."""
+    """Draw a unit's extrinsics; the number of draws does not depend on the options, so one option does not change the others' draws."""
     mounting, position, offset, rate = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
     if number == 0:
         return UnitTruth(np.eye(3), np.zeros(3), 0.0, 0.0)
@@ -189,13 +192,13 @@ def _in_body(plan: MovementPlan, t_s: np.ndarray, vectors_t: np.ndarray) -> np.n
 
 
 def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
-    """Stamps as the unit's own clock gives them, whole microseconds."""
+    """Stamp by the unit's own clock, in whole microseconds."""
     t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
     return replace(recording, t_us=np.rint(t_us).astype(np.int64))
 
 
 def _falsified(simulation: Simulation, dps: float) -> RegisterLog:
-    """With readings that no body has made, about x."""
+    """Add false readings about x, which no motion has caused."""
     start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
     row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
     gyro = simulation.log.gyro.copy()
@@ -204,14 +207,16 @@ def _falsified(simulation: Simulation, dps: float) -> RegisterLog:
     return replace(simulation.log, gyro=gyro)
 
 
-# A simulated array as the folder that recorded ones have (docs/arrays.md), and its truth beside it.
+# Folder of a simulated array, in the form of a recorded one (docs/arrays.md), with its truth.
 
 TRUTH_SCHEMA = "tinygc-array-truth/1"
 
 
 def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Path:
-    """``log0001.unit0.csv.gz`` and so on; returns the folder.  FormatError where it holds something: ``force`` replaces an earlier
-    simulation of an array, nothing else."""
+    """Write ``log0001.unit0.csv.gz`` and so on; return the folder.
+
+    Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation of an array, and nothing else.
+    """
     check_array_folder(folder, force)
     with result_folder(folder), naming(folder):
         for path in folder.glob("*.unit*.csv.gz"):
@@ -226,7 +231,7 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
 
 
 def check_array_folder(folder: Path, force: bool) -> None:
-    """FormatError where a simulated array may not be written there."""
+    """Raise FormatError where a simulated array may not be written."""
     present = names_in(folder, force)
     if not present:
         return
@@ -250,7 +255,7 @@ def _serial(unit: Simulation, number: int) -> str:
 
 
 def array_config_text(array: SimulatedArray) -> str:
-    """session.toml of the array."""
+    """Return the text of the array's session.toml."""
     options = array.options
     units = []
     for number, each in enumerate(array.units):
@@ -286,7 +291,7 @@ reference = "gravity"
 
 
 def array_truth(array: SimulatedArray) -> dict:
-    """``tinygc-array-truth/1``: what was drawn."""
+    """Return ``tinygc-array-truth/1``, the values that were drawn."""
     return {
         "schema": TRUTH_SCHEMA,
         "array": asdict(array.array),

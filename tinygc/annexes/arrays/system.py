@@ -1,4 +1,4 @@
-"""The linear system of an array: closure and force rows of every unit, variance components, priors."""
+"""Linear system of an array: closure and force rows of every unit, variance components, priors."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from tinygc.closure.residual import Batch
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
-# What is estimated of an array, and where each of its numbers stands among all of them.
+# Layout of an array's parameters.
 
-#: where a unit's numbers stand among its own: the gyroscope's twelve, the accelerometer's nine, its mounting's three
+#: order of a unit's numbers: the gyroscope's twelve, the accelerometer's nine, its mounting's three
 GYROSCOPE = slice(0, linear.PARAMETERS)
 ACCELEROMETER = slice(GYROSCOPE.stop, GYROSCOPE.stop + OF_ACCELEROMETER)
 MOUNTING = slice(ACCELEROMETER.stop, ACCELEROMETER.stop + 3)
@@ -34,46 +34,52 @@ PER_UNIT = MOUNTING.stop
 
 @dataclass(frozen=True)
 class ParameterLayout:
-    """units N, stills Q.  Behind the units' numbers: gravity's length; of each still its attitude (3) and the level acceleration that all
-    units feel (2); of each interval between two stills the tilt (2) by which all units miss alike."""
+    """Positions of the parameters, for units N and stills Q.
+
+    After the units' numbers: the magnitude of gravity; of each still its attitude (3) and the level acceleration common to all units (2);
+    of each interval between two stills the tilt error (2) common to all units.
+    """
 
     units: int
     stills: int
 
     def unit(self, number: int, part: slice = slice(0, PER_UNIT)) -> slice:
-        """Of the unit that is the number-th used."""
+        """Slice of the number-th used unit."""
         return slice(number * PER_UNIT + part.start, number * PER_UNIT + part.stop)
 
     @property
     def gravity(self) -> int:
-        """Its length."""
+        """Index of the magnitude of gravity."""
         return self.units * PER_UNIT
 
     @property
     def attitudes(self) -> slice:
-        """(3 Q) rad about the table's axes."""
+        """Slice of (3 Q) rad about the table's axes."""
         return slice(self.gravity + 1, self.gravity + 1 + 3 * self.stills)
 
     @property
     def level(self) -> slice:
-        """(2 Q) m/s^2 along the table's x and y."""
+        """Slice of (2 Q) m/s^2 along the table's x and y."""
         return slice(self.attitudes.stop, self.attitudes.stop + 2 * self.stills)
 
     @property
     def common(self) -> slice:
-        """(2 (Q - 1)) rad about the table's x and y."""
+        """Slice of (2 (Q - 1)) rad about the table's x and y."""
         return slice(self.level.stop, self.level.stop + 2 * (self.stills - 1))
 
     @property
     def count(self) -> int:
-        """Of all."""
+        """Number of all parameters."""
         return self.common.stop
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayState:
-    """models, accelerometers (N, 9) against the ones that the forces are under, mountings (N, 3, 3) from unit to array; q_tb (Q, 4) of the
-    array's body in each still; gravity_mps2.  What is random, and has no place of its own, is not in it."""
+    """Point of linearisation.
+
+    models, accelerometers (N, 9) relative to those used for the forces, mountings (N, 3, 3) from unit to array; q_tb (Q, 4) of the array's
+    body in each still; gravity_mps2.  Random unknowns are not part of it.
+    """
 
     models: tuple[LinearModel, ...]
     accelerometers: np.ndarray
@@ -82,7 +88,7 @@ class ArrayState:
     gravity_mps2: float
 
     def moved(self, change: np.ndarray, layout: ParameterLayout) -> ArrayState:
-        """By a change (count,) of all numbers."""
+        """Return the state after a change (count,) of all numbers."""
         units = change[: layout.gravity].reshape(layout.units, PER_UNIT)
         turned = rotation.exp(change[layout.attitudes].reshape(-1, 3))
         return replace(
@@ -95,22 +101,24 @@ class ArrayState:
         )
 
 
-# The linear system of an array: rows with variances of several components, unknowns with priors; its solution and its likelihood.
+# Linear system of an array: rows with variances of several components, unknowns with priors; its solution and its likelihood.
 #
-# A row k, a_k x + v_k = error, has the variance base_k + sum_g t_g V_gk, t_g >= 0 the variance components.  What is random in x (the part
-# that all units share) is an unknown with a row of its own, value 0, whose variance is that component.  So all components are sizes of
-# rows.
+# A row k, a_k x + v_k = error, has the variance base_k + sum_g t_g V_gk, t_g >= 0 the variance components. A random unknown in x (the part
+# common to all units) has a row of its own, value 0, whose variance is that component, so all components are variances of rows.
 
-#: of a component's step in the search, and how often it is made
+#: limit of a component's step in the search, and the number of steps
 SETTLED, MOST_STEPS = 1e-3, 60
-#: of the typical base variance of its rows: a component below is none
+#: of the typical base variance of its rows: a smaller component is zero
 NOTHING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """design (n, P), values (n,), base (n,) variances; V (G, n) how each component enters them; prior (P,) sigmas about pull (P,): where
-    the prior's centre is from here; out (n,) bool: rows that do not count."""
+    """Rows and priors.
+
+    design (n, P), values (n,), base (n,) variances; V (G, n): weight of each component in them; prior (P,) sigmas about pull (P,): the
+    prior's centre relative to this state; out (n,) bool: rejected rows.
+    """
 
     design: np.ndarray
     values: np.ndarray
@@ -121,7 +129,7 @@ class System:
     out: np.ndarray
 
     def solved(self, t: np.ndarray) -> Solution:
-        """At components t (G,)."""
+        """Solve for given components t (G,)."""
         variance = self.base + t @ self.V
         root = np.where(self.out, 0.0, 1 / np.sqrt(variance))
         scaled = self.design * root[:, None] * self.prior
@@ -140,7 +148,7 @@ class System:
         return Solution(self, t, self.prior * x, residual, variance, leverage, taken, factor, value)
 
     def estimated(self, t: np.ndarray, held: np.ndarray | None = None) -> Solution:
-        """Components by restricted maximum likelihood (Patterson & Thompson 1971), by scoring, beginning at t (G,); held (G,) bool."""
+        """Estimate the components by restricted maximum likelihood (Patterson & Thompson 1971), by scoring, from t (G,); held (G,) bool."""
         free = np.ones(len(t), dtype=bool) if held is None else ~held
         counted = ~self.out
         least = np.array([NOTHING * np.median(self.base[(v > 0) & counted]) if ((v > 0) & counted).any() else 0.0 for v in self.V])
@@ -168,14 +176,17 @@ class System:
         return found
 
     def without(self, rows: np.ndarray) -> System:
-        """With further rows (n,) bool that do not count."""
+        """Return the system with further rejected rows (n,) bool."""
         return replace(self, out=self.out | rows)
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """t (G,) the components; x (P,) the change; residual (n,) that it leaves; variance (n,), and leverage (n,): how much of a row's own
-    error the solution follows; value: -2 log of the restricted likelihood, less a constant."""
+    """Solution of the system.
+
+    t (G,) the components; x (P,) the change; residual (n,) after it; variance (n,), and leverage (n,): how much of a row's own error the
+    solution follows; value: -2 log of the restricted likelihood, up to a constant.
+    """
 
     system: System
     t: np.ndarray
@@ -189,12 +200,12 @@ class Solution:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(P, P) of x."""
+        """Return (P, P) of x."""
         inverse = cho_solve(self.factor, np.eye(len(self.x)))
         return inverse * np.outer(self.system.prior, self.system.prior)
 
     def score(self) -> tuple[np.ndarray, np.ndarray]:
-        """(G,) slope of the log likelihood by each component, and (G, G) its information, as if rows stood alone."""
+        """Return (G,) slope of the log likelihood by each component, and (G, G) its information, for independent rows."""
         counted = np.where(self.system.out, 0.0, 1.0)
         V, left = self.system.V * counted, 1 - self.leverage
         slope = V @ (self.residual**2 / self.variance**2 - left / self.variance) / 2
@@ -202,7 +213,7 @@ class Solution:
         return slope, (V * weight) @ V.T
 
     def sigma(self) -> np.ndarray:
-        """(G,) of the components, by the expected information."""
+        """Return the sigmas (G,) of the components, by the expected information."""
         counted = ~self.system.out
         root = 1 / np.sqrt(self.variance[counted])
         taken = self.taken[:, counted]
@@ -216,9 +227,9 @@ class Solution:
         return found
 
     def blocks(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of blocks of rows (B, d): chi-square (B,) of each block's error against what the others leave it, and that error (B, d).
+        """Return chi-square (B,) and error (B, d) of blocks of rows (B, d), each as predicted by all other rows.
 
-        The error as the rest of the rows predict it, which the block itself has no part in; also for rows that do not count.
+        The block itself has no part in the prediction; also for rejected rows.
         """
         design = self.system.design * self.system.prior
         error, chi = np.empty(rows.shape), np.empty(len(rows))
@@ -228,7 +239,7 @@ class Solution:
             own = np.diag(self.variance[row])
             if self.system.out[row].all():
                 error[b], spread = self.residual[row], own + inner
-            else:  # taken out again: residual = (1 - H) error of prediction
+            else:  # block removed again: residual = (1 - H) error of prediction
                 spread = own - inner
                 error[b] = own @ np.linalg.solve(spread, self.residual[row])
                 spread = own @ np.linalg.solve(spread, own)
@@ -236,18 +247,18 @@ class Solution:
         return chi, error
 
 
-# Rows of an array's linear system: the closure of every unit's turns, the force of every unit's stills, and what all units share.
+# Rows of an array's linear system: closure of every unit's turns, force of every unit's stills, and the common errors.
 #
 # The array's body has one attitude in each still; every unit's gyroscope must lead from one to the next, and every unit's gravity must
-# point down in it.  Tilt is what all accelerometers say together; yaw at a turn's end is unknown, but one for all units: there they are
-# each other's reference.  To first order, about the table's axes, of a turn from still a to still b and a force f in still q::
+# point down in it. Tilt is measured by all accelerometers together; yaw at a turn's end is unknown, but one for all units, so the units are
+# references for each other. To first order, about the table's axes, of a turn from still a to still b and a force f in still q::
 #
 #     e + A dtheta_i + (R_a - R_b) mu_i + delta_a - delta_b + gamma_ab = the unit's own error          (3 rows)
 #     R_q M_i f + g z + dx columns + (mu_i, delta_q turned) + level_q = the unit's own error           (3 rows)
 #
-# gamma, the tilt by which all units miss a turn alike, and level, the acceleration that all feel in a still, are random: they have rows.
+# gamma, the tilt error of a turn common to all units, and level, the acceleration common to all in a still, are random: they have rows.
 
-#: rad: nothing is known of an attitude, nor of a mounting, beyond where it was linearised
+#: rad, prior sigma of an attitude or a mounting about its point of linearisation
 ATTITUDE_RAD, MOUNTING_RAD = 1.0, 1.0
 HELD = 1e-9
 DOWN = np.array([0.0, 0.0, 1.0])
@@ -255,9 +266,12 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class UnitRows:
-    """What a unit brings: batch of its turns that are the array's, ends by number of still; floor (S, 3) rad^2 of its gyro's white noise;
-    stills (K,) numbers of those that it has, their mean force (K, 3) and its white variance (K,); rest (3,) where its bias is taken from
-    the stills, else None; prior (9,) sigmas of its accelerometer's numbers; centre (12,) of its gyroscope's."""
+    """Data of one unit.
+
+    batch of its turns that are the array's, ends by number of still; floor (S, 3) rad^2 of its gyro's white noise; stills (K,) numbers of
+    those that it has, their mean force (K, 3) and its white variance (K,); rest (3,) where its bias is taken from the stills, else None;
+    prior (9,) sigmas of its accelerometer's numbers; centre (12,) of its gyroscope's.
+    """
 
     batch: Batch
     first: np.ndarray
@@ -273,8 +287,10 @@ class UnitRows:
 
 @dataclass(frozen=True, eq=False)
 class RowMap:
-    """Where rows stand: of each unit its closure (S, 3) and forces (K, 3); common (Q-1, 2) and level (Q, 2) rows.  names of the components,
-    in the order of ``System.V``."""
+    """Positions of the rows: of each unit its closure (S, 3) and forces (K, 3); common (Q-1, 2) and level (Q, 2) rows.
+
+    names of the components, in the order of ``System.V``.
+    """
 
     closure: tuple[np.ndarray, ...]
     force: tuple[np.ndarray, ...]
@@ -284,7 +300,7 @@ class RowMap:
 
 
 def row_map(rows: list[UnitRows], stills: int) -> RowMap:
-    """Closure rows of all units, then forces, then what is shared."""
+    """Place the closure rows of all units, then the forces, then the common rows."""
     at, closures, forces = 0, [], []
     for unit in rows:
         closures.append(at + np.arange(3 * len(unit.batch)).reshape(-1, 3))
@@ -301,8 +317,11 @@ def row_map(rows: list[UnitRows], stills: int) -> RowMap:
 def array_system(
     state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, missed_rad: np.ndarray, gravity_sigma: float
 ) -> tuple[System, RowMap]:
-    """Linearised at a state; start: the centre of what is known beforehand; missed_rad (Q-1,): the tilt that fast motion is predicted to
-    make all units miss between two stills; gravity_sigma m/s^2."""
+    """Linearise at a state.
+
+    start: centre of the priors; missed_rad (Q-1,): predicted tilt error, by fast motion, of all units between two stills; gravity_sigma
+    m/s^2.
+    """
     layout, where = ParameterLayout(len(rows), len(same)), row_map(rows, len(same))
     count = int(where.level[-1, -1]) + 1
     design, values, base = np.zeros((count, layout.count)), np.zeros(count), np.zeros(count)
@@ -347,7 +366,7 @@ def array_system(
     V[-3, where.common] = 1.0
     V[-2, where.common] = missed_rad[:, None] ** 2
     V[-1, where.level] = 1.0
-    base[where.common], base[where.level] = 1e-16, 1e-12  # rad^2 and (m/s^2)^2: a component of nothing is still a number
+    base[where.common], base[where.level] = 1e-16, 1e-12  # rad^2 and (m/s^2)^2: keeps the variance positive when a component is zero
     prior, pull = _priors(state, start, rows, same, layout, gravity_sigma)
     return System(design, values, base, V, prior, pull, np.zeros(count, dtype=bool)), where
 
@@ -365,24 +384,24 @@ def _priors(
     prior[layout.gravity] = gravity_sigma
     pull[layout.gravity] = start.gravity_mps2 - state.gravity_mps2
     attitude = np.full((len(same), 3), ATTITUDE_RAD)
-    attitude[np.unique(same.group, return_index=True)[1], 2] = HELD  # the yaw of a group's first still is its frame's
+    attitude[np.unique(same.group, return_index=True)[1], 2] = HELD  # the yaw of a group's first still defines its frame
     prior[layout.attitudes] = attitude.ravel()
     prior[layout.level], prior[layout.common] = G, 1.0
     return prior, pull
 
 
 def accelerometer_prior(spread_mps2: np.ndarray, gravity_mps2: float) -> np.ndarray:
-    """(9,) sigmas in each number's own unit, of sigmas in m/s^2 at one g."""
+    """Return (9,) sigmas in each number's own unit, from sigmas in m/s^2 at one g."""
     return spread_mps2 * units(gravity_mps2)
 
 
 def put(design: np.ndarray, rows: np.ndarray, columns: slice, blocks: np.ndarray) -> None:
-    """Blocks (B, d, p) into rows (B, d) and p columns."""
+    """Add blocks (B, d, p) into rows (B, d) and p columns."""
     design[rows.ravel(), columns] = blocks.reshape(rows.size, -1)
 
 
 def cross(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3): what takes w to v x w."""
+    """Return (..., 3, 3), which takes w to v x w."""
     found = np.zeros((*v.shape, 3))
     x, y, z = np.moveaxis(v, -1, 0)
     found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
@@ -391,17 +410,17 @@ def cross(v: np.ndarray) -> np.ndarray:
 
 
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
-    """(4,) scalar first of a rotation matrix."""
+    """Return the quaternion (4,) scalar first of a rotation matrix."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(matrix).as_quat(scalar_first=True))
 
 
-# What each unit of an array brings to the joint estimate, and where its search begins.
+# Each unit's contribution to the joint estimate, and the start of the search.
 
 
 def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) -> ArrayState:
-    """Each unit's own first fit, its mounting as it is known beforehand, and the attitudes that the anchor has carried."""
+    """Return the start: each unit's own first fit, its prior mounting, and the attitudes integrated by the anchor."""
     anchor = units[same.anchor]
     carried = np.array([q for log in anchor.problem.logs for q, s in zip(log.q_tb, log.stills, strict=True) if s.problem is None])
     gravity = units[0].problem.session.config.site.expected_gravity_mps2
@@ -415,7 +434,7 @@ def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) 
 
 
 def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitRows:
-    """Of the index-th unit; bias: ``ends`` of the turns, or ``stills`` around each."""
+    """Return the rows of the index-th unit; bias: ``ends`` of the turns, or ``stills`` around each."""
     problem, given = unit.problem, force_problem(unit)
     turns = same.turns[index]
     batch, rest = replace(problem.batch, turns=None, yaw_known=True), None
@@ -448,8 +467,7 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
 
 
 def bias_apart(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """The mean bias (3,) rad/s, as it is measured, and by how much that of each sample of each used turn (S, T, 3) is apart from it: what
-    the stills around the turn show."""
+    """Return the mean bias (3,) rad/s, as measured, and the deviation from it at each sample of each used turn (S, T, 3), by its stills."""
     bias = rest_biases(problem)
     mean = bias.mean(axis=0)
     first, last, share = bias_shares(problem)
@@ -457,7 +475,7 @@ def bias_apart(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _of_still_rates(problem: Problem) -> np.ndarray:
-    """(S,) rad^2 of each angle that the white noise of the stills' rates makes of each used turn."""
+    """Return (S,) rad^2 of each angle, from white noise of the stills' rates, for each used turn."""
     first, last, share = bias_shares(problem)
     batch = replace(problem.batch, turns=None, yaw_known=True)
     sensitivity = closure.sensitivity(batch, problem.first(batch.rate))
@@ -470,24 +488,24 @@ def _of_still_rates(problem: Problem) -> np.ndarray:
 
 
 def force_problem(unit: ArrayUnit) -> Problem:
-    """The problem whose stills' forces are under the calibration that the prior is about: a given one, or the one from the stills."""
+    """Return the problem whose forces use the prior's calibration: a given one, or the one from the stills."""
     joint = unit.problem.joint
     return unit.prepared.as_given().problem if joint is not None and joint.mode == "prior" else unit.problem
 
 
 def accelerometer_before(unit: ArrayUnit) -> Accelerometer:
-    """The calibration that those forces are under."""
+    """Return the accelerometer calibration of those forces."""
     return force_problem(unit).session.config.accelerometer
 
 
 def accelerometer_after(unit: ArrayUnit, x: np.ndarray) -> Accelerometer:
-    """What a correction x (9,) makes of it; the same where it is taken as given."""
+    """Return the calibration after a correction x (9,); unchanged where it is taken as given."""
     before, joint = accelerometer_before(unit), unit.problem.joint
     return before if joint is None else after(x, before, "stills" if joint.mode == "fit" else "prior")
 
 
 def _spread(unit: ArrayUnit) -> np.ndarray:
-    """(9,) m/s^2 at one g that the accelerometer's numbers are open by."""
+    """Return prior sigmas (9,) m/s^2 at one g of the accelerometer's numbers."""
     joint = unit.problem.joint
     if joint is None:
         return np.full(PARAMETERS, HELD)
@@ -501,7 +519,7 @@ def _references(problem: Problem) -> list:
 
 
 def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) -> dict[int, EarthRate]:
-    """The Earth in the frame of each yaw group: the anchor's, its heading from what all units' stills show."""
+    """Return the Earth rate in the frame of each yaw group: the anchor's, with its heading from all units' stills."""
     anchor = units[same.anchor].problem
     found = dict(anchor.earths)
     latitude = anchor.session.config.site.latitude_deg
@@ -531,7 +549,7 @@ def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) ->
 
 
 def with_earth(rows: UnitRows, model: LinearModel, mounting: np.ndarray, state: ArrayState, group: np.ndarray, earths: dict) -> UnitRows:
-    """The unit's turns with the Earth's rate by the array's attitudes."""
+    """Return the unit's turns with the Earth's rate by the array's attitudes."""
     q_bu = rotation_of(mounting)
     batch = replace(rows.batch, start=rotation.multiply(state.q_tb[rows.first], q_bu))
     at = closure.attitudes(batch, model(batch.rate))

@@ -1,4 +1,4 @@
-"""An array's fit and explanation in the terminal."""
+"""Terminal output of an array's fit and explanation."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from tinygc.annexes.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_TURN, Arr
 from tinygc.annexes.arrays.model import ArrayModel
 from tinygc.estimation.choice import run_figures
 
-# An array's fit as a person reads it in the terminal.
+# Terminal output of an array's fit.
 
 
 def array_page(fit: ArrayFit) -> Group:
-    """Places, closure, what is common, what stands out, what was left out."""
+    """Return the page: extrinsics, closure, common errors, events, and what was left out."""
     parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
     parts += [one_line(_bias_words(fit)), one_line(_fused_words(fit.fused))]
@@ -99,7 +99,7 @@ def _bias_words(fit: ArrayFit) -> str:
 
 
 def _fused_words(model: ArrayModel) -> str:
-    """Its noise beside the units' own, and what as many equal units would gain."""
+    """Describe the fused noise with the units' own, and the gain of as many equal units."""
     own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in model.units]
     fused, alone = 1e3 * float(np.sqrt(np.mean(model.noise_density**2))) / DEG, float(np.sqrt(np.mean(np.square(own))))
     count = len(model)
@@ -111,7 +111,7 @@ def _fused_words(model: ArrayModel) -> str:
 
 
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
-    """What stands out, whose it is, and what was done about it."""
+    """Describe an event, the units it belongs to, and its treatment."""
     at = fit.same.time_s[event.first, 1 if "turn" in event.what else 0] - begins_s(fit)
     if event.what == COMMON_TURN:
         return f"{at:.1f} s: all units miss this turn by {event.size / DEG:.2g}°: a knock or the motion, no unit's reading"
@@ -135,7 +135,7 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
 
 
 def event_lines(fit: ArrayFit) -> list[str]:
-    """Of each event its words; of units that stand out in one turn or still, one line together."""
+    """Return a line for each event; one line for several units with events in one turn or still."""
     return list(dict.fromkeys(event_words(event, fit) for event in fit.joint.events))
 
 
@@ -151,7 +151,7 @@ def _several_words(events: tuple[ArrayEvent, ...], fit: ArrayFit) -> str:
     )
 
 
-# An array's explanation as a person reads it in the terminal.
+# Terminal output of an array's explanation.
 
 VERDICTS = {
     "no_mismatch": "no mismatch: every unit turns as its calibration says",
@@ -159,17 +159,17 @@ VERDICTS = {
     "own": "what turns miss by is the units' own",
     "common_and_own": "part of what turns miss by is common to all units, part is some units' own",
 }
-#: moments that are told one by one
+#: most events listed one by one
 MOST_MOMENTS = 12
 
 
 def array_verdict_line(found: ArrayExplanation) -> Text:
-    """The array, and what it is."""
+    """Return one line with the array's verdict."""
     return one_line(f"{found.fit.array.name}: {VERDICTS[found.verdict]}", "bold")
 
 
 def array_explain_page(found: ArrayExplanation) -> Group:
-    """Verdict, the common part, whose each effect is, what the others say of each moment, each unit's own verdict."""
+    """Return the page: the verdict, the common part, the units of each effect, the events, and each unit's own verdict."""
     fit = found.fit
     parts: list[RenderableType] = [array_verdict_line(found), one_line(f"Common: {fit.split.words}.")]
     parts += [one_line(f"{trait.words}.") for trait in found.traits]

@@ -1,7 +1,7 @@
-"""Over each turn, from still to still: by how much each unit's rotation differs from the mean of all.
+"""Difference of each unit's rotation over a turn, from still to still, from the mean of all units.
 
-No gravity is needed, so turns about the vertical count as any other.  What all units share cannot show here: motion beyond the data rate,
-the reference, the table.  What shows is each unit's own: the ages of its readings, its answer to a knock, its noise.
+No gravity is needed, so turns about the vertical count as any other.  Errors common to all units cancel: motion beyond the data rate, the
+reference, the table.  Each unit's own errors show: latency of its readings, its response to a knock, its noise.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from tinygc.annexes.arrays.clocks import ClockFit, Rates, session_rates
 from tinygc.annexes.arrays.latency import SampleAges, SharedMotion
 from tinygc.attitude.rotation import compose, conjugate, log, mapped, multiply, steps
 
-#: s; taken of the stills on both sides of a turn
+#: s; length of the stills on both sides that is integrated with a turn
 BESIDE_S = 0.25
-#: s of stills that a unit's zero rate next to a turn is taken from, at most
+#: s of stills for the zero rate next to a turn, at most
 ZERO_S = 20.0
-#: s; what is longer is no turn from still to still
+#: s; a longer one is no turn from still to still
 LONGEST_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class TurnDifferences:
-    """Of T turns and U units.
+    """Differences of T turns and U units.
 
     log (T,); start_s and stop_s (T,) s array clock; rotation (U, T, 3) rad, each unit's minus the mean, as a vector in the first unit's
-    gyroscope axes where the turn begins; white (U, T) rad rms of its length, that each unit's noise explains.
+    gyroscope axes at the turn's begin; white (U, T) rad rms of its length, from each unit's noise.
     """
 
     log: np.ndarray
@@ -44,7 +44,7 @@ class TurnDifferences:
 
     @property
     def rms_rad(self) -> np.ndarray:
-        """(U,) root mean square of the length over all turns."""
+        """Return (U,) root mean square of the length over all turns."""
         return np.asarray(np.sqrt(np.square(self.rotation).sum(axis=2).mean(axis=1)))
 
 
@@ -56,10 +56,10 @@ def turn_differences(
     beside_s: float = BESIDE_S,
     one_zero: bool = False,
 ) -> TurnDifferences:
-    """ages: taken off the stamps, where they are given; the linear maps of all units onto the mean are those of all their readings.
+    """Compare all units' rotations; ages, if given, are subtracted from the stamps; the linear maps onto the mean use all readings.
 
-    beside_s: s of the stills on both sides that are integrated with the turn; one_zero: one zero rate for the whole recording, as a fit
-    has it, and not that of the stills next to each turn.
+    beside_s: s of the stills on both sides that are integrated with the turn; one_zero: one zero rate for the whole recording, as in a fit,
+    instead of that of the stills next to each turn.
     """
     rates = [session_rates(unit) for unit in array.units]
     motion = SharedMotion(rates, fits)
@@ -85,7 +85,7 @@ def turn_differences(
         mean = Rotation.from_quat(np.array(ends)[:, [1, 2, 3, 0]]).mean().as_quat()[[3, 0, 1, 2]]
         rotation[:, place] = log(multiply(np.array(ends), conjugate(mean)[None]))
     share = 1 - 1 / len(array)
-    # Of the mean, every unit's noise is a part.
+    # the mean includes every unit's noise
     both = np.sqrt(np.square(white) * share**2 + (np.square(white).sum(axis=0) - np.square(white)) / len(array) ** 2)
     picked = [turns[k] for k in kept]
     log_number, start_s, stop_s = (np.array([turn[i] for turn in picked]) for i in (0, 2, 3))
@@ -93,7 +93,10 @@ def turn_differences(
 
 
 def _turns(array: ArraySession, rates: Sequence[Sequence[Rates]]) -> list[tuple[int, float, float, float, float]]:
-    """Log; then s of the array's clock: begin of the still before, of the turn, of the still after, and its end; without what clips."""
+    """Return each turn's log, and s of the array's clock: begin of the still before, of the turn, of the still after, and its end.
+
+    Saturated turns are left out.
+    """
     first, found = SessionStills(array.units[0]), []
     for number, each in enumerate(array.units[0].logs):
         stills = [still for still in first.of(each).stills if still.problem is None]
@@ -106,7 +109,7 @@ def _turns(array: ArraySession, rates: Sequence[Sequence[Rates]]) -> list[tuple[
 
 
 def _zeros(rates: Rates, turn: tuple[int, float, float, float, float]) -> np.ndarray | None:
-    """(2, 3) rad/s: zero rates of a unit in the stills before and after; None where the turn clips, or a still lacks readings."""
+    """Return (2, 3) rad/s: zero rates of a unit in the stills before and after; None where the turn clips, or a still lacks readings."""
     _, before, begin, end, after = turn
     inside = (rates.t_s > begin - BESIDE_S) & (rates.t_s < end + BESIDE_S)
     sides = [
@@ -121,8 +124,10 @@ def _zeros(rates: Rates, turn: tuple[int, float, float, float, float]) -> np.nda
 def _turned(
     rates: Rates, to_first: np.ndarray, zero: np.ndarray, turn: tuple[float, float, float, float], beside_s: float
 ) -> tuple[np.ndarray, float]:
-    """Quaternion of a turn's rotation, and the length, rad rms, of what white noise does to it; turn: begins of the still before, of the
-    turn, of the still after, and its end."""
+    """Return the quaternion of a turn's rotation, and its error from white noise, rad rms.
+
+    turn: begins of the still before, of the turn, of the still after, and its end.
+    """
     before, after = turn[0], turn[3]
     begin, end = max(before, turn[1] - beside_s), min(after, turn[2] + beside_s)
     rows = np.flatnonzero((rates.t_s > begin) & (rates.t_s < end))
@@ -134,6 +139,6 @@ def _turned(
 
 
 def _scatter(rates: Rates, before: float, begin: float) -> np.ndarray:
-    """(3,) rad/s of single readings in the still before."""
+    """Return (3,) rad/s scatter of single readings in the still before."""
     rows = np.flatnonzero((rates.t_s >= max(before, begin - ZERO_S)) & (rates.t_s <= begin))
     return np.asarray(np.std(np.diff(rates.rate[rows], axis=0), axis=0) / np.sqrt(2.0)) if len(rows) > 2 else np.zeros(3)

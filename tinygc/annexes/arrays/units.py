@@ -1,4 +1,4 @@
-"""An array's units, each prepared as a session on the array's clock, and the stills that they share."""
+"""Units of an array, each prepared as a session on the array's clock, and their common stills."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tinygc.closure.prepared import AUTO, Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.models.linear import LinearModel
 
-# An array's units, each prepared as a session of its own is, but on the array's clock.
+# Units of an array, each prepared like a session of its own, but on the array's clock.
 
-#: an array of fewer has no other unit to be a reference
+#: fewest units: with less there is no reference
 FEWEST_UNITS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayUnit:
-    """number; session as recorded; place where it is known to be beforehand; prepared: on the array's clock, by itself."""
+    """One prepared unit: number; session as recorded; place, if known beforehand; prepared: on the array's clock, by itself."""
 
     number: int
     session: Session
@@ -36,37 +36,37 @@ class ArrayUnit:
 
     @property
     def problem(self) -> Problem:
-        """Of this unit alone."""
+        """Return this unit's own problem."""
         return self.prepared.problem
 
     @property
     def model(self) -> LinearModel:
-        """Its first linear fit, alone."""
+        """Return its first linear fit, without the other units."""
         return self.problem.first
 
 
 @dataclass(frozen=True, eq=False)
 class LeftOutUnit:
-    """A unit that could not be used, and why, in one line."""
+    """A unit that could not be used, and a one-line reason."""
 
     number: int
     why: str
 
 
 def on_array_clock(session: Session, clock: UnitClock) -> Session:
-    """The session with its stamps as the array's clock would have given them."""
+    """Return the session with its stamps converted to the array's clock."""
     if clock.offset_s == 0 and clock.rate == 0:
         return session
 
     def moved(samples: Samples) -> Samples:
-        t_ns = samples.t_ns - samples.t_ns[0]  # whole nanoseconds, whatever the era of the stamps
+        t_ns = samples.t_ns - samples.t_ns[0]  # whole nanoseconds, for any epoch of the stamps
         begins_s = float(samples.t_ns[0]) * NS
         first_ns = round(float(clock.array_time(np.array([begins_s]))[0]) / NS)
         stretched = first_ns + np.rint(t_ns * (1 + clock.rate)).astype(np.int64)
         return replace(samples, t_ns=stretched)
 
     logs, runs = (tuple(replace(log, samples=moved(log.samples)) for log in each) for each in (session.logs, session.closures))
-    # Moments that are left out are of the log's clock, too.
+    # left-out times are on the log's clock as well
     exclude = tuple(replace(row, at_s=float(clock.array_time(np.array([row.at_s]))[0])) for row in session.config.exclude)
     return replace(session, config=replace(session.config, exclude=exclude), logs=logs, closures=runs)
 
@@ -79,7 +79,7 @@ def prepare_units(
     accelerometer: str = AUTO,
     progress: Callable[[str], None] = lambda what: None,
 ) -> tuple[list[ArrayUnit], list[LeftOutUnit]]:
-    """Each unit's problem, and those that have none.
+    """Prepare each unit's problem, and list the units without one.
 
     places: of each unit, in the array's order.  Raises FitError where fewer than two units can be used, or the first cannot, whose body
     frame and clock are the array's.
@@ -101,18 +101,18 @@ def prepare_units(
     return found, left
 
 
-# Which stills and turns of the units are the same: those that share their time on the array's clock.
+# Common stills and turns of the units: those that overlap on the array's clock.
 
-#: of the shorter of two stills: those that share less are not the same
+#: least overlap, of the shorter of two stills
 LEAST_SHARED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class SameStills:
-    """The array's stills are those of the unit with the most used turns, ``anchor`` among the units.
+    """Stills of the array: those of the unit with the most used turns, ``anchor`` among the units.
 
-    time_s (Q, 2): when each begins and ends; log (Q,); group (Q,): yaw goes on from still to still within one.  Of each unit: stills, its
-    own still for each of these or None; turns: rows of its problem's batch; first, last: the array's stills at their ends.
+    time_s (Q, 2): when each begins and ends; log (Q,); group (Q,): yaw is continuous from still to still within one.  Of each unit: stills,
+    its own still for each of these or None; turns: rows of its problem's batch; first, last: the array's stills at their ends.
     """
 
     anchor: int
@@ -129,13 +129,13 @@ class SameStills:
 
     @property
     def spans(self) -> np.ndarray:
-        """(S, 2): stills at the ends of each turn that any unit has, in order."""
+        """Return (S, 2): stills at the ends of each turn that any unit has, in order."""
         pairs = {(int(a), int(b)) for first, last in zip(self.first, self.last, strict=True) for a, b in zip(first, last, strict=True)}
         return np.array(sorted(pairs), dtype=int).reshape(-1, 2)
 
 
 def same_stills(units: list[ArrayUnit]) -> SameStills:
-    """Raises FitError where a unit has no turn in common with the others."""
+    """Match the units' stills.  Raises FitError where a unit has no turn in common with the others."""
     anchor = int(np.argmax([len(unit.problem.used) for unit in units]))
     log, time_s, theirs, group = _references(units[anchor].problem)
     del theirs
@@ -160,7 +160,7 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
 
 
 def _references(problem: Problem) -> tuple[np.ndarray, np.ndarray, list[Still], np.ndarray]:
-    """Of each still that is a reference: its log, its span in s of the array's clock, itself, and its yaw group."""
+    """Return for each reference still: its log, its span in s of the array's clock, itself, and its yaw group."""
     rows = [
         (number, log.samples.t_ns[0] * NS + still.start_s, still, group)
         for number, log in enumerate(problem.logs)
@@ -173,7 +173,7 @@ def _references(problem: Problem) -> tuple[np.ndarray, np.ndarray, list[Still], 
 
 
 def _left_out(problem: Problem) -> list[tuple[int, float]]:
-    """Log and s of the array's clock of moments whose turns session.toml leaves out: of one unit, so of all."""
+    """Return log and s of the array's clock of turns that session.toml leaves out: for one unit, hence for all."""
     logs = [log for log in problem.session.logs if problem.found.of(log).noise is not None]
     return [(number, at_s) for number, log in enumerate(logs) for at_s in moments_of(log.path, problem.session.config.exclude)]
 
@@ -183,7 +183,7 @@ def _holds(start_s: float, stop_s: float, log: int, moments: list[tuple[int, flo
 
 
 def _match(log: int, span: np.ndarray, logs: np.ndarray, spans: np.ndarray) -> int:
-    """The still that shares most of its time, or -1."""
+    """Return the still with the largest overlap, or -1."""
     shared = np.minimum(spans[:, 1], span[1]) - np.maximum(spans[:, 0], span[0])
     least = LEAST_SHARED * np.minimum(spans[:, 1] - spans[:, 0], span[1] - span[0])
     shared = np.where((shared > least) & (logs == log), shared, -1.0)

@@ -1,4 +1,4 @@
-"""Fault detection in an array: which units are believed, sample by sample and live."""
+"""Fault detection in an array: which units are used, sample by sample and live."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from session.io.errors import CalibrationError
 from tinygc.annexes.arrays.fusion import ends, fixed_variance, sample_variance, vote_weights
 from tinygc.annexes.arrays.model import ArrayModel, combined, weighted_median
 
-# Which units of an array are believed: the bars, the numbers that a vote needs, and what it says.
+# Fault detection: limits, tables for the vote, and its events.
 #
-# Each unit's rate is held against the units' weighted median.  What is allowed is one sample's noise, the units' disagreement in the
+# Each unit's rate is compared with the units' weighted median. The allowance is one sample's noise, the units' disagreement in the
 # calibration (bias, scale times rate, delay times the rate's change), and the median's own noise; d^2 over that variance, the greatest of
-# the axes, is a sample's ``u``.  Two means over ``MEMORY_S`` follow each unit: of d (an offset shows in it below the noise), and of u.
+# the axes, is a sample's ``u``. Two means over ``MEMORY_S`` follow each unit: of d (which shows an offset below the noise), and of u.
 
-#: s that a unit's past counts; a lie of 5 bars is found in about a tenth of it
+#: s, time constant of the means; a fault of 5 limits is found in about a tenth of it
 MEMORY_S = 0.5
-#: a sample farther than this from the median, in sigmas, is set aside at once (benchmarks/array_votes.py)
+#: sigmas from the median beyond which a sample is rejected at once (benchmarks/array_votes.py)
 ASIDE = 6.0
-#: sigmas of the mean difference, and the mean of u, from which on a unit is out (benchmarks/array_votes.py)
+#: limits of the mean difference, in sigmas, and of the mean of u, beyond which a unit is out (benchmarks/array_votes.py)
 SLOW, FAST = 6.0, 9.0
-#: share of both, squared sigmas, below which a unit agrees again, and s that it has to (benchmarks/array_votes.py)
+#: share of both limits, in squared sigmas, below which a unit agrees again, and s that it has to (benchmarks/array_votes.py)
 BACK, HOLD_S = 0.5, 1.0
-#: s without a sample, and of one and the same reading on all axes, after which a unit is dead or stuck
+#: s without a sample, and of identical readings on all axes, after which a unit is dead or stuck
 DEAD_S, STUCK_S = 0.1, 0.5
-#: samples of one and the same reading after which a unit that differs is said to be stuck
+#: number of identical readings after which a unit that differs is reported as stuck
 SOON_STUCK = 4
-#: of the median's variance to the mean's, many normal units
+#: ratio of the median's variance to the mean's, for many normal units
 MEDIAN = np.pi / 2
-#: fewer units cannot say which one of them lies
+#: fewest units among which the faulty one can be identified
 FEWEST = 3
 
-#: why a unit is out
+#: reasons why a unit is out
 IN, DIFFERS, DEAD, STUCK = 0, 1, 2, 3
 REASONS = {DIFFERS: "differs from the others", DEAD: "gives no samples", STUCK: "gives one and the same reading"}
 BETWEEN_TWO = "two units differ: which one lies nobody can say"
@@ -43,11 +43,14 @@ BETWEEN_TWO = "two units differ: which one lies nobody can say"
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What the vote needs of a model, SI: matrix (N, 3, 3) and offset (N, 3) take the measured rate to the array's frame; weights
-    (N, 3, 3); share (N,) in the median; noise (N, 3) variance of a sample with the median's; fixed
-    (N, 3) variance that stands: bias of the disagreement, bias instability, parameters; spread (N, 3, 3), what each unit adds to a
-    sample's variance of the combination; own (3,) variance of the combination by its parameters at rest; end (N,); scale2,
-    delay2 of the disagreement, the last over the squared period; alpha of the means; dead, stuck, hold in samples."""
+    """Tables of fault detection, computed from a model, SI.
+
+    matrix (N, 3, 3) and offset (N, 3) take the measured rate to the array's frame; weights (N, 3, 3); share (N,) in the median; noise (N,
+    3) variance of a sample with the median's; fixed (N, 3) variance of constant errors: bias of the disagreement, bias instability,
+    parameters; spread (N, 3, 3), each unit's part of a sample's variance of the combination; own (3,) variance of the combination by its
+    parameters at rest; end (N,); scale2, delay2 of the disagreement, the last over the squared period; alpha of the means; dead, stuck,
+    hold in samples.
+    """
 
     matrix: np.ndarray
     offset: np.ndarray
@@ -67,13 +70,13 @@ class Tables:
 
     @classmethod
     def of(cls, model: ArrayModel) -> Tables:
-        """Of a model."""
+        """Compute the tables of a model."""
         rate, apart = model.rate_hz, model.disagreement
         own = model.parameter_sigma()
         white = model.density * rate / 2
         alone = np.stack([white[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(model))])
         spread = model.weights @ alone @ model.weights.transpose(0, 2, 1)
-        # what correlation adds to the whole is laid on all units alike
+        # the contribution of correlation to the total is shared equally by all units
         spread *= np.trace(combined(model.weights, white)) / np.trace(spread.sum(axis=0))
         noise = sample_variance(model)
         return cls(
@@ -96,14 +99,17 @@ class Tables:
 
     @property
     def share_of_noise(self) -> float:
-        """The variance of a mean of white noise, by that of a sample."""
+        """Return the variance of a mean of white noise, relative to a sample's."""
         return self.alpha / (2 - self.alpha)
 
 
 @dataclass(frozen=True)
 class VotingEvent:
-    """sample (from 0) after which a unit (its number; None where two disagree and neither is known to lie) is ``out``, ``in`` again, or
-    units ``disagree`` or ``agree`` again; reason; size and bar, rad/s, of what differs, NaN of others."""
+    """Change of a unit's status.
+
+    sample (from 0) after which a unit (its number; None where two disagree and the faulty one is unknown) is ``out``, ``in`` again, or
+    units ``disagree`` or ``agree`` again; reason; size and bar, rad/s, of the difference, NaN of others.
+    """
 
     sample: int
     unit: int | None
@@ -113,14 +119,17 @@ class VotingEvent:
     bar_rps: float = float("nan")
 
 
-# The vote itself, over consecutive samples for as long as nobody's standing changes.  The exported C does the same, sample by sample.
+# The vote over consecutive samples, up to the first change of a unit's status. The exported C does the same, sample by sample.
 
 
 @dataclass(frozen=True, eq=False)
 class VotingState:
-    """Between two samples: why (N,) each unit is out, 0 for in; disagree: two units do; missing, same, agreed (N,) samples in a row without
-    a reading, with the same one, and in agreement; last (N, 3) reading; middle (3,) of the units' last rates and change2 of the one
-    before it, (rad/s)^2; mean (N, 3), allowed (N,) and square (N,): of d, of its allowance, and of u."""
+    """State between two samples.
+
+    why (N,) each unit is out, 0 for in; disagree: two units do; missing, same, agreed (N,) consecutive samples without a reading, with the
+    same one, and in agreement; last (N, 3) reading; middle (3,) of the units' last rates and change2 of the one before it, (rad/s)^2; mean
+    (N, 3), allowed (N,) and square (N,): of d, of its allowance, and of u.
+    """
 
     why: np.ndarray
     disagree: bool
@@ -136,14 +145,14 @@ class VotingState:
 
     @classmethod
     def start(cls, count: int) -> VotingState:
-        """All units believed, nothing seen."""
+        """Return the initial state: all units in, no samples."""
         whole, none = np.zeros(count, dtype=int), np.zeros((count, 3))
         return cls(whole, False, whole, whole, whole, none + np.nan, np.full(3, np.nan), 0.0, none, np.zeros(count), np.zeros(count))
 
 
 @dataclass(frozen=True)
 class Change:
-    """Of one standing: index of the unit, None where two disagree; what, as ``VotingEvent`` has it; why."""
+    """Change of one status: index of the unit, None where two disagree; what, as in ``VotingEvent``; why."""
 
     unit: int | None
     what: str
@@ -152,9 +161,11 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Of T samples by one standing: calibrated (T, N, 3); usable (T, N); used (T, N); at_end (T,); middle (T, 3); change2 (T,); apart
-    (T, N, 3) = d; allowed (T,), the variance that motion adds; u (T, N); missing, same (T, N);
-    disagreement (T, 3) of two units that differ, else None."""
+    """Quantities of T samples with one status of all units.
+
+    calibrated (T, N, 3); usable (T, N); used (T, N); at_end (T,); middle (T, 3); change2 (T,); apart (T, N, 3) = d; allowed (T,), the
+    variance that motion adds; u (T, N); missing, same (T, N); disagreement (T, 3) of two units that differ, else None.
+    """
 
     raw: np.ndarray
     calibrated: np.ndarray
@@ -173,7 +184,8 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Means:
-    """Of the same samples: mean (T, N, 3) of d, allowed (T, N) of its allowance, square (T, N) of u; score (T, N): 1 at the bar."""
+    """Running means of the same samples: mean (T, N, 3) of d, allowed (T, N) of its allowance, square (T, N) of u; score (T, N): 1 at the
+    limit."""
 
     mean: np.ndarray
     allowed: np.ndarray
@@ -181,7 +193,7 @@ class Means:
     score: np.ndarray
 
     def size(self, tables: Tables, seen: Seen, unit: int | None, row: int) -> tuple[float, float]:
-        """Of a difference, rad/s: how great, and its bar.  The mean one where that is beyond, else the root of the mean square."""
+        """Return a difference and its limit, rad/s: the mean difference where it exceeds the limit, else the root of the mean square."""
         i = int(np.argmax(self.score[row])) if unit is None else unit
         variance = tables.noise[i] * tables.share_of_noise + tables.fixed[i] + self.allowed[row, i]
         axis = int(np.argmax(self.mean[row, i] ** 2 / variance))
@@ -193,7 +205,7 @@ class Means:
 
 
 def look(tables: Tables, state: VotingState, raw: np.ndarray, vote: bool) -> Seen:
-    """Consecutive samples (T, N, 3) rad/s by the standing before them."""
+    """Evaluate consecutive samples (T, N, 3) rad/s with the status before them."""
     believed = state.why == IN
     calibrated = np.einsum("nij,tnj->tni", tables.matrix, raw) + tables.offset
     present = np.isfinite(raw).all(axis=2)
@@ -228,14 +240,14 @@ def look(tables: Tables, state: VotingState, raw: np.ndarray, vote: bool) -> See
 
 
 def means(tables: Tables, state: VotingState, seen: Seen) -> Means:
-    """The running means of every unit, which stand still where it gives nothing to compare."""
+    """Return the running means of every unit, which are held while it gives nothing to compare."""
     shape = seen.u.shape
     mean, allowed, square = np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
     limit = ASIDE**2
     for i in range(shape[1]):
         use = seen.usable[:, i]
         u = seen.u[use, i]
-        # a false reading beyond the limit counts as the limit does, and less in the mean the farther it is
+        # a false reading beyond the limit counts as the limit, and less in the mean the farther it is
         shrunk = seen.apart[use, i] * np.minimum(1.0, limit / np.maximum(u, 1e-30))[:, None]
         mean[:, i] = _followed(shrunk, state.mean[i], use, tables.alpha)
         allowed[:, i] = _followed(seen.allowed[use], state.allowed[i], use, tables.alpha)
@@ -246,7 +258,7 @@ def means(tables: Tables, state: VotingState, seen: Seen) -> Means:
 
 
 def settle(tables: Tables, state: VotingState, seen: Seen, means: Means) -> tuple[int, VotingState, list[Change]]:
-    """``(samples taken, state behind them, changes)``: up to and with the first sample that changes a standing."""
+    """Return ``(samples taken, state after them, changes)``: up to and with the first sample that changes a status."""
     believed = state.why == IN
     dead, stuck = seen.missing >= tables.dead, seen.same >= tables.stuck
     differs = (means.score > 1) & seen.usable & believed
@@ -264,7 +276,7 @@ def settle(tables: Tables, state: VotingState, seen: Seen, means: Means) -> tupl
     told = [Change(int(i), "out", DEAD if dead[row, i] else STUCK) for i in np.flatnonzero(fails[row])]
     told += [Change(int(i), "in", IN) for i in np.flatnonzero(back[row])]
     worst = int(np.argmax(np.where(lies[row] & ~fails[row], means.score[row], -1.0)))
-    if lies[row, worst] and not fails[row, worst]:  # one at a time: without it the median is another, and so is what is said of the rest
+    if lies[row, worst] and not fails[row, worst]:  # one at a time: without it the median changes, and all differences with it
         told.append(Change(worst, "out", STUCK if seen.same[row, worst] >= SOON_STUCK else DIFFERS))
     if turned[row]:
         told.append(Change(None, "agree" if state.disagree else "disagree", DIFFERS))
@@ -290,7 +302,7 @@ def settle(tables: Tables, state: VotingState, seen: Seen, means: Means) -> tupl
 
 
 def _followed(values: np.ndarray, before: np.ndarray, use: np.ndarray, alpha: float) -> np.ndarray:
-    """(T, ...): the running mean at every sample, of values (K, ...) at those with use (T,)."""
+    """Return the running mean (T, ...) at every sample, of values (K, ...) at those with use (T,)."""
     before = np.asarray(before)
     out = np.empty((len(use), *before.shape))
     if len(values):
@@ -304,7 +316,7 @@ def _followed(values: np.ndarray, before: np.ndarray, use: np.ndarray, alpha: fl
 
 
 def _in_a_row(happens: np.ndarray, before: np.ndarray, holds: np.ndarray | None = None) -> np.ndarray:
-    """(T, N): for how many samples in a row something happens, begun with before (N,); where it holds, the count stands."""
+    """Return (T, N), the consecutive samples with an event, starting from before (N,); where it holds, the count is kept."""
     counts = np.empty(happens.shape, dtype=int)
     now = before
     for t in range(len(happens)):
@@ -315,23 +327,26 @@ def _in_a_row(happens: np.ndarray, before: np.ndarray, holds: np.ndarray | None 
 
 
 def _kept(middle: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """(T, 3): the last known median where a sample has none, so that what comes behind a gap is held against something."""
+    """Return (T, 3): the last known median where a sample has none, as reference after a gap."""
     whole = np.vstack([before, middle])
     known = np.isfinite(whole).all(axis=1)
     at = np.maximum.accumulate(np.where(known, np.arange(len(whole)), 0))
     return whole[at][1:]
 
 
-# An array live: the units' rates of a moment in, one rate out, its sigma, and who is not believed, and why.
+# Live fusion: the units' rates in; one rate, its sigma, and the excluded units with reasons out.
 
-#: samples that are looked at together; an event begins anew behind it
+#: most samples evaluated together
 BLOCK = 2048
 
 
 @dataclass(frozen=True, eq=False)
 class Fused:
-    """rate (T, 3) rad/s in the array's frame, NaN where no unit gave one; sigma (T, 3) rad/s, infinite where every unit reads its end;
-    used (T, N): whose rates are in it; events, in their order."""
+    """Output of the fusion.
+
+    rate (T, 3) rad/s in the array's frame, NaN where no unit gave one; sigma (T, 3) rad/s, infinite where every unit is saturated; used (T,
+    N): units in the rate; events, in their order.
+    """
 
     rate: np.ndarray
     sigma: np.ndarray
@@ -347,28 +362,28 @@ class LiveArray:
     """
 
     def __init__(self, model: ArrayModel, *, vote: bool = True):
-        """vote: False believes every unit that gives a finite sample."""
+        """vote: False uses every unit that gives a finite sample."""
         self.model, self.tables, self._vote = model, Tables.of(model), vote
         self._state = VotingState.start(len(model))
         self._sample = 0
 
     @property
     def out(self) -> dict[int, str]:
-        """Number of each unit that is voted out, and why."""
+        """Return the number of each unit that is voted out, and why."""
         return {self.model.numbers[i]: REASONS[int(why)] for i, why in enumerate(self._state.why) if why != IN}
 
     @property
     def standing(self) -> dict[int, int]:
-        """Number of each unit, and why it is out: ``IN``, ``DIFFERS``, ``DEAD`` or ``STUCK``, as the exported C has them."""
+        """Return the number of each unit, and its status: ``IN``, ``DIFFERS``, ``DEAD`` or ``STUCK``, as in the exported C."""
         return {number: int(why) for number, why in zip(self.model.numbers, self._state.why, strict=True)}
 
     @property
     def disagree(self) -> bool:
-        """Whether the only two units left differ, so that nobody knows which is right."""
+        """Return whether the only two units left differ, so that the faulty one is unknown."""
         return self._state.disagree
 
     def __call__(self, raw: ArrayLike) -> Fused:
-        """The combination of the next samples: raw (N, 3) or (T, N, 3) rad/s as measured.  CalibrationError for another shape."""
+        """Combine the next samples: raw (N, 3) or (T, N, 3) rad/s as measured.  Raises CalibrationError for another shape."""
         rates = np.asarray(raw, dtype=float)
         if rates.shape[-2:] != (len(self.model), 3) or rates.ndim not in (2, 3):
             raise CalibrationError(f"raw has shape {rates.shape}, expected ({len(self.model)}, 3) or (T, {len(self.model)}, 3), rad/s")
@@ -386,7 +401,7 @@ class LiveArray:
         return Fused(rate, sigma, used, tuple(event for part in parts for event in part.events))
 
     def _block(self, rates: np.ndarray) -> Fused:
-        """As many of the samples as pass before somebody's standing changes, that sample included."""
+        """Process samples up to and with the one that changes a unit's status."""
         seen = look(self.tables, self._state, rates, self._vote)
         count = len(rates)
         events: list[VotingEvent] = []
@@ -412,8 +427,10 @@ class LiveArray:
 
 
 def combine(tables: Tables, calibrated: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``(rate (T, 3), sigma (T, 3))`` rad/s of rates (T, N, 3) in the array's frame, those with used (T, N): the weights are shared out
-    among them anew, ``(sum of theirs)^-1 W_i``, which is best again where noise is independent."""
+    """Return ``(rate (T, 3), sigma (T, 3))`` rad/s of rates (T, N, 3) in the array's frame, those with used (T, N).
+
+    The weights of the used units are renormalised, ``(sum of theirs)^-1 W_i``, which is optimal where noise is independent.
+    """
     rate, sigma = np.full((len(used), 3), np.nan), np.full((len(used), 3), np.nan)
     kinds, which = np.unique(used, axis=0, return_inverse=True)
     which = which.reshape(-1)

@@ -1,1 +1,1 @@
-"""A session that nobody recorded: a hand-turned three-axis table under an ASM330LHH."""
+"""Simulated sessions: a hand-turned three-axis table that carries an ASM330LHH."""

@@ -1,4 +1,4 @@
-"""The movement of a simulated session: strokes of the hand, the plan of turns, exact kinematics of three gimbals."""
+"""Movement of a simulated session: strokes of the hand, the plan of turns, exact kinematics of three gimbals."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tinygc.simulation.options import SimulationOptions
 # One push of the hand at one gimbal, as a function of time with exact derivatives.
 #
 # A hand that moves from rest to rest follows nearly a minimum-jerk profile (Flash and Hogan 1985):
-# ``s(u) = u^3 (10 - 15 u + 6 u^2)``, u from 0 to 1 over the stroke.  It is not smooth about it: waves of half a hertz up to the
-# tremor of several hertz lie on it, under a window ``w(u) = (4 u (1 - u))^3`` that lets them vanish at both ends.  So rate and
+# ``s(u) = u^3 (10 - 15 u + 6 u^2)``, u from 0 to 1 over the stroke.  Its irregularities, waves of half a hertz up to the
+# tremor of several hertz, are added under a window ``w(u) = (4 u (1 - u))^3`` that vanishes at both ends.  So rate and
 # angular acceleration begin and end at zero, and all derivatives are exact.  Longer movements are sums of overlapping strokes.
 
 
@@ -37,7 +37,7 @@ class Stroke:
 
     @property
     def stop_s(self) -> float:
-        """When it ends, s since the session's first sample."""
+        """End time, s since the session's first sample."""
         return self.start_s + self.duration_s
 
     def scaled(self, factor: float) -> Stroke:
@@ -69,7 +69,7 @@ class Stroke:
 
 
 class GimbalTurn(Protocol):
-    """What one gimbal does between two moments: a ``Stroke``, or what stands for one."""
+    """Movement of one gimbal between two times, such as a ``Stroke``."""
 
     @property
     def gimbal(self) -> int:
@@ -77,11 +77,11 @@ class GimbalTurn(Protocol):
 
     @property
     def start_s(self) -> float:
-        """When it begins, s since the session's first sample."""
+        """Start time, s since the session's first sample."""
 
     @property
     def stop_s(self) -> float:
-        """When it ends."""
+        """End time, s since the session's first sample."""
 
     @property
     def change_rad(self) -> float:
@@ -92,7 +92,7 @@ class GimbalTurn(Protocol):
 
 
 def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.ndarray) -> np.ndarray:
-    """Gimbals moved by strokes.
+    """Angles, rates and accelerations of the gimbals after strokes.
 
     start_rad (3,) rad, outer middle inner, before the first stroke; t_s (N,) s, increasing.
     Returns (3, 3, N): [0] angles rad, [1] rates rad/s, [2] accelerations rad/s^2, each outer, middle, inner.
@@ -106,26 +106,26 @@ def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.
     return angles
 
 
-# What the hand does in a session: still - turn - still - … - still, then the closure run.  Data; ``motion`` moves along it.
+# Plan of the hand's movement: still - turn - still - … - still, then the closure run.  ``move`` computes the motion along it.
 
-# The hand: estimates from turning a small three-axis table; peak rates of 60 to 350 dps come out of them.
-TURN_SPREAD = 0.13  #: a turn lasts its usual time, give or take this fraction
-DEAD_TIME = 1.0  #: of still_s, at most: what the hand waits between two turns beyond the two stills
-GIMBALS_AT_ONCE = (0.4, 0.35, 0.25)  #: how often a turn moves one, two, three gimbals
-LATE_S = 0.25  #: a second gimbal sets off up to this later and stops up to this earlier
+# The hand: estimates from turning a small three-axis table; they give peak rates of 60 to 350 dps.
+TURN_SPREAD = 0.13  #: relative spread of a turn's duration
+DEAD_TIME = 1.0  #: of still_s, at most: pause between two turns in addition to the two stills
+GIMBALS_AT_ONCE = (0.4, 0.35, 0.25)  #: probabilities that a turn moves one, two, three gimbals
+LATE_S = 0.25  #: a second gimbal starts up to this later and stops up to this earlier
 TURN_CHANGE_RAD = (90 * DEG, 300 * DEG)  #: a gimbal's change in a turn
-TRAVEL_RAD = 400 * DEG  #: a turn that would end further from a gimbal's zero goes the other way: cables
-PEAK_RPS = 350 * DEG  #: the fastest that a hand turns the table
+TRAVEL_RAD = 400 * DEG  #: a turn that would end further from a gimbal's zero goes the other way, because of cables
+PEAK_RPS = 350 * DEG  #: fastest rate of a table turned by hand
 PEAK_FULL_SCALE = 0.85  #: of full scale; room for bias and sensitivity below 0.9
 # Irregularity of a stroke: slow waves in proportion to its change, tremor in rad (physiological tremor: 4 to 12 Hz).
 SLOW_WAVES, SLOW_HZ, SLOW_FRACTION = 3, (0.5, 1.6), 0.03
 TREMOR_WAVES, TREMOR_HZ, TREMOR_RAD = 2, (4.0, 9.0), 0.06 * DEG
-# Closure run: every gimbal in strokes that overlap by half, so that the table never rests before the end.
+# Closure run: strokes of every gimbal overlap by half, so that the table never rests before the end.
 CLOSURE_STILL = (1.2, 2.0)  #: of still_s, at both ends
-CLOSURE_STROKE_S = 1.5  #: from the start of one stroke to that of the next, about
-CLOSURE_RANGE_RAD = 120 * DEG  #: how far a gimbal wanders from where it began
+CLOSURE_STROKE_S = 1.5  #: approximate time between the starts of consecutive strokes
+CLOSURE_RANGE_RAD = 120 * DEG  #: largest departure of a gimbal from its initial angle
 
-CHECK_S = 5e-3  #: grid on which a movement's peak rate is looked for; short beside the tremor
+CHECK_S = 5e-3  #: grid on which a movement's peak rate is searched; short compared with the tremor
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,7 @@ def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> MovementP
     limit_rps = min(PEAK_RPS * options.vigour, PEAK_FULL_SCALE * options.gyro_fs_dps * DEG)
     start_rad = log_rng.uniform(-np.pi, np.pi, 3)
     if options.with_heading:
-        # A heading is of use only to a session that begins at the table's index: outer gimbal at zero, not upside down.
+        # A heading is useful only if the session begins at the table's index: outer gimbal at zero, table not upside down.
         start_rad *= 0.0, 0.5, 1.0
     angles, strokes, turns = start_rad.copy(), [], []
     clock_s = rest_s(options, log_rng)
@@ -171,7 +171,7 @@ def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> MovementP
 
 
 def rest_s(options: SimulationOptions, rng: np.random.Generator) -> float:
-    """The still that ends one turn, the still that begins the next, and some dead time, s."""
+    """Duration of the still after a turn, the still before the next, and a pause, s."""
     return options.still_s * (2 + rng.uniform(0, DEAD_TIME))
 
 
@@ -182,14 +182,14 @@ def _turn(angles_rad: np.ndarray, start_s: float, duration_s: float, vigour: flo
         change = vigour * rng.uniform(*TURN_CHANGE_RAD) * rng.choice((-1, 1))
         if abs(angles_rad[gimbal] + change) > TRAVEL_RAD:
             change = -change
-        # The first gimbal spans the turn: its bounds are the movement's.
+        # The first gimbal spans the whole movement.
         late_s, early_s = rng.uniform(0, min(LATE_S, 0.1 * duration_s), 2) if strokes else (0.0, 0.0)
         strokes.append(stroke(int(gimbal), start_s + late_s, duration_s - late_s - early_s, change, rng))
     return strokes
 
 
 def _closure_run(start_s: float, stop_s: float, vigour: float, rng: np.random.Generator) -> list[Stroke]:
-    """Strokes whose changes add up to nothing, gimbal by gimbal."""
+    """Draw strokes whose changes sum to zero for each gimbal."""
     strokes = []
     for gimbal in range(3):
         steps = rng.uniform(0.7, 1.3, max(4, round((stop_s - start_s) / CLOSURE_STROKE_S)))
@@ -203,7 +203,7 @@ def _closure_run(start_s: float, stop_s: float, vigour: float, rng: np.random.Ge
 
 
 def stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rng: np.random.Generator) -> Stroke:
-    """A stroke with its irregularity drawn: change_rad between start_s and start_s + duration_s."""
+    """Draw a stroke with its irregularity: change_rad between start_s and start_s + duration_s."""
     slow_rad = abs(change_rad) * SLOW_FRACTION * rng.uniform(0, 1, SLOW_WAVES)
     tremor_rad = TREMOR_RAD * rng.uniform(0, 1, TREMOR_WAVES)
     hertz = np.concatenate([rng.uniform(*SLOW_HZ, SLOW_WAVES), rng.uniform(*TREMOR_HZ, TREMOR_WAVES)])
@@ -212,18 +212,18 @@ def stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rn
 
 
 def not_faster(strokes: list[Stroke], limit_rps: float) -> list[Stroke]:
-    """The same movement, made smaller if it would exceed the limit.  The gimbals' rates add up to no less than the body's."""
+    """The same movement, scaled down if it would exceed the limit.  The sum of the gimbals' rates bounds the body's rate."""
     start_s, stop_s = min(stroke.start_s for stroke in strokes), max(stroke.stop_s for stroke in strokes)
     rates = gimbal_angles(np.zeros(3), tuple(strokes), np.arange(start_s, stop_s, CHECK_S))[1]
     factor = limit_rps / np.abs(rates).sum(axis=0).max()
     return strokes if factor >= 1 else [stroke.scaled(factor) for stroke in strokes]
 
 
-# Where the table is and how it turns: exact kinematics of three gimbals, no integration anywhere.
+# Attitude and rate of the table: exact kinematics of three gimbals, without integration.
 #
 # The outer gimbal turns about the table's vertical, the middle one about the outer's y, the inner one about the middle's x; the
-# body is on the inner.  So their angles psi, theta, phi are yaw, pitch, roll: ``R_tb = Rz(psi) Ry(theta) Rx(phi)``, any angle
-# allowed.  The rate of b against t, in b (the textbooks' Euler angle kinematics; the acceleration is its derivative)::
+# body is on the inner.  So their angles psi, theta, phi are yaw, pitch, roll: ``R_tb = Rz(psi) Ry(theta) Rx(phi)``, for any
+# angle.  The rate of b against t, in b (the textbooks' Euler angle kinematics; the acceleration is its derivative)::
 #
 #     p = phi' - psi' sin(theta)
 #     q = theta' cos(phi) + psi' sin(phi) cos(theta)
@@ -267,7 +267,7 @@ def move(plan: MovementPlan, t_s: np.ndarray) -> Motion:
 
 
 def table_to_body(angles: np.ndarray, vector_t: np.ndarray) -> np.ndarray:
-    """A vector fixed in the table, seen from the body: ``R_tb^T v``.  angles (3, N) rad, vector_t (3,).  Returns (N, 3)."""
+    """Components in the body of a vector fixed in the table: ``R_tb^T v``.  angles (3, N) rad, vector_t (3,).  Returns (N, 3)."""
     (sin_psi, sin_theta, sin_phi), (cos_psi, cos_theta, cos_phi) = np.sin(angles), np.cos(angles)
     x, y, z = vector_t
     x, y = cos_psi * x + sin_psi * y, cos_psi * y - sin_psi * x
@@ -283,9 +283,9 @@ def earth_rate_table(latitude_rad: float, heading_rad: float) -> np.ndarray:
 
 
 def specific_force(motion: Motion, gravity_mps2: float, lever_m: np.ndarray) -> np.ndarray:
-    """Specific force (N, 3) m/s^2 in b at lever_m (3,) m in b from the gimbals' crossing, which stands still.
+    """Specific force (N, 3) m/s^2 in b at lever_m (3,) m in b from the crossing of the gimbal axes, which is at rest.
 
-    ``f = R_bn (a - g)``, a = alpha x r + omega x (omega x r).  Coriolis from the Earth's rotation (below 1 ug here) is left out.
+    ``f = R_bn (a - g)``, a = alpha x r + omega x (omega x r).  The Coriolis term of the Earth's rotation (below 1 ug here) is neglected.
     """
     centripetal = np.cross(motion.rate, np.cross(motion.rate, lever_m))
     tangential = np.cross(motion.acceleration, lever_m)

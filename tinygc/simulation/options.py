@@ -1,4 +1,4 @@
-"""What a person may choose of a simulated session, and the unit that is drawn from it."""
+"""Options of a simulated session, and the unit drawn from them."""
 
 from __future__ import annotations
 
@@ -17,42 +17,42 @@ if TYPE_CHECKING:
     from session.io.registers import RegisterUnits
 
 
-# What a person may choose of a simulated session.  Sources: docs/sensor.md, docs/formats.md.
+# Options of a simulated session.  Sources: docs/sensor.md, docs/formats.md.
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
-#: the two highest rates are from memory, unchecked).  62.5 is no rate of the chip: slow boards and other sensors have it; its filter is
-#: as wide for its rate as that of 104 Hz, so much of what a hand does faster is lost, as it is there
+#: the two highest rates are from memory, unchecked).  The chip has no 62.5 Hz, unlike slow boards and other sensors; its
+#: bandwidth is that of 104 Hz in proportion, and likewise filters out much of a hand's faster movement
 GYRO_LPF2_HZ = {62.5: 20.0, 104: 33.0, 208: 66.8, 416: 135.9, 833: 295.5, 1667: 1108.1, 3333: 1320.7, 6667: 1441.8}
-#: stills at the two ends and some turning between them
+#: room for the stills at both ends and some turning between them
 SHORTEST_CLOSURE_STILLS = 10
-#: what memory holds: a day of turns at 208 Hz
+#: memory limit: a day of turns at 208 Hz
 MOST_SEGMENTS = 2000
 MOST_SAMPLES = 20_000_000
-#: beyond any sensor and any hand: what is larger would overflow somewhere
+#: limits beyond any sensor and any hand; larger values would overflow
 LARGEST = {
     "gyro_noise_dps_rthz": 100.0,
     "accel_noise_ug_rthz": 1e6,
-    "bias_instability_dph": 1000.0,  # session.toml's own limit
+    "bias_instability_dph": 1000.0,  # limit of session.toml
     "gyro_bias_dps": 1e4,
     "accel_bias_mg": 1e4,
     "accel_calibration_error_mg": 1e4,
     "vigour": 1000.0,
 }
-#: still_s: session.toml's own limit
+#: still_s: limit of session.toml
 SMALLEST = {"vigour": 1e-3, "still_s": 0.1, "turn_s": 0.01}
 LONGEST_LEVER_M = 10.0
 
 
 def choice(default: Any, meaning: str) -> Any:
-    """A field whose meaning, with its unit, the command line shows."""
+    """Define a field whose meaning, with its unit, the command line shows."""
     return field(default=default, metadata={"help": meaning})
 
 
 @dataclass(frozen=True)
 class SimulationOptions:
-    """One simulated session.  Errors of the unit are drawn from ``seed`` with the sizes given here (1 sigma).
+    """Options of one simulated session.  Errors of the unit are drawn from ``seed`` with the sizes given here (1 sigma).
 
-    Every purpose (unit, motion, noise, …) has its own random stream: a change of noise leaves the motion as it was.
+    Every purpose (unit, motion, noise, …) has its own random stream, so a change of noise leaves the motion unchanged.
     """
 
     segments: int = choice(40, "turns in the log; the stills are one more")
@@ -94,7 +94,7 @@ class SimulationOptions:
 
     @property
     def unit_drawn_from(self) -> int:
-        """The seed that decides the unit."""
+        """The seed from which the unit is drawn."""
         return self.seed if self.unit_seed < 0 else self.unit_seed
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= most, name, f"0 to {most:g}")
         for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
-        from session.io.logfile import MOST_SIGMA_DEG  # whose NumPy `--help` does not wait for
+        from session.io.logfile import MOST_SIGMA_DEG  # imported here: `--help` need not wait for its NumPy
 
         self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name, least in SMALLEST.items():
@@ -141,7 +141,7 @@ class SimulationOptions:
 
     @property
     def register_units(self) -> RegisterUnits:
-        """What the sensor's registers mean."""
+        """Scaling of the sensor's registers."""
         from session.io.registers import RegisterUnits
 
         return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
@@ -152,12 +152,12 @@ class SimulationOptions:
 
 
 def flag(name: str) -> str:
-    """The command line's flag of an option: its name, except the short ``--closure`` for closure_s."""
+    """Command-line flag of an option: its name, except the short ``--closure`` for closure_s."""
     return "--closure" if name == "closure_s" else "--" + name.replace("_", "-")
 
 
 def command_line(options: SimulationOptions) -> str:
-    """The command that makes this session again: segments, closure and seed, and whatever else is not the default."""
+    """Command that reproduces this session: segments, closure and seed, and all options that differ from the default."""
     words = ["calibrate.py simulate"]
     for option in fields(options):
         value = getattr(options, option.name)
@@ -174,12 +174,12 @@ def command_line(options: SimulationOptions) -> str:
     return " ".join(words)
 
 
-# One unit of the sensor on one bench: the errors that a calibration is to find, drawn once.
+# One unit of the sensor on one bench: the errors that a calibration estimates, drawn once.
 
 FREQ_FINE_STEP = 0.0015  #: of the nominal rate, per LSB of INTERNAL_FREQ_FINE (int8)
-ODR_SPREAD = 0.02  #: 1 sigma, of units seen
+ODR_SPREAD = 0.02  #: 1 sigma, from measured units
 LARGEST_BIAS_DPS = 2.0
-#: Digits that session.toml has.  The simulation uses the rounded numbers, so that the file is exact.
+#: Digits in session.toml.  The simulation uses the rounded numbers, so that the file is exact.
 MATRIX_DIGITS, BIAS_DIGITS, HEADING_DIGITS = 8, 7, 4
 
 
@@ -187,8 +187,8 @@ MATRIX_DIGITS, BIAS_DIGITS, HEADING_DIGITS = 8, 7, 4
 class SimulatedUnit:
     """True errors: ``omega = E m + B`` with m as measured; ``f = accel_matrix @ (measured - accel_bias - accel_shift)``.
 
-    E (3, 3), B (3,) rad/s; accel_matrix (3, 3), accel_bias (3,) m/s^2 as session.toml has them; accel_shift (3,) m/s^2 what
-    session.toml does not know; odr_hz the true rate; heading_deg from true north to the table's index direction.
+    E (3, 3), B (3,) rad/s; accel_matrix (3, 3), accel_bias (3,) m/s^2 as in session.toml; accel_shift (3,) m/s^2: the part of the
+    bias that session.toml lacks; odr_hz the true rate; heading_deg from true north to the table's index direction.
     """
 
     E: np.ndarray
@@ -200,20 +200,20 @@ class SimulatedUnit:
     heading_deg: float
 
     def measured_rate(self, rate: np.ndarray) -> np.ndarray:
-        """What the gyro makes of a true rate (N, 3) rad/s, before noise and low-pass: ``E^-1 (omega - B)``."""
+        """Measured rate for a true rate (N, 3) rad/s, before noise and low-pass: ``E^-1 (omega - B)``."""
         import numpy as np
 
         return (rate - self.B) @ np.linalg.inv(self.E).T
 
     def measured_force(self, force: np.ndarray) -> np.ndarray:
-        """What the accelerometer makes of a true specific force (N, 3) m/s^2, before noise and low-pass."""
+        """Measured specific force for a true one (N, 3) m/s^2, before noise and low-pass."""
         import numpy as np
 
         return force @ np.linalg.inv(self.accel_matrix).T + self.accel_bias + self.accel_shift
 
 
 def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> SimulatedUnit:
-    """Draw a unit.  Everything is drawn whatever the options say, so that one option does not change the others' draws."""
+    """Draw a unit.  Every quantity is drawn whatever the options, so that one option does not change the draws of the others."""
     import numpy as np
 
     bias_dps = np.clip(options.gyro_bias_dps * rng.standard_normal(3), -LARGEST_BIAS_DPS, LARGEST_BIAS_DPS)
@@ -236,7 +236,7 @@ def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> Simulated
 
 
 def _near_identity(scale: float, cross: float, rng: np.random.Generator) -> np.ndarray:
-    """(3, 3): 1 + N(0, scale) on the diagonal, N(0, cross) beside it."""
+    """Matrix (3, 3) with 1 + N(0, scale) on the diagonal and N(0, cross) off it."""
     import numpy as np
 
     return np.eye(3) + rng.standard_normal((3, 3)) * np.where(np.eye(3, dtype=bool), scale, cross)

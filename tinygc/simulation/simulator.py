@@ -1,4 +1,4 @@
-"""A whole simulated session: hand, table, Earth, unit, noise, registers."""
+"""Simulate a whole session: hand, table, Earth, unit, noise, registers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan, hand_plan
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulatedUnit, SimulationOptions, draw_unit
 
-# Sensor noise: white, and the flicker that a datasheet calls bias instability.  Terms and Allan floor: IEEE 952, annex C.
+# Sensor noise: white noise, and flicker, which a datasheet calls bias instability.  Terms and Allan floor: IEEE 952, annex C.
 
-FLICKER_KNOTS_HZ = 16.0  #: flicker is drawn at this rate and interpolated; faster than that it drowns in white noise
+FLICKER_KNOTS_HZ = 16.0  #: flicker is drawn at this rate and interpolated; above it white noise dominates
 FLICKER_TIMES_S = 2.0 ** np.arange(-1, 12)  #: time constants by octaves, 0.5 s to 2048 s: flat Allan floor from about 1 s to 2000 s
 
 
@@ -28,12 +28,12 @@ def white(density: float, rate_hz: float, count: int, rng: np.random.Generator) 
 def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.random.Generator) -> np.ndarray:
     """Flicker noise (count, 3) in the unit of ``coefficient`` B, sampled at rate_hz.
 
-    Its one-sided density is ``B^2 / (pi f)``, its Allan deviation flat at ``sqrt(2 ln 2 / pi) B = 0.664 B``.  It is the sum of
+    Its one-sided density is ``B^2 / (pi f)``; its Allan deviation is flat at ``sqrt(2 ln 2 / pi) B = 0.664 B``.  It is the sum of
     stationary Gauss-Markov processes with time constants an octave apart.  Each has the density 4 sigma^2 T / (1 + (2 pi f T)^2);
-    summed over octaves that is sigma^2 / (ln 2 f), so sigma = B sqrt(ln 2 / pi).  All together scatter by 1.7 B (1 sigma), most
-    of it slower than a session and so no more than a little turn-on bias.
+    summed over octaves that is sigma^2 / (ln 2 f), so sigma = B sqrt(ln 2 / pi).  The sum has a 1-sigma spread of 1.7 B, most
+    of it slower than a session, where it only adds a little turn-on bias.
     """
-    from scipy.signal import lfilter  # takes longer to import than a fit takes
+    from scipy.signal import lfilter  # imported here: the import takes longer than a fit
 
     duration_s = count / rate_hz
     knots = int(duration_s * FLICKER_KNOTS_HZ) + 2
@@ -42,24 +42,24 @@ def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.ran
     for time_s in FLICKER_TIMES_S:
         keep = np.exp(-1 / (FLICKER_KNOTS_HZ * time_s))
         drive = sigma * rng.standard_normal((3, knots))
-        drive[:, 1:] *= np.sqrt(1 - keep**2)  # not the first: it has the stationary spread already
+        drive[:, 1:] *= np.sqrt(1 - keep**2)  # except the first, which has the stationary spread already
         total += lfilter([1.0], [1.0, -keep], drive)
     t_s, knots_s = np.arange(count) / rate_hz, np.arange(knots) / FLICKER_KNOTS_HZ
     return np.stack([np.interp(t_s, knots_s, axis) for axis in total], axis=-1)
 
 
-# From the signal that a sensing element feels to the registers that the chip puts out.
+# From the signal at a sensing element to the registers of the chip.
 
-ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its usual setting, ODR/4 (asm330lhh_reg.h)
-LOWEST_FINE_HZ = 1600.0  #: the grid on which filters and effects work: fast beside tremor and filters
+ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its default setting, ODR/4 (asm330lhh_reg.h)
+LOWEST_FINE_HZ = 1600.0  #: least rate of the grid for filters and effects: fast compared with tremor and filters
 LOWEST_OVERSAMPLING = 4
-RUN_UP_S = 0.2  #: the fine grid begins this much before the first sample: many times the slowest filter's memory
+RUN_UP_S = 0.2  #: time on the fine grid before the first sample: many times the slowest filter's memory
 TEMPERATURE_NOISE_C = 0.01  #: 1 sigma of one reading
 TEMPERATURE_SETTLES_S = 150.0  #: time constant of self-heating on a small board
 
 
 def oversampling(odr_hz: float) -> int:
-    """Fine grid points per output sample."""
+    """Number of fine grid points per output sample."""
     return max(LOWEST_OVERSAMPLING, int(np.ceil(LOWEST_FINE_HZ / odr_hz)))
 
 
@@ -68,14 +68,14 @@ def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: fl
 
     signal (N, 3) on the fine grid of factor * odr_hz; bandwidth_hz (-3 dB) of a second-order Butterworth; density of the white
     noise in the output near zero frequency, one-sided.  Returns (N / factor, 3): grid points 0, factor, 2 factor, …
-    The noise enters before the filter, like the element's own, so it is coloured as in the chip.  The filter begins in the steady
+    The noise enters before the filter, as in the chip, and is coloured by it.  The filter starts in the steady
     state of the first (noiseless) value.
     """
     from scipy.signal import butter, sosfilt, sosfilt_zi, sosfreqz
 
     fine_hz = factor * odr_hz
     sos = butter(2, bandwidth_hz, fs=fine_hz, output="sos")
-    # Decimation folds the noise at every multiple of the output rate onto zero: so much less must go in.
+    # Decimation folds the noise at every multiple of the output rate onto zero, so the input noise is reduced accordingly.
     _, response = sosfreqz(sos, odr_hz * np.arange(factor), fs=fine_hz)
     folded = np.sqrt(np.sum(np.abs(response) ** 2))
     noisy = signal + white(density / folded, fine_hz, len(signal), rng)
@@ -85,18 +85,18 @@ def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: fl
 
 
 def registers_of(value: np.ndarray, full_scale: float, per_lsb: float) -> np.ndarray:
-    """Register values (N, 3) int16 of measured rates or forces in SI: rounded, cut at full scale and at what 16 bits hold."""
+    """Register values (N, 3) int16 of measured rates or forces in SI: rounded, clipped at full scale and at the 16-bit range."""
     largest = min(round(full_scale / per_lsb), REGISTER_MAX)
     return np.clip(np.rint(value / per_lsb), -largest, largest).astype(np.int16)
 
 
 def temperature(t_s: np.ndarray, start_c: float, warm_up_c: float) -> np.ndarray:
-    """Temperature (N,) degC of a board that heats itself: exponential towards start + warm-up; t_s (N,) since the first sample."""
+    """Temperature (N,) degC of a self-heating board: exponential towards start + warm-up; t_s (N,) since the first sample."""
     return start_c + warm_up_c * -np.expm1(-t_s / TEMPERATURE_SETTLES_S)
 
 
 def temperature_registers(temp_c: np.ndarray, rng: np.random.Generator, units: RegisterUnits) -> np.ndarray:
-    """Register values (N,) int16 of a temperature, with the thermometer's noise; zeros where the register's meaning is not known."""
+    """Register values (N,) int16 of a temperature, with the thermometer's noise; zeros if the register's meaning is unknown."""
     noisy = temp_c + TEMPERATURE_NOISE_C * rng.standard_normal(len(temp_c))
     return np.clip(np.rint(units.temperature_lsb(noisy, len(noisy))), -REGISTER_MAX, REGISTER_MAX).astype(np.int16)
 
@@ -104,16 +104,16 @@ def temperature_registers(temp_c: np.ndarray, rng: np.random.Generator, units: R
 # A whole session from its options: hand, table, Earth, unit, noise, registers.
 
 #: Physics beyond the linear model: ``distort(t_s (N,), rate (N, 3), force (N, 3), temp_c (N,)) -> rate (N, 3)``, SI, on the fine
-#: grid, before linear errors, noise and low-pass.  rate and force are what the elements truly feel (Earth and lever arm included).
-#: t_s counts from the log's first sample, begins ``sensor.RUN_UP_S`` before it and goes on through the closure run.
+#: grid, before linear errors, noise and low-pass.  rate and force are the true inputs of the elements (Earth and lever arm included).
+#: t_s counts from the log's first sample, begins ``RUN_UP_S`` before it and continues through the closure run.
 Distort = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-#: What the accelerometer alone feels instead: ``disturb(t_s (N,), force (N, 3)) -> force (N, 3)``, SI, on the same grid.
+#: Changes the accelerometer's input alone: ``disturb(t_s (N,), force (N, 3)) -> force (N, 3)``, SI, on the same grid.
 Disturb = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
 class RegisterLog:
-    """One log as the chip gives it.
+    """One log as register values.
 
     t_us (N,) int64 since the session's first sample; gyro, accel (N, 3) and temp (N,) int16 registers.
     """
@@ -130,7 +130,7 @@ class RegisterLog:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A simulated session and its truth.  closure is None where no closure run was asked for."""
+    """A simulated session and its truth.  closure is None without a closure run."""
 
     options: SimulationOptions
     plan: MovementPlan
@@ -147,8 +147,11 @@ def simulate_session(
     disturb: Disturb | None = None,
     unit: SimulatedUnit | None = None,
 ) -> Simulation:
-    """Simulate a session; ``distort`` conceals physics of the gyro in it, ``disturb`` of the accelerometer; ``plan``: another movement
-    than ``plan_of`` draws; ``unit``: another sensor than ``draw_unit`` draws.  The same arguments give the same registers."""
+    """Simulate a session; the same arguments give the same registers.
+
+    distort: hidden physics of the gyro; disturb: hidden physics of the accelerometer; plan: replaces the movement of ``plan_of``;
+    unit: replaces the sensor of ``draw_unit``.
+    """
     _, _, *signal_rngs = _streams(options)
     unit, plan = unit or unit_of(options), plan or plan_of(options)
     log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
@@ -158,17 +161,17 @@ def simulate_session(
 
 
 def unit_of(options: SimulationOptions) -> SimulatedUnit:
-    """The sensor in the session of these options."""
+    """Draw the sensor for the session of these options."""
     return draw_unit(options, _streams(options)[0])
 
 
 def plan_of(options: SimulationOptions) -> MovementPlan:
-    """What the hand does in the session of these options."""
+    """Draw the movement for the session of these options."""
     return hand_plan(options, _streams(options)[1])
 
 
 def _streams(options: SimulationOptions) -> list[np.random.Generator]:
-    """One stream per purpose; a new purpose goes last, so that the others keep theirs."""
+    """One random stream per purpose; append new purposes last, which keeps the streams of the others."""
     streams = np.random.default_rng(options.seed).spawn(6)
     return [np.random.default_rng(options.unit_drawn_from).spawn(1)[0], *streams[1:]]
 
@@ -182,7 +185,7 @@ def _record(
     disturb: Disturb | None,
     rngs: list[np.random.Generator],
 ) -> RegisterLog:
-    """The first ``count`` samples of the chip, log and closure run without a break."""
+    """Simulate the first ``count`` samples of the chip, log and closure run without a break."""
     gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
     odr_hz = unit.odr_hz
     t_fine, factor, run_up = fine_grid(odr_hz, count)
@@ -207,8 +210,8 @@ def _record(
 
 
 def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
-    """Times (N,) s on which ``count`` samples are simulated, how many make a sample, and how many samples are the run-up: thrown away when
-    the filters have seen them."""
+    """Times (N,) s of the grid for ``count`` samples, grid points per sample, and samples in the run-up, which is discarded after
+    filtering."""
     factor, run_up = oversampling(odr_hz), int(np.ceil(RUN_UP_S * odr_hz))
     return np.arange(-run_up * factor, count * factor) / (factor * odr_hz), factor, run_up
 
@@ -216,7 +219,7 @@ def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
 def true_signals(
     options: SimulationOptions, unit: SimulatedUnit, plan: MovementPlan, t_s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the elements feel at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both
+    """Inputs of the elements at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both
     in b, and temperature (N,) degC."""
     motion = movement.move(plan, t_s)
     earth_t = movement.earth_rate_table(options.latitude_deg * DEG, unit.heading_deg * DEG)

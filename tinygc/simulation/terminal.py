@@ -1,4 +1,4 @@
-"""The board's end of the cable: a pseudo-terminal under a name that stays, written without waiting for the reader.  POSIX only."""
+"""Pseudo-terminal for the virtual board: its name is stable, and writes never wait for the reader.  POSIX only."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from session.bench.port import VIRTUAL_STEM, lock_of
 from session.bench.rawfile import lock
 from session.io.errors import CalibrationError
 
-#: what a board with some memory can hold back while its host is busy
+#: bytes that a board with some memory can buffer while its host is busy
 MEMORY_BYTES = 65_536
 DRAIN_S = 0.3
 
 
 class Terminal:
-    """``name`` is a link to the present pseudo-terminal; it goes with ``unplug`` and comes back with ``plug``.
+    """``name`` is a link to the present pseudo-terminal; ``plug`` creates it and ``unplug`` removes it.
 
-    memory: bytes that can wait for the reader; dropped: writes that did not fit, since nobody read.
-    Use as a context: the link goes with it.
+    memory: bytes that can be buffered for the reader; dropped: count of writes that did not fit.
+    Use as a context manager, which removes the link at its end.
     """
 
     def __init__(self, link: Path | None = None, memory: int = MEMORY_BYTES):
@@ -47,32 +47,32 @@ class Terminal:
         while self._waiting and self.write(b"") and time.monotonic() < deadline:
             time.sleep(0.01)
         if self.has_reader:
-            time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
+            time.sleep(DRAIN_S)  # closing a pseudo-terminal discards what its reader has not fetched
         self.unplug()
         self.let_go()
 
     def let_go(self) -> None:
-        """Give the name back, where nothing was plugged, or no more."""
+        """Release the name; for use without ``plug`` or after ``unplug``."""
         lock_of(self.name).unlink(missing_ok=True)
         self._lock.close()
 
     def plug(self) -> None:
-        """Make the port; CalibrationError where the link's place is taken."""
+        """Create the port; CalibrationError if the link's path is occupied."""
         self._master, slave = pty.openpty()
         tty.setraw(slave)  # no echo, no line discipline
         os.set_blocking(self._master, False)
         try:
             if self.name.is_symlink() and os.readlink(self.name).startswith("/dev/"):
-                self.name.unlink()  # left by a board that was killed: we hold its lock
+                self.name.unlink()  # left by a board that was killed: this process holds its lock
             self.name.symlink_to(os.ttyname(slave))
         except OSError as error:
             os.close(self._master)
             raise CalibrationError(f"{self.name}: {error.strerror or error}; give --link another path") from None
         finally:
-            os.close(slave)  # from now on the master sees whether a reader is there
+            os.close(slave)  # from now on the master detects whether a reader is present
 
     def unplug(self) -> None:
-        """Pull the cable: the reader gets an error, the name is gone."""
+        """Pull the cable: the reader gets an error, and the name is removed."""
         if self._master >= 0:
             with contextlib.suppress(OSError):
                 self.name.unlink()
@@ -81,7 +81,7 @@ class Terminal:
 
     @property
     def has_reader(self) -> bool:
-        """Whether somebody has the port open."""
+        """Whether a process has the port open."""
         if self._master < 0:
             return False
         poll = select.poll()
@@ -90,11 +90,11 @@ class Terminal:
 
     @property
     def waiting(self) -> int:
-        """Bytes that did not fit into the terminal yet."""
+        """Number of buffered bytes that the terminal has not accepted yet."""
         return len(self._waiting)
 
     def write(self, data: bytes) -> bool:
-        """Send, and keep what does not fit at once.  False: ``data`` was dropped, since the memory is full or nobody listens."""
+        """Send data, and buffer what does not fit.  False: ``data`` was dropped, since the buffer is full or there is no reader."""
         if not self.has_reader:
             self._waiting = b""
             return False
@@ -107,9 +107,9 @@ class Terminal:
         return fits
 
     def read(self) -> bytes:
-        """What the reader has sent meanwhile."""
+        """Bytes that the reader has sent since the last call."""
         data = b""
-        with contextlib.suppress(OSError):  # nothing more is there, or nobody
+        with contextlib.suppress(OSError):  # no data, or no reader
             while self._master >= 0 and (part := os.read(self._master, 4096)):
                 data += part
         return data
@@ -120,13 +120,13 @@ def _usual_links() -> list[Path]:
 
 
 def _claim(names: list[Path]) -> tuple[Path, IO]:
-    """The first name that no running board has, and its lock, which the system takes away with the process."""
+    """Claim the first name that no running board holds; returns it with its lock, which the system releases at the end of the process."""
     for name in names:
         try:
             file = lock_of(name).open("a")
         except OSError as error:
             raise CalibrationError(f"{name}: {error.strerror or error}; give --link another path") from None
-        if os.fstat(file.fileno()).st_size:  # a board's is empty, and goes with it
+        if os.fstat(file.fileno()).st_size:  # a board's lock file is empty
             file.close()
             raise CalibrationError(f"{lock_of(name)}: is no lock of a virtual board; give --link another path")
         if lock(file.fileno()):

@@ -1,4 +1,4 @@
-"""A virtual board: a session streamed through a pseudo-terminal, with the faults of a real line."""
+"""A virtual board: streams a session through a pseudo-terminal, with the faults of a real line."""
 
 from __future__ import annotations
 
@@ -29,28 +29,31 @@ from tinygc.simulation.simulator import RegisterLog, plan_of, simulate_session
 if TYPE_CHECKING:
     from tinygc.simulation.terminal import Terminal
 
-# What a board is paced by.
+# Clock that paces the board.
 
 
 class HostClock:
-    """The host's."""
+    """Clock of the host."""
 
     def now_s(self) -> float:
-        """Seconds since any moment."""
+        """Seconds since an arbitrary epoch."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Let so much time pass."""
+        """Wait for a time."""
         time.sleep(seconds)
 
 
-# What goes wrong between a sensor and its host, drawn from a seed.
+# Faults between a sensor and its host, drawn from a seed.
 
 
 @dataclass(frozen=True)
 class LineFaults:
-    """lost, torn: probability that a message is left out, or cut off somewhere; flip: that a bit is flipped; garbage: random bytes
-    whenever the board starts; reset, unplug: s of device time from one to the next, 0 never."""
+    """Faults of a serial line.
+
+    lost, torn: probability that a message is lost, or truncated; flip: probability that a bit is flipped; garbage: count of random
+    bytes at each start of the board; reset, unplug: interval in s of device time, 0 for never.
+    """
 
     lost: float = 0.0
     flip: float = 0.0
@@ -61,7 +64,7 @@ class LineFaults:
 
     @classmethod
     def parse(cls, text: str) -> LineFaults:
-        """``lost=0.05,flip=0.01``; CalibrationError says which word is wrong."""
+        """Parse text such as ``lost=0.05,flip=0.01``; CalibrationError names the wrong word."""
         known = [field.name for field in fields(cls)]
         chosen = {}
         for word in filter(None, text.split(",")):
@@ -77,7 +80,7 @@ class LineFaults:
 
 
 def spoil(messages: list[bytes], faults: LineFaults, rng: np.random.Generator) -> bytes:
-    """What arrives of these messages."""
+    """Bytes of the messages as they arrive."""
     if faults.lost:
         messages = [message for message, luck in zip(messages, rng.random(len(messages)), strict=True) if luck >= faults.lost]
     if faults.torn:
@@ -88,19 +91,20 @@ def spoil(messages: list[bytes], faults: LineFaults, rng: np.random.Generator) -
 
 
 def flipped(data: bytes, probability: float, rng: np.random.Generator) -> bytes:
-    """Each bit turned over with this probability."""
+    """Flip each bit with this probability."""
     bits = np.unpackbits(np.frombuffer(data, np.uint8))
     return np.packbits(bits ^ (rng.random(len(bits)) < probability)).tobytes()
 
 
-# What a guided session asks for before its closure run: the table is set onto its index mark, and rests there.
+# A guided session needs the table on its index mark before the closure run, with a still there.
 
-#: of the closure run, and of still_s: a rest on the mark, before the run and in it; longer than any that is asked for there
+#: rest on the mark before the closure run: a fraction of the run's length, or a multiple of still_s, plus seconds; longer than a
+#: guided session requests
 REST_PART, REST_STILLS, REST_MORE_S = 0.11, 4.0, 1.5
 
 
 def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPlan:
-    """A plan with a closure run, before which all gimbals are turned to their zeros, and rest."""
+    """Insert a turn of all gimbals to their zeros, and a still, before the plan's closure run."""
     if plan.closure is None:
         return plan
     rng = np.random.default_rng([options.seed, 99])
@@ -111,7 +115,7 @@ def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPla
     begin_s, rest_s = plan.log_s, max(REST_PART * options.closure_s, REST_STILLS * options.still_s) + REST_MORE_S
     back = [-((angle + np.pi) % (2 * np.pi) - np.pi) for angle in angles]
     way = [stroke(gimbal, begin_s, options.turn_s, float(change), rng) for gimbal, change in enumerate(back)]
-    if len(slower := not_faster(way, PEAK_RPS)) and slower is not way:  # a slower hand takes longer; it still arrives
+    if len(slower := not_faster(way, PEAK_RPS)) and slower is not way:  # a slower hand takes longer for the same angle
         seconds = options.turn_s * float(way[0].change_rad / slower[0].change_rad)
         way = [replace(each, duration_s=seconds) for each in way]
     later_s = max(each.duration_s for each in way) + rest_s
@@ -122,20 +126,23 @@ def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPla
 
 
 def _later(each: GimbalTurn, seconds: float) -> Stroke:
-    assert isinstance(each, Stroke)  # a hand's plan holds no others
+    assert isinstance(each, Stroke)  # a hand's plan holds only strokes
     return replace(each, start_s=each.start_s + seconds)
 
 
-# What the board's sensor reads: still, then a session, then still for as long as one likes.
+# Readings of the board's sensor: still, then a session, then still without end.
 
-#: the first and the last this much of a session is still
+#: length of the still at each end of a session
 STILL_S = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class BoardSource:
-    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
-    the model and the full scales of ``info`` do not say it; number: which of a simulated sensor's movements (``takes``)."""
+    """Session that a board streams.
+
+    rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: scaling of the registers,
+    if the model and the full scales of ``info`` do not define it; number: which take of a simulated sensor it is (``taken``).
+    """
 
     rows: np.ndarray
     info: Info
@@ -144,7 +151,7 @@ class BoardSource:
     number: int | None = None
 
     def in_units(self, rows: np.ndarray) -> np.ndarray:
-        """Registers (n, 7) in dps, g and degC; 0 degC where the temperature's meaning is not known."""
+        """Registers (n, 7) in dps, g and degC; 0 degC if the temperature's scaling is unknown."""
         values, info = rows.astype(float), self.info
         units = self.units or RegisterUnits(info.sensor or DEFAULT, info.gyro_fs_dps, info.accel_fs_g)
         temp_c = units.temperature_c(values[:, 6])
@@ -152,7 +159,7 @@ class BoardSource:
         return np.column_stack([values[:, :3] * (units.gyro_rps / DEG), values[:, 3:6] * (units.accel_mps2 / G), temp_c])
 
     def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
-        """Rows start <= i < stop; before 0 and behind the last, still ones: drawn from the first and the last still."""
+        """Rows start <= i < stop; rows before 0 and after the last are drawn from the first and the last still."""
         count = max(1, min(len(self.rows), round(STILL_S * self.info.odr_hz)))
         before = rng.integers(0, count, max(0, min(stop, 0) - start))
         behind = len(self.rows) - 1 - rng.integers(0, count, max(0, stop - max(start, len(self.rows))))
@@ -160,9 +167,9 @@ class BoardSource:
 
 
 def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> BoardSource:
-    """A simulated session; before its closure run, if any, the table is set onto its index mark, and all follows without a break.
+    """Simulate a session in which the table is set onto its index mark before the closure run, if any, without a break in the data.
 
-    calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: another sensor than the one that is drawn.
+    calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: replaces the sensor that is drawn.
     """
     from tinygc.simulation.write import config_text
 
@@ -175,7 +182,7 @@ def simulated(options: SimulationOptions, calibrated: bool = True, unit: Simulat
 
 
 def recorded(folder: Path) -> BoardSource:
-    """The logs of a session folder, one after the other, then its closure runs, as registers at the rate that their stamps show."""
+    """Logs of a session folder, one after the other, then its closure runs, as registers at the rate of their stamps."""
     session = read_session(folder)
     logs = [log.samples for log in (*session.logs, *session.closures)]
     sensor = session.config.sensor
@@ -186,7 +193,7 @@ def recorded(folder: Path) -> BoardSource:
 
 
 def _word(sensor: Sensor) -> str:
-    """The model as one word of a comment; empty where it is none that is known."""
+    """The model as one word of a comment; empty if the model is unknown."""
     return "" if sensor.profile is None else sensor.profile.name
 
 
@@ -204,30 +211,30 @@ def _registers(samples: Samples, session: Session) -> np.ndarray:
     return rows.astype(np.int16)
 
 
-# Which movement a virtual board streams: a real one that is switched on again is the same sensor, but no hand turns it twice alike.
+# Which movement a virtual board streams: switched on again, a real board is the same sensor, but its movement differs.
 #
-# A take is a movement, with its noise, of one simulated sensor.  The board remembers, beside its link, which takes of a seed it has begun,
-# and streams the next one; so a recording that was interrupted goes on with turns that it does not hold yet.
+# A take is one movement, with its noise, of one simulated sensor.  The board stores in a file next to its link which takes of a seed it
+# has begun, and streams the next one, so an interrupted recording continues with new turns.
 
 MOST_TAKES = 10**9
 MOST_BYTES = 100_000
 
 
 def taken(options: SimulationOptions, take: int) -> SimulationOptions:
-    """The session of that take, counted from 1: take 1 is the session of ``options`` itself, a later one has its unit."""
+    """Options of a take, counted from 1: take 1 has ``options`` itself, a later one another seed with the same unit."""
     if take == 1:
         return options
     (seed,) = np.random.SeedSequence([options.seed, take]).generate_state(1, np.uint64)
-    return replace(options, seed=int(seed) >> 1, unit_seed=options.unit_drawn_from)  # what a command line's --seed can be
+    return replace(options, seed=int(seed) >> 1, unit_seed=options.unit_drawn_from)  # within the range of the command line's --seed
 
 
 def next_take(link: Path, seed: int) -> int:
-    """The take of that seed that no board at ``link`` has begun yet; 1 where nothing is known."""
+    """First take of that seed not yet begun by a board at ``link``; 1 without a record."""
     return _known(link).get(seed, 0) + 1
 
 
 def remember(link: Path, seed: int, take: int) -> None:
-    """That a board at ``link`` begins this take.  Where it cannot be written the board streams all the same."""
+    """Record that a board at ``link`` begins this take; a failure to write is ignored."""
     known = _known(link)
     known[seed] = max(take, known.get(seed, 0))
     try:
@@ -241,7 +248,7 @@ def _memory_of(link: Path) -> Path:
 
 
 def _known(link: Path) -> dict[int, int]:
-    """Seed -> last take; nothing of a file that is none of ours."""
+    """Last take by seed; empty if the file is not valid."""
     try:
         pairs = [tuple(map(int, line.split())) for line in read_text(_memory_of(link), MOST_BYTES).splitlines()]
         known = {seed: take for seed, take in pairs}
@@ -250,25 +257,27 @@ def _known(link: Path) -> dict[int, int]:
     return known if all(0 < take < MOST_TAKES for take in known.values()) else {}
 
 
-# Streams a source in real time, or so many times faster.
+# Stream a source in real time, or faster by a factor.
 
 TICK_S = 0.004
-#: physical units with the digits of a float32, which a board's printf has
+#: physical units with the digits of a float32, as from a board's printf
 ROW, PHYSICAL_ROW = ",".join(["%d"] * 8) + "\n", ",".join(["%d"] + ["%.7g"] * 7) + "\n"
 PHYSICAL_HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
-CATCH_UP_S = 0.02  #: of lateness made up for in a tick
-RESET_S = 0.5  #: a board starts up in about this time
-UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
+CATCH_UP_S = 0.02  #: of delay made up for in a tick
+RESET_S = 0.5  #: startup time of a board
+UNPLUGGED_S = 1.0  #: host time for which a pulled cable stays out
 
 
 @dataclass
 class VirtualBoard:
-    """frames: instead of text lines; physical: the lines are in dps, g and degC.
+    """Stream a ``BoardSource`` to a terminal.
 
-    lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
-    returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes); clock: what time passes by.
+    frames: binary frames instead of text lines; physical: the lines are in dps, g and degC.
 
-    Counts: sent (samples that were put on the wire, or spoilt by the faults), starts (of the device).
+    lead_s: still time between the first reader and the session; tail_s: still time after it, then ``run`` returns; None: never
+    returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes); clock: source of time.
+
+    Counts: sent (samples that were put on the wire, or lost to the faults), starts (of the device).
     """
 
     source: BoardSource
@@ -287,7 +296,7 @@ class VirtualBoard:
     starts: int = 0
 
     def run(self) -> None:
-        """Stream until the tail is over."""
+        """Stream until the end of the tail."""
         self._rng = np.random.default_rng(self.seed)
         odr_hz = self.source.info.odr_hz
         lead, length = round(self.lead_s * odr_hz), len(self.source.rows)
@@ -306,7 +315,7 @@ class VirtualBoard:
                 self.say(f"a reader is there: {self.lead_s:g} s still, then the session")
                 self._start(self.uptime_s)
             due = -lead + int((self.clock.now_s() - began) * odr_hz * self.speed)
-            # A board that the machine let wait catches up in small steps: a burst would overrun its own memory.
+            # After a delay of the host, catch up in small steps: a burst would overrun the buffer.
             due = min(due, self._position + max(64, int(CATCH_UP_S * odr_hz * self.speed)))
             self._send(due if last is None else min(due, last))
             if not told and self._position >= length:
@@ -318,7 +327,7 @@ class VirtualBoard:
         return self._position + period_s * self.source.info.odr_hz if period_s else np.inf
 
     def _start(self, uptime_s: float) -> None:
-        """Switch on: sequence and time begin anew."""
+        """Switch on: restart sequence and time."""
         self._sequence, self._zero_us, self._zero = 0, uptime_s * 1e6, self._position
         self._next_info = self._position
         self._silent_until = self._position
@@ -329,7 +338,7 @@ class VirtualBoard:
             self.terminal.write(f"{PHYSICAL_HEADER if self.physical else HEADER}\n".encode())
 
     def _send(self, due: int) -> None:
-        """All samples before ``due``."""
+        """Send all samples before ``due``."""
         while self._position < due:
             stop = min(due, self._next_info) if self._next_info > self._position else self._position
             if stop > self._position:
@@ -358,7 +367,7 @@ class VirtualBoard:
             message = frames.encode_info(self._sequence, self.source.info)
             self._sequence += 1
         else:
-            message = f"# {comment(self.source.info.text)}\n".encode()  # a serial number is one line, whatever it says
+            message = f"# {comment(self.source.info.text)}\n".encode()  # a serial number is kept to one line
         if self._position >= self._silent_until:
             self.terminal.write(spoil([message], self.faults, self._rng))
 

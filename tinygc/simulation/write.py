@@ -23,25 +23,25 @@ from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_bod
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simulate_session
 
-# ``turns.csv`` of a simulated session: turns about one gimbal, as a stop of a given repeatability would have them.
+# ``turns.csv`` of a simulated session: turns about one gimbal against a stop of given repeatability.
 
-#: the stop's own random stream, after those of ``simulate.py``
+#: the stop's own random stream, after those of ``simulator.py``
 STREAM = 6
-#: of the axis, as a person may have measured it
+#: digits of a turn axis, as a user may have measured it
 AXIS_DIGITS = 4
-#: turns smaller than this are of no use to anybody
+#: least useful turn
 LEAST_RAD = 10 * DEG
 
 
 def stopped_turns(plan: MovementPlan, options: SimulationOptions) -> tuple[KnownTurn, ...]:
-    """The turns of a plan about one gimbal alone; each stated angle errs by the stop's repeatability, drawn from the seed."""
+    """Turns of a plan about one gimbal alone; each stated angle has an error of the stop's repeatability, drawn from the seed."""
     if options.stop_sigma_deg == 0:
         return ()
     rng = np.random.default_rng(options.seed).spawn(STREAM + 1)[STREAM]
     found = []
     for number, (start_s, stop_s) in enumerate(plan.turns):
         strokes = [stroke for stroke in plan.strokes if start_s - 1e-9 <= stroke.start_s < stop_s]
-        error = rng.normal() * options.stop_sigma_deg * DEG  # drawn for every turn: the others keep theirs
+        error = rng.normal() * options.stop_sigma_deg * DEG  # drawn for every turn, used or not, which keeps the errors of the others
         change = sum(stroke.change_rad for stroke in strokes)
         if len({stroke.gimbal for stroke in strokes}) != 1 or abs(change) < LEAST_RAD:
             continue
@@ -54,25 +54,25 @@ def stopped_turns(plan: MovementPlan, options: SimulationOptions) -> tuple[Known
 
 
 def turns_text(turns: tuple[KnownTurn, ...]) -> str:
-    """The file."""
+    """Text of ``turns.csv``."""
     rows = [f"{turn.turn},{turn.words},{turn.angle_rad / DEG:.6f},{turn.sigma_rad / DEG:g}" for turn in turns]
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"
 
 
 def _axis(gimbal: int, angles: np.ndarray) -> np.ndarray:
-    """(3,) of a gimbal in the body, at angles (3,) rad, outer middle inner: those further in carry it along."""
+    """Axis (3,) of a gimbal in the body, at angles (3,) rad, outer middle inner; it depends on the gimbals inside it alone."""
     within = np.where(np.arange(3) > gimbal, angles, 0.0)
     return table_to_body(within[:, None], np.eye(3)[2 - gimbal])[0]
 
 
-# Write a simulated session as a folder (docs/formats.md, ``tinygc-session/1``), and its truth beside it.
+# Write a simulated session as a folder (docs/formats.md, ``tinygc-session/1``), with its truth.
 
 HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
 TRUTH_SCHEMA = "tinygc-truth/1"
 GZIP_LEVEL = 4  #: level 6 takes four times as long for six percent
 LOG, CLOSURE, CONFIG, TRUTH = "log0001.csv.gz", "closure0001.csv.gz", "session.toml", "truth.json"
 REST = "rest0001.csv.gz"
-#: begins the session.toml of a simulation
+#: first words in the session.toml of a simulation
 SIMULATED = "# SIMULATED"
 
 
@@ -85,8 +85,8 @@ def write_session(
 ) -> Path:
     """Simulate a session and write its folder; returns the folder.
 
-    distort as for ``simulate_session``; effects: what it conceals, by id (docs/formats.md), only for truth.json.  The same arguments give
-    the same bytes.  Raises FormatError where the folder holds something: ``force`` replaces an earlier simulation, nothing else.
+    distort as for ``simulate_session``; effects: those that it hides, by id (docs/formats.md), only for truth.json.  The same arguments
+    give the same bytes.  Raises FormatError if the folder is not empty: ``force`` replaces an earlier simulation, nothing else.
     """
     check_folder(folder, force)
     return write_simulation(simulate_session(options, distort), folder, force, effects, concealed=distort is not None)
@@ -99,8 +99,8 @@ def write_simulation(
     effects: Mapping[str, object] | None = None,
     concealed: bool | None = None,
 ) -> Path:
-    """The folder of a session that was simulated, and its truth; concealed: whether session.toml says that something is hidden (if
-    effects are given).  FormatError as of ``write_session``."""
+    """Write the folder of a simulated session, and its truth; concealed: whether session.toml states that an effect is hidden (by
+    default, if effects are given).  Raises FormatError as ``write_session`` does."""
     check_folder(folder, force)
     write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed))
     (folder / TRUTH).write_text(json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
@@ -108,7 +108,7 @@ def write_simulation(
 
 
 def write_files(simulation: Simulation, folder: Path, config: str) -> None:
-    """What a recorded session would hold, and no truth: ``config`` as session.toml, the log, the closure run, turns of known angle."""
+    """Write the files of a recorded session without the truth: ``config`` as session.toml, log, closure run, turns of known angle."""
     with result_folder(folder), naming(folder):
         (folder / CONFIG).write_text(config, encoding="utf-8")
         _write_log(folder / LOG, simulation, simulation.log)
@@ -123,7 +123,7 @@ def write_files(simulation: Simulation, folder: Path, config: str) -> None:
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """FormatError where a simulation may not be written there: something else lies in it, or a simulation and ``force`` is not set."""
+    """Raise FormatError if a simulation may not be written there: other files are present, or a simulation and ``force`` is not set."""
     present = names_in(folder, force)
     if not present:
         return
@@ -136,7 +136,7 @@ def check_folder(folder: Path, force: bool) -> None:
 
 
 def names_in(folder: Path, force: bool) -> set[str]:
-    """Of what lies where a simulation is to be written; FormatError for a file in its place, and for anything there without ``force``."""
+    """Names of files in the folder; FormatError if its path is a file, or if it is not empty and ``force`` is not set."""
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{folder}: that is a file; give a new folder")
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
@@ -146,7 +146,7 @@ def names_in(folder: Path, force: bool) -> set[str]:
 
 
 def _is_a_simulations(path: Path) -> bool:
-    """Whether a file may be one that a simulation wrote: a link leads to somebody's else, and a session.toml says so itself."""
+    """Whether a simulation may have written the file: a linked file belongs to others, and session.toml is marked."""
     if path.name == CONFIG and not path.is_symlink():
         return read_bytes(path, MOST_TOML).startswith(SIMULATED.encode())
     return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
@@ -161,7 +161,7 @@ def _write_log(path: Path, simulation: Simulation, recording: RegisterLog) -> No
 
 
 def packed_log(said: str, table: np.ndarray) -> bytes:
-    """A log of registers (N, 8), whole numbers, as its packed bytes; said: its comment."""
+    """Pack a log of registers (N, 8), whole numbers, as compressed bytes; said: its comment."""
     row = ",".join(["%d"] * table.shape[1]) + "\n"
     text = f"{said}\n{HEADER}\n" + row * len(table) % tuple(table.ravel().tolist())
     return gzip.compress(text.encode("ascii"), GZIP_LEVEL, mtime=0)  # mtime 0: the same seed gives the same bytes
@@ -172,7 +172,7 @@ def _serial(options: SimulationOptions) -> str:
 
 
 def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True) -> str:
-    """session.toml of a simulated session; calibrated: whether it tells the accelerometer's pre-calibration."""
+    """Text of session.toml of a simulated session; calibrated: whether it holds the accelerometer's pre-calibration."""
     options, unit = simulation.options, simulation.unit
     matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
     bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias)
@@ -203,7 +203,7 @@ reference = "gravity"
 
 
 def truth_table(simulation: Simulation, effects: Mapping[str, object]) -> dict:
-    """``tinygc-truth/1``: what was drawn, and what is hidden."""
+    """Content of ``tinygc-truth/1``: drawn parameters and hidden effects."""
     options, unit, plan = simulation.options, simulation.unit, simulation.plan
     return {
         "schema": TRUTH_SCHEMA,

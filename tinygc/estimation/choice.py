@@ -16,12 +16,12 @@ from tinygc.estimation.bias import BETTER_P, less_by_chance
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 
-# The contract's figures of closure errors, in degrees.
+# Figures of closure errors, in degrees.
 
 
 class ClosureFigures(TypedDict):
     """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known.  Where some turns have a known angle, it is
-    that of these turns, about each one's own axis."""
+    taken over these turns, about each one's own axis."""
 
     tilt_rms_deg: float
     roll_rms_deg: float
@@ -30,7 +30,7 @@ class ClosureFigures(TypedDict):
 
 
 def closure_figures(angles: np.ndarray) -> ClosureFigures:
-    """The four figures of error angles (S, 2 or 3) rad, in degrees."""
+    """Return the four figures of error angles (S, 2 or 3) rad, in degrees."""
     rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
     third = angles[:, 2:][angles[:, 2:] != 0]  # 0, exactly, where a segment's angle is not known
     return {
@@ -42,24 +42,24 @@ def closure_figures(angles: np.ndarray) -> ClosureFigures:
 
 
 def run_figures(errors: np.ndarray) -> dict[str, float]:
-    """The figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
+    """Return the figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
     roll, pitch, yaw = (float(error) / DEG for error in errors)
     return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": float(np.sqrt(np.mean(errors**2))) / DEG}
 
 
-# A calibration is worth something only where it closes turns that it never saw better than the raw rates do.
+# A calibration is useful only if its closure error on held-out turns is smaller than that of the raw rates.
 #
-# Raw is whichever is the better of the two that fit nothing: the rates as they were measured, or less what the first still reads.  Below
-# ``ENOUGH_SEGMENTS`` it is not decided: folds of a few turns leave a fit too little to be judged by, and it is said, but no fail.
+# Raw is the better of the two methods that fit nothing: the measured rates, or these less the first still's mean.  Below
+# ``ENOUGH_SEGMENTS`` there is no verdict: folds of a few turns are too small for one, so the result is a warning, not a failure.
 
-#: methods that fit nothing: shown as the sensor measured
+#: methods that fit nothing
 RAW = ("raw", "raw_bias_removed")
 
 
 @dataclass(frozen=True)
 class AgainstRaw:
-    """method: the better of the raw ones; tilt_rms_deg that it leaves; held_out: method -> the same of each that was fitted, on segments
-    that it never saw; segments: how many there are."""
+    """The comparison with raw rates: method: the better of the raw ones; its tilt_rms_deg; held_out: method -> the held-out tilt of each
+    fitted method; segments: their number."""
 
     method: str
     tilt_rms_deg: float
@@ -68,25 +68,25 @@ class AgainstRaw:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Methods that leave more than raw does: not to be used."""
+        """Methods that are worse than raw and should not be used."""
         return tuple(name for name, tilt in self.held_out.items() if self.is_worse(tilt))
 
     @property
     def failed(self) -> bool:
-        """Whether nothing that was fitted is better than raw, by turns enough to say so."""
+        """Whether no fitted method is better than raw, with enough turns for a verdict."""
         return bool(self.held_out) and len(self.worse) == len(self.held_out) and self.segments >= ENOUGH_SEGMENTS
 
     def is_worse(self, tilt_rms_deg: float) -> bool:
-        """Whether a held-out tilt is worse than raw, or no number at all."""
+        """Whether a held-out tilt is worse than raw, or not a number."""
         return not tilt_rms_deg <= self.tilt_rms_deg
 
     def condemns(self, tilt_rms_deg: float) -> bool:
-        """Whether a held-out tilt is worse than raw, by turns enough to say so."""
+        """Whether a held-out tilt is worse than raw, with enough turns for a verdict."""
         return self.is_worse(tilt_rms_deg) and self.segments >= ENOUGH_SEGMENTS
 
     @property
     def words(self) -> str:
-        """One sentence on those that are worse; empty without one."""
+        """Describe the worse methods in one sentence, empty without one."""
         if not self.worse:
             return ""
         listed = ", ".join(f"{METHODS[name].title} {self.held_out[name]:.4f}°" for name in self.worse)
@@ -98,12 +98,12 @@ class AgainstRaw:
         )
 
     def to_json(self) -> dict:
-        """``against_raw`` of ``tinygc-fit/1``."""
+        """Return ``against_raw`` of ``tinygc-fit/1``."""
         return {"method": self.method, "tilt_rms_deg": self.tilt_rms_deg, "worse": list(self.worse), "passed": not self.failed}
 
 
 def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, MethodFit]) -> AgainstRaw:
-    """Of the methods by name; problem: with the rates as they were measured, for the raw ones that are not among them."""
+    """Compare the methods by name with raw; problem: with the measured rates, for raw methods that are not among them."""
     raw = {name: _tilt(fits[name] if name in fits else run_method(name, problem, options)) for name in RAW}
     best = min(raw, key=raw.__getitem__)
     held_out = {name: _tilt(fit) for name, fit in fits.items() if name not in RAW}
@@ -111,8 +111,8 @@ def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, Method
 
 
 def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
-    """Held-out tilt of a method and raw's, degrees, inf where there is no number, of a ``fit.json`` (``fit_file.JUDGED``) where the first
-    is worse, or no number, by turns enough; None where it is not, or where the file says nothing of that method."""
+    """Return the held-out tilts of a method and of raw, degrees, inf where there is no number, from a ``fit.json`` (``results.JUDGED``), if
+    the first is worse, or no number, with enough turns; None otherwise, or where the file lacks that method."""
     if method not in fit.get("methods", {}) or "against_raw" not in fit or fit["segments"]["used"] < ENOUGH_SEGMENTS:
         return None
     tilts = (fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"])
@@ -124,20 +124,20 @@ def _tilt(fit: MethodFit) -> float:
     return closure_figures(fit.held_out)["tilt_rms_deg"]
 
 
-# Which of a fit's models to use: the simplest that no other betters, on segments that neither has seen, by more than chance.
+# The model to use: the simplest that no other one significantly improves on, on held-out segments.
 #
-# Better by more than chance is what ``bias_choice`` asks of the stills: Wilcoxon's signed ranks of the held-out tilts, segment by segment,
-# shared among as many models as are tried.  And by something: models that minimise the same residual differ by a last digit, always the
-# same way round, which is no chance and worth nothing.
+# Significance is tested as for the bias from the stills: Wilcoxon's signed ranks of the held-out tilts, segment by segment, with the level
+# divided by the number of models tried.  The difference must also have a size: models that minimise the same residual differ in the last
+# digit, always in the same direction, which is significant but useless.
 
-#: two closures that differ by less are one (as two floors are, in the report)
+#: relative difference below which two closures are equal (as are two floors in the report)
 SAME = 0.01
 
 
 @dataclass(frozen=True)
 class ModelToUse:
-    """method: whose model to use, None: no one's; best: of those fitted, the one with the least held-out tilt, None without one; p_value:
-    that it, or ``method`` in place of a simpler one, is better by chance, None where nothing was compared; why: a sentence."""
+    """The model to use: its method, None for none; best: the fitted method with the least held-out tilt, None without one; p_value: of
+    it, or of ``method`` against a simpler one, being better by chance, None where nothing was compared; why: a sentence."""
 
     method: str | None
     best: str | None
@@ -145,12 +145,12 @@ class ModelToUse:
     why: str
 
     def to_json(self) -> dict:
-        """``use`` of ``tinygc-fit/1``."""
+        """Return ``use`` of ``tinygc-fit/1``."""
         return {"method": self.method, "best": self.best, "p_value": self.p_value, "why": self.why}
 
 
 def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mapping[str, list[int]]) -> ModelToUse:
-    """Of the methods by name; numbers: of the segments that each one's angles belong to."""
+    """Select among the methods by name; numbers: the segments that each one's angles belong to."""
     fitted = sorted((name for name in fits if name not in RAW), key=lambda name: (fits[name].parameters, list(METHODS).index(name)))
     tilts = {name: closure_figures(fits[name].held_out)["tilt_rms_deg"] for name in fitted}
     able = [name for name in fitted if not raw.is_worse(tilts[name])]

@@ -1,4 +1,4 @@
-"""``fit --conditions``: TinyGC-TrainableNet with conditions as a method beside the others, held out fold by fold as they are."""
+"""``fit --conditions``: the calibration net with conditions as a further method, validated on the same folds as the others."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """Fit to all segments, then to all but each fold in turn, told ``options.conditions``.
+    """Fit to all segments, then to all but each fold in turn, with ``options.conditions`` as inputs.
 
-    Raises FitError where the log lacks what the net is to be told.
+    Raises FitError where the log lacks such an input.
     """
     names = options.conditions
     known = conditions(problem)
@@ -40,7 +40,7 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     for k in range(folds):
         held_out[fold == k] = _angles(batch.pick(fold == k), train(fold != k).net, options.integrator)
         progress(k + 2, folds + 1)
-    assert isinstance(trained.net, ConditionsNet)  # the kind that it began as
+    assert isinstance(trained.net, ConditionsNet)  # training keeps the type
     model, notes = ConditionsModel(trained.net, known), {"tie": trained.tie, "loss": list(trained.loss)}
     return MethodFit("tinygc_conditions", model, _angles(batch, trained.net, options.integrator), held_out, seconds, notes)
 
@@ -50,7 +50,7 @@ def _angles(batch: Batch, net: TrainableNet, integrator: str) -> np.ndarray:
 
 
 def _padded(problem: Problem, inputs: list[np.ndarray]) -> Batch:
-    """The problem's batch with the net's inputs in the place of the measured rates; short segments stand, as there."""
+    """Return the problem's batch with the net's inputs in place of the measured rates; short segments are padded as there."""
     rate = np.empty((*problem.batch.rate.shape[:2], inputs[0].shape[1]))
     for row, segment in zip(rate, problem.used, strict=True):
         count = segment.stop - segment.start

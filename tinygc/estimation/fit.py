@@ -34,7 +34,7 @@ from tinygc.estimation.stated_noise import (
 )
 from tinygc.models.linear import LinearModel
 
-#: told what is being done, and how many steps of how many are done
+#: callback with the current task, the number of steps done, and their total
 Progress = Callable[[str, int, int], None]
 
 if TYPE_CHECKING:
@@ -49,12 +49,12 @@ def fit_session(
     prepared: Prepared | None = None,
     physics: FitPhysics | None = None,
 ) -> FitResult:
-    """Run the main job on a session, or on a session folder.
+    """Fit a calibration to a session, or to a session folder.
 
-    progress is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are taken as they are where
-    they were made from the same files with the same options; prepared: the session, where somebody has it already; physics: fits what
-    ``options.physics`` names, and is needed for that.
-    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
+    progress: callback with the current task and its progress; saved: a folder of ``save_models`` whose methods are reused where they were
+    made from the same files with the same options; prepared: the session, if it is prepared already; physics: fits the effects that
+    ``options.physics`` names, and is required for that.
+    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are requested and
     there are none.
     """
     given = None
@@ -96,13 +96,13 @@ def fit_session(
     if options.physics is not None:
         if physics is None:
             raise ValueError("options.physics is fitted by a function that is given as physics")
-        # A given calibration is what `explain` weighs against reference.accelerometer.
+        # `explain` compares a given calibration with reference.accelerometer.
         whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
         named = physics(whole, options, runs, lambda what: progress(what, 0, 1))
         fits |= named.methods
         errors = [error | more for error, more in zip(errors, named.run_errors, strict=True)]
     model = linear.model
-    assert isinstance(model, LinearModel)  # that is what least squares fits
+    assert isinstance(model, LinearModel)
     if given is None:
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
@@ -118,7 +118,7 @@ def fit_session(
     other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
-        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # several days' weights are no noise
+        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
         options=options,
         methods=fits,
         runs=runs,
@@ -146,8 +146,8 @@ def fit_session(
 def _stated(
     problem: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions
 ) -> tuple[GoodnessOfFit, float, np.ndarray, np.ndarray | None]:
-    """Goodness of fit; the factor by which the covariance is widened beyond all noise; the covariance (12, 12), widened; and what of it
-    the accelerometer's pre-calibration adds, None where that is not in it."""
+    """Return the goodness of fit; the variance inflation beyond all noise; the covariance (12, 12), inflated; and the part of it from the
+    accelerometer's pre-calibration, None where that is not included."""
     if noise is None:
         wander = problem.wander
         found = goodness(problem.batch, problem.floor, model, wander)
@@ -162,8 +162,8 @@ def _stated(
 def _run_methods(
     problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress, saved: Path | None
 ) -> tuple[dict[str, MethodFit], tuple[str, ...]]:
-    """The methods by name, and the names of those that were taken as they had been saved; level: the problem with the bias that was
-    chosen, to which all that is fitted is fitted; linear: least squares of it."""
+    """Return the methods by name, and the names of those that were reused from saved files; level: the problem with the selected bias,
+    which all methods are fitted to; linear: its least squares."""
     known = {} if saved is None else results.saved_methods(saved, level, options, input_hashes(problem.session))
     known.setdefault("least_squares", linear)
     fits: dict[str, MethodFit] = {}

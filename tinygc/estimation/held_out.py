@@ -1,4 +1,4 @@
-"""Run a method: on all segments, then on all but each fold, for the closure of segments that it never saw."""
+"""Run a method on all segments, then on all but each fold, for its closure on held-out segments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.models.model import Model
 
-# Run a method by its name.  All minimise the same residual on the same segments, and all give a model: measured rates in, rates out.
+# Run a method by its name.  All minimise the same residual on the same segments, and all return a model from measured to calibrated rates.
 
 
 def run_method(
@@ -28,9 +28,9 @@ def run_method(
     progress: Progress = lambda done, of: None,
     before: dict[str, MethodFit] | None = None,
 ) -> MethodFit:
-    """Fit to all segments, and to all but each fold in turn; ``before``: what was fitted already, of use to what builds upon it.
+    """Fit to all segments, and to all but each fold in turn; ``before``: the methods fitted already, which a method may build upon.
 
-    Raises ValueError for a name that is no method, or not one that is fitted by itself, and FitError where the fit does not settle.
+    Raises ValueError for a name that is no method, or not one that is fitted by itself, and FitError where the fit does not converge.
     """
     if name not in METHODS:
         raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
@@ -40,21 +40,21 @@ def run_method(
     return getattr(importlib.import_module(module), function)(problem, options, progress, before or {})
 
 
-# Fit to all segments, then to all but each fold in turn: the closure of segments that a fit never saw.
+# Fit to all segments, then to all but each fold in turn, for the closure on held-out segments.
 
-#: segments from which on a search may begin where another one of them ended, and see them gathered (benchmarks/long_sessions.py)
+#: segments from which on a search may begin at another's result and use gathered data (benchmarks/long_sessions.py)
 MANY = 400
 
 
 @dataclass(frozen=True, eq=False)
 class FitInput:
-    """What one fit sees: some of the segments, or all.
+    """Input of one fit: some of the segments, or all.
 
-    batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
-    that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
-    model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees; same: whether
-    their references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
-    not to be fitted; prior: of the problem.
+    batch of S segments; sigma (S, d) rad; start: the model that removes the first still's bias; still_rates where they are data; order
+    (S,): consecutive numbers where a segment begins with the still that the one before ended with, None where each stands alone; whole:
+    the model fitted to all segments, for a fold; among (S all,) bool: the segments of a fold; same: whether their references are
+    those of the fit to all; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s from the stills, where it is not fitted;
+    prior: of the problem.
     """
 
     batch: Batch
@@ -72,7 +72,7 @@ class FitInput:
     prior: GaussianPrior | None = None
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> FitInput:
-        """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
+        """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
         same = batch is self.batch
         batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
@@ -86,7 +86,7 @@ FitOnce = Callable[[FitInput], tuple[Model, dict]]
 def held_out(
     name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Progress, integrator: str | None = None
 ) -> MethodFit:
-    """``fit`` as the method of that name; integrator: that it is judged by, where it is not the options'."""
+    """Run ``fit`` as the method of that name; integrator: for its closure, if not that of the options."""
     batch, judged_by = problem.batch, integrator or options.integrator
     folds = min(options.folds, len(batch))
     steps = folds + 1
@@ -94,7 +94,7 @@ def held_out(
         batch=batch,
         sigma=problem.floor.sigma,
         options=options,
-        # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
+        # A session with a truth file may never rest: then the bias that closes it replaces the first still's.
         start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
         still_rates=problem.still_rates if options.still_rates else None,
         order=consecutive(problem.used) if options.parts > 1 else None,
@@ -109,7 +109,7 @@ def held_out(
     fold = np.arange(len(batch)) % folds
     for k in range(folds):
         seen = fold != k
-        # The accelerometer, too, is estimated without the turns that it is judged by.
+        # The accelerometer, too, is estimated without the held-out turns.
         apart = batch if problem.joint is None else problem.joint.without(~seen, batch)
         part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
         models.append(part)
@@ -119,5 +119,5 @@ def held_out(
 
 
 def tell(progress: Progress, before: int, steps: int, done: int, of: int) -> None:
-    """So many of the ``steps`` are behind, each of ``of``."""
+    """Report progress after ``before`` of the ``steps``, with ``done`` of ``of`` in the current one."""
     progress(before * of + done, of * steps)

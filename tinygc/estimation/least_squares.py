@@ -16,15 +16,15 @@ from tinygc.models.linear import LinearModel
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """E and B.  Raises FitError where the search does not settle."""
+    """Fit E and B.  Raises FitError where the search does not converge."""
     near = before.get("least_squares")
     begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
     return held_out("least_squares", _LeastSquaresFits(begin), problem, options, progress)
 
 
 class _LeastSquaresFits:
-    """The fit to all segments, from a model near its answer if there is one, then to folds of them, each of which begins where the first
-    ended: what it needs there is known."""
+    """The fit to all segments, from a nearby model if there is one, then to folds of them, each of which begins at the first result, where
+    the sensitivity is already computed."""
 
     def __init__(self, near: LinearModel | None):
         self.near = near
@@ -34,12 +34,12 @@ class _LeastSquaresFits:
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         options, rest = seen.options, seen.rest_rps
-        rates = seen.still_rates if rest is None else None  # the stills are in the readings already
+        rates = seen.still_rates if rest is None else None  # the readings already include the stills
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
         if self.rows is not None and seen.among is not None and seen.same:
             begin = self.rows.pick(seen.among)
         elif self.all is not None and seen.among is not None and seen.batch.turns is None and options.integrator == "exact":
-            # Other references, but the same rates: what those turn is known.
+            # The references differ, but the rates do not: their rotations are already computed.
             if self.ends is None:
                 model, batch = cast(LinearModel, seen.whole), self.all
                 if rest is not None:

@@ -1,6 +1,6 @@
-"""The sessions of a folder, each in a line: what was recorded when with what, and what ``fit`` and ``explain`` last said of it.
+"""List the sessions of a folder, one line each: date, sensor, recordings, and the last results of ``fit`` and ``explain``.
 
-Nothing is computed and no log is read: session.toml, the names of the files, ``fit/fit.json`` and ``explain/explain.json``.
+Nothing is computed and no log is read, only session.toml, the names of the files, ``fit/fit.json`` and ``explain/explain.json``.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ EXPLAINED = Keys({"verdict": Text()})
 
 @dataclass(frozen=True)
 class ListedSession:
-    """One session folder.  date: when it was recorded, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: whose
-    model to use (of an older fit, None); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
-    cannot be read; units: of an array, whose logs and closure runs are each of all its units; a part that is not known is None."""
+    """One session folder.  date: of the recording, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: that of the
+    model to use (None for an older fit); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
+    cannot be read; units: number in an array, whose logs and closure runs each include all units; an unknown part is None."""
 
     folder: Path
     date: str | None = None
@@ -51,12 +51,12 @@ class ListedSession:
     units: int | None = None
 
     def to_json(self) -> dict:
-        """A row of ``tinygc-list/1``."""
+        """Return a row of ``tinygc-list/1``."""
         return {**vars(self), "folder": str(self.folder), "runs_deg": list(self.runs_deg)}
 
 
 def list_sessions(folder: Path) -> list[ListedSession]:
-    """Those in a folder, or the folder itself, by name; one that cannot be read is listed with the reason."""
+    """List the sessions in a folder, or the folder itself, by name; one that cannot be read is listed with the reason."""
     return [_listed(each) for each in _folders(folder)]
 
 
@@ -66,7 +66,7 @@ def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
             yield folder
             return
         inside = sorted(each for each in folder.iterdir() if not each.name.startswith(".") and each.is_dir() and not each.is_symlink())
-    except OSError:  # what nobody may look into; those beside it are listed
+    except OSError:  # an unreadable folder is skipped
         return
     for each in inside[:MOST_FOLDERS] if depth <= DEEPEST else ():
         yield from _folders(each, depth + 1)
@@ -94,7 +94,7 @@ def _listed(folder: Path) -> ListedSession:
 
 
 def _array(folder: Path, units: int) -> dict[str, Any]:
-    """Of an array: its sensor as session.toml, or its first unit's, names it, and its first unit's logs."""
+    """Return an array's sensor from session.toml, or from its first unit's, and its first unit's logs."""
     listed = array_folders(folder)
     first = folder / listed[0] if listed else folder
     config = read_config(first / "session.toml")
@@ -126,8 +126,8 @@ def _fitted(path: Path) -> dict[str, Any]:
 
 
 def date_of(folder: Path, config: Config, logs: Sequence[Path] = ()) -> tuple[str | None, str | None]:
-    """When a session was recorded, and who says so: when the port was first opened; else what the notes say; else when the oldest of these
-    logs was last written."""
+    """Return the date of a session and its source: the first opening of the port, else the notes, else the time at which the oldest of
+    these logs was last written."""
     times = folder / "raw.times"
     if times.exists():
         with open_file(times) as file:

@@ -1,4 +1,4 @@
-"""The methods by name, what each gives, and the options of a fit."""
+"""The methods by name, their results, and the options of a fit."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
 
     from tinygc.models.model import Model
 
-# The methods by name, in the order of the report.  Adding a method is adding a line here, and the module that it names.
+# The methods by name, in the order of the report.  A new method needs a line here, and the module that it names.
 #
 # Nothing heavy is imported before a method runs: the command line takes its names from here.
 
-#: told how many steps of how many are done
+#: callback with the number of steps done and their total
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way from a problem to a model.
+    """A method of fitting a model to a problem.
 
-    name: in the JSON and on the command line; title: in tables; function: ``module:name`` of what gives the ``MethodFit`` when it is called
-    with (problem, options, progress, before), ``before`` being what was fitted already, by name; None for named physics, which
-    ``fit_session`` is given;
-    parameters: how many it fits, None for as many as its model has; chosen: whether ``--methods`` may name it (the others come with an
-    option of their own); trained: whether AdamW can train it.
+    name: in the JSON and on the command line; title: in tables; function: ``module:name`` of a function that returns the ``MethodFit`` from
+    (problem, options, progress, before), ``before`` being the methods fitted already, by name; None for named physics, which
+    is an argument of ``fit_session``;
+    parameters: number of fitted parameters, None for as many as its model has; chosen: whether ``--methods`` may name it (the others have
+    an option of their own); trained: whether AdamW can train it.
     """
 
     name: str
@@ -55,16 +55,16 @@ METHODS = {
         Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
     )
 }
-#: what ``--methods`` may name, and does by default
+#: methods that ``--methods`` may name, and its default
 CHOSEN = tuple(method.name for method in METHODS.values() if method.chosen)
 
 
-# What each method gives: a model, and the closure that it leaves.
+# The result of a method: a model, and its closure error.
 
 
 @dataclass(frozen=True, eq=False)
 class MethodFit:
-    """One method's model; angles (S, d) rad it leaves on the segments it was fitted to, and held_out (S, d) on those it never saw;
+    """One method's model; its error angles (S, d) rad on the segments it was fitted to, and held_out (S, d) on held-out segments;
     seconds that the fit to all segments took; notes on how it was found; fold_models: the model of each fold."""
 
     name: str
@@ -77,19 +77,19 @@ class MethodFit:
 
     @property
     def parameters(self) -> int:
-        """Numbers that were fitted."""
+        """Number of fitted parameters."""
         own = METHODS[self.name].parameters
         return self.model.parameters if own is None else own
 
 
-# What a person may set of the denoiser.
+# Options of the denoiser.
 
 DENOISE_LOSSES = ("endpoint", "still", "neighbours")
 
 
 @dataclass(frozen=True)
 class DenoiseOptions:
-    """loss; delay in samples at which ``neighbours`` aims; reduction: factor by which it takes the noise at rest down; slope of the leaky
+    """Options of the denoiser: loss; delay in samples and noise reduction factor at rest that ``neighbours`` aims at; slope of the leaky
     ReLUs (AdamW only, if not 1); optimizer, epochs, seed of the start."""
 
     loss: str = "neighbours"
@@ -101,20 +101,20 @@ class DenoiseOptions:
     seed: int = 0
 
 
-# Where a training leaves what it can go on from: the record alone, which the options hold; what is in the file, ``minimise`` knows.
+# The checkpoint of a training: only its path is part of the options; ``minimise`` reads and writes the file.
 
 NAME = "checkpoint_{}.json"
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """path of the file; resume: whether to go on from it where it is there."""
+    """A checkpoint file: its path; resume: whether to continue from it if it exists."""
 
     path: Path
     resume: bool = False
 
 
-# What a person may set of a fit.
+# Options of a fit.
 
 INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
 BIASES = ("auto", "ends", "stills")
@@ -124,30 +124,30 @@ LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What decides a fit's numbers.  CalibrationError for what cannot be; one name may stand for a tuple of one.
+    """Options that determine a fit's numbers.  Raises CalibrationError for invalid ones; one name may replace a tuple of one.
 
-    methods: in the order of the report, those that ``tinygc/estimation/options.py`` lets a person choose;
+    methods: some of ``CHOSEN``, in the order of the report;
     folds: of the held-out closure, 2 or more;
     seed: of the swarm, 0 or more;
-    still_rates: whether the mean rate in each still is data, too;
+    still_rates: whether the mean rate in each still is also data;
     integrator: ``exact``, or the paper's ``first-order``;
     optimizer: of the nets, ``second-order``, or the paper's ``adamw``;
     epochs: of adamw;
     loss: of the net, ``squared``, or the paper's ``distance``, not squared;
-    earth: whether the Earth's rotation is taken off;
-    physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none;
+    earth: whether the Earth's rotation is subtracted;
+    physics: ids of effects to fit as well, ("auto",) for those that `explain` would report, None for none;
     exclude: numbers of segments to leave out;
     denoise: options of tinygc_denoised;
     variant: of the calibration subnet, ``paper`` (27 parameters) or ``published`` (26);
-    parts: segments that the net's training carries the attitude through;
-    conditions: what a further net is told, some of ``temperature``, ``force``;
-    checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does;
+    parts: segments over which the net's training propagates the attitude;
+    conditions: inputs of a further net, some of ``temperature``, ``force``;
+    checkpoints: folder of AdamW's checkpoints, and resume: whether it continues from them;
     bias_per_log: whether each log has a bias of its own, of which the median is kept;
-    bias: from the ``ends`` of the turns, as everything else, from the ``stills`` around each, or ``auto``: what closes held-out
-        segments better.
+    bias: from the ``ends`` of the turns, as all other parameters, from the ``stills`` around each, or ``auto``: the source with the
+        smaller closure error on held-out segments.
     accelerometer: its calibration is the one ``given``, that of a ``fit``, or a given one is a ``prior``; ``auto``: a prior where one is
-        given and holds, else a fit;
-    lot: file of a lot of units, the prior of least squares; other methods are fitted without it.
+        given and agrees with the data, else a fit;
+    lot: file of a production lot, the prior of least squares; other methods are fitted without it.
     """
 
     methods: tuple[str, ...] = CHOSEN
@@ -196,7 +196,7 @@ class FitOptions:
             raise CalibrationError(f"{name} is {getattr(self, name)!r}, expected {expected}")
 
     def checkpoint(self, name: str) -> Checkpoint | None:
-        """Of one training, or None."""
+        """Return the checkpoint of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None
         return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

@@ -1,6 +1,6 @@
-"""Named physics in a fit's result: the record that grows while it is fitted, and the covariance of its parameters.
+"""Named physics in a fit's result: its record, and the covariance of its parameters.
 
-``tinygc/explanation/physics.py`` makes the record; a fit takes it and stands on nothing above.
+``tinygc/explanation/physics.py`` makes the record; a fit receives it and depends on no layer above.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from tinygc.noise.whitening import Whitener
 class PhysicsFit:
     """Named physics fitted together with the linear model.
 
-    model; problem it was fitted to (mended); twin, whitener and refit behind it; mended: ids of what was mended before; refused: there
-    is a mismatch, and no name for it; methods: those that carry the physics, by name; run_errors: their errors (3,) rad in each closure
-    run; lost_s: moments in each run after which samples seem to be missing.
+    model; problem it was fitted to, after data repair; twin, whitener and refit that led to it; mended: ids of the effects repaired
+    before; refused: whether a mismatch remains that no effect explains; methods: those that include the physics, by name; run_errors:
+    their errors (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing.
     """
 
     model: PhysicsModel
@@ -42,38 +42,38 @@ class PhysicsFit:
     lost_s: tuple[np.ndarray, ...] = ()
 
 
-#: how ``fit_session`` gets named physics: from a problem, the fit's options, its closure runs, and what is told of the progress
+#: function that fits named physics; its arguments are the problem, the fit's options, its closure runs, and a progress callback
 FitPhysics = Callable[[Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
 
 
 def rate_covariance(found: Refit) -> np.ndarray:
-    """(12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; widened where the refit leaves more than
-    noise does."""
+    """Return the covariance (12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; inflated where the
+    refit's residuals exceed the noise."""
     rows = rows_of_rates(found.state)
     widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
     return found.covariance[np.ix_(rows, rows)] * widen
 
 
 def rows_of_rates(state: State) -> np.ndarray:
-    """Of ``State.vector``: the linear model, and the effects that add to the rate."""
+    """Return the rows of ``State.vector`` that belong to the linear model and the effects that add to the rate."""
     added = [claim_slice(state.claims, number) for number, claim in enumerate(state.claims) if claim.effect.kind == "rate"]
     return np.concatenate([np.arange(part.start, part.stop) for part in (LINEAR, *added)])
 
 
 def covariance_at_end(model: PhysicsModel, covariance: np.ndarray) -> dict:
-    """The same for the model as of the session's end, from this model's covariance (12 + P, 12 + P)."""
+    """Return the table for the model as of the session's end, from this model's covariance (12 + P, 12 + P)."""
     slope = model.at_end_slope()
     return covariance_table(model.at_end().undone, slope @ covariance @ slope.T)
 
 
 def covariance_table(claims: tuple[AppliedEffect, ...], covariance: np.ndarray) -> dict:
-    """For the model file: the covariance, and of what; theta as in ``theta_si``."""
+    """Return the covariance with the names of its parameters for the model file; theta as in ``theta_si``."""
     effects = [f"{claim.effect.id}[{i}]" for claim in claims for i in range(len(claim.theta))]
     return {"covariance": covariance.tolist(), "covariance_of": [*NAMES, *effects]}
 
 
 def loss_words(lost_s: np.ndarray) -> str:
-    """One sentence, or none."""
+    """Describe missing samples in one sentence, empty without any."""
     if not len(lost_s):
         return ""
     first = ", ".join(f"{moment:.1f}" for moment in lost_s[:3]) + (", …" if len(lost_s) > 3 else "")

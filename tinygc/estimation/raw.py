@@ -1,6 +1,6 @@
-"""The methods that fit nothing: the rates as they were measured, and these less what the first still shows.
+"""The methods that fit nothing: the measured rates, and the measured rates less the first still's mean.
 
-Every other method must be better than the first.  The second is what many programs do at switch-on.
+Every other method must be better than the first.  Many programs do the second at switch-on.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from tinygc.models.linear import bias_only
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """The method ``raw``."""
+    """Run the method ``raw``."""
     return held_out("raw", lambda seen: (bias_only(), {}), problem, options, progress)
 
 
 def run_bias_removed(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """The method ``raw_bias_removed``: three numbers, from the first still alone."""
+    """Run the method ``raw_bias_removed``: three numbers, from the first still alone."""
     return held_out("raw_bias_removed", lambda seen: (seen.start, {}), problem, options, progress)

@@ -1,4 +1,4 @@
-"""Everything that a fit found, and its files: ``fit.json``, models, methods that a later fit takes again."""
+"""The result of a fit, and its files: ``fit.json``, models, methods that a later fit reuses."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def versions() -> dict[str, str]:
-    """Of this project, its commit where it runs from a checkout, Python, and the packages that compute."""
+    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages."""
     found = {"TinyGC": VERSION}
     if commit := _commit():
         found["commit"] = commit
@@ -56,7 +56,7 @@ def versions() -> dict[str, str]:
 
 
 def _commit() -> str | None:
-    """Of the checkout that this file lies in, with a word if it has been changed since; None where there is none."""
+    """Return the commit of the checkout that contains this file, marked if it has changed since; None without a checkout."""
     if not (ROOT / ".git").exists() or not (ROOT / "calibrate.py").exists():
         return None
     try:
@@ -72,27 +72,26 @@ def _commit() -> str | None:
     return said.stdout.strip() or None
 
 
-# Everything a fit found.
+# The result of a fit.
 
-#: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
+#: suffix of a model as of its session's end, valid at any time, where another model follows the session's time
 AT_END = "_at_end"
-#: methods that are fitted to the problem that physics is
+#: methods that are fitted to the problem of the named physics
 PHYSICS = ("physics", "tinygc_physics")
 
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """Everything a fit found.
+    """The result of a fit.
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
-    ``widened``, what no noise explains; accelerometer_covariance (12, 12): what of it the accelerometer's pre-calibration adds; noise
-    that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
-    opposite choice of still rates; against_raw: whether what was fitted is better than nothing; first_order_rad: the largest error of
-    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
-    joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated
-    together; joint_shared (21, 21): what of it comes from a calibration that was given; lot: the use that was made of a prior from
-    outside, None without one.
+    ``widened``, the variance inflation that no noise explains; accelerometer_covariance (12, 12): its part from the accelerometer's
+    pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; other_choice: least squares
+    with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest error of
+    the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
+    taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
+    joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
+    jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one.
     """
 
     problem: Problem
@@ -123,35 +122,35 @@ class FitResult:
 
     @property
     def accelerometer(self) -> AccelerometerFit:
-        """That its references rest on."""
+        """The accelerometer's calibration that the references depend on."""
         config = self.session.config
         return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, config.site.expected_gravity_mps2)
 
     @property
     def session(self) -> Session:
-        """That was fitted."""
+        """The fitted session."""
         return self.problem.session
 
     @cached_property
     def use(self) -> ModelToUse:
-        """Which of the models to use, and why."""
+        """The model to use, and why."""
         problems = {name: self.physics.problem if self.physics and name in PHYSICS else self.problem for name in self.methods}
         return model_to_use(self.methods, self.against_raw, {name: [s.number for s in p.used] for name, p in problems.items()})
 
     @property
     def file_to_use(self) -> str | None:
-        """The name of that model's file; of one that follows its session's time, the one for any time."""
+        """The name of that model's file; where it follows its session's time, that of the model for any time."""
         name, physics = self.use.method, self.physics
         if name is None:
             return None
         return f"model_{name}{AT_END if physics and name in PHYSICS and physics.model.session_s is not None else ''}.json"
 
 
-# What a fit leaves of turns whose angle is known beforehand.
+# A fit's errors on turns whose angle is known beforehand.
 
 
 def known_turns_json(result: FitResult) -> list[dict]:
-    """``known_turns`` of ``tinygc-fit/1``: every row of turns.csv; errors of least squares, predicted less stated."""
+    """Return ``known_turns`` of ``tinygc-fit/1``: every row of turns.csv; errors of least squares, predicted less stated."""
     problem, found = result.problem, []
     row = {segment.number: i for i, segment in enumerate(problem.used)}
     for turn in problem.known_turns:
@@ -176,7 +175,7 @@ def known_turns_json(result: FitResult) -> list[dict]:
 
 
 def known_turns_words(result: FitResult) -> str:
-    """One line for the terminal; empty where no turn has a known angle."""
+    """Summarise them in one line for the terminal; empty where no turn has a known angle."""
     turns = known_turns_json(result)
     if not turns:
         return ""
@@ -194,7 +193,7 @@ SCHEMA = "tinygc-fit/1"
 
 
 def to_json(result: FitResult) -> dict:
-    """``tinygc-fit/1`` (docs/formats.md)."""
+    """Return the result as ``tinygc-fit/1`` (docs/formats.md)."""
     problem = result.problem
     rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth
@@ -275,9 +274,9 @@ def to_json(result: FitResult) -> dict:
     }
 
 
-# ``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them again; what nobody reads is not looked at.
+# ``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them; keys that are not used are not checked.
 
-#: dps and g per root Hz: a thousandth of what any sensor's range is
+#: dps and g per root Hz: a thousandth of any sensor's range
 _DENSITY = Array((3,), Number(0, 1e3))
 _TILT_DEG = Maybe(Number(0, 1e4))
 _NOISE: dict[str, Shape] = {
@@ -301,20 +300,20 @@ FILE_SHAPE = Keys(
     },
 )
 
-#: what a model may only leave the tool with: whether it was judged, by how many turns, and how noisy its sensor is
+#: figures that the export of a model requires: its held-out closure, the number of turns, and the sensor's noise
 _JUDGED: dict[str, Shape] = {
     "session": Text(),
     "segments": Keys({"used": Number(0, whole=True)}),
     "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
     "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
 }
-#: ``rebiased.json`` has the stored calibration among its methods, and no raw rates
+#: ``rebiased.json`` includes the stored calibration as a method, and has no raw rates
 JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
 
 
 def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
-    """The figures of a fit whose model of that method is exported: all that says whether it may be.  A method that ``fit`` has not, of
-    another program's model, need not be there.  FormatError as ``read_fit``."""
+    """Read the figures of a fit that decide whether its model of that method may be exported.  A method that ``fit`` does not have, for
+    another program's model, may be absent.  Raises FormatError as ``read_fit``."""
     fit = read_fit(path, do)
     require(fit, REBIASED if rebiased else JUDGED, str(path), do)
     if not rebiased and method in METHODS and method not in fit["methods"]:
@@ -323,14 +322,14 @@ def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> 
 
 
 def read_fit(path: Path, do: str = "fit again") -> dict:
-    """The figures of a fit.  FormatError: which key is what, what was expected there, and ``do``."""
+    """Read the figures of a fit.  Raises FormatError with the key, what was expected there, and ``do``."""
     return read_required(path, FILE_SHAPE, do)
 
 
-# What ``fit`` has saved, taken again where it was made from the same files, with the same options, by the same version.
+# Saved methods of ``fit``, reused where they were made from the same files, with the same options, by the same version.
 
 SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
-#: what decides the numbers of a method; which methods were asked for does not
+#: options that do not affect the numbers of a method
 IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
 _ANGLES = Array((None, None))
 _METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
@@ -338,7 +337,7 @@ SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": M
 
 
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:
-    """What must be the same, JSON-ready."""
+    """Return what must be equal for reuse, JSON-ready."""
     chosen = {
         name: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
         for name, value in asdict(options).items()
@@ -348,7 +347,7 @@ def key(options: FitOptions, hashes: dict[str, str]) -> dict:
 
 
 def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
-    """From what a fit was made, and of each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
+    """Return the inputs of a fit, and for each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
     entries = {
         name: {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
         for name, fit in methods.items()
@@ -357,7 +356,7 @@ def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, Me
 
 
 def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
-    """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
+    """Read the requested methods that a folder of ``fit`` contains for this problem; none where anything differs or cannot be read."""
     try:
         table = read_required(folder / SAVED_NAME, SAVED_SHAPE)
         if table["key"] != key(options, hashes):
@@ -391,7 +390,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         tables = model_tables(result)
         for name, table in tables.items():
             write_whole(folder / f"model_{name}.json", table)
-            if name + AT_END not in tables:  # of a fit before this one, whose physics followed time
+            if name + AT_END not in tables:  # from an earlier fit, whose physics followed time
                 (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
         made = made_from(result.options, input_hashes(result.session), result.methods)
         write_whole(folder / "fit.json", to_json(result))
@@ -402,17 +401,17 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
 def _truth_table(session: Session) -> dict | None:
     if session.alignment is None:
         return None
-    from session.detect.truth_alignment import alignment_table  # whose SciPy no session without a truth waits for
+    from session.detect.truth_alignment import alignment_table  # imported late: it loads SciPy
 
     return alignment_table(session.alignment)
 
 
 def model_tables(result: FitResult) -> dict[str, dict]:
-    """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known.
+    """Return each method's model as ``tinygc-model/1``, with its inputs and its uncertainty.
 
     Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
     """
-    # What looks at specific force, and whoever wants it calibrated, needs it beside the rates.
+    # Models that use specific force, and users of calibrated force, need it in addition to the rates.
     made_from = {
         "session": result.session.name,
         "sha256": input_hashes(result.session),
@@ -421,7 +420,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
     }
     tables = {}
     for name, fit in result.methods.items():
-        # What is fitted with physics may rest on another calibration of the accelerometer than what is fitted without.
+        # Models with physics may depend on another calibration of the accelerometer than those without.
         problem = result.physics.problem if result.physics is not None and name in PHYSICS else result.problem
         made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
         more: dict[str, Any] = {"method": name, **made_from}
@@ -455,5 +454,5 @@ def model_tables(result: FitResult) -> dict[str, dict]:
 
 
 def _began_s(problem: Problem) -> dict[str, float]:
-    """Of each log, s of the session at which it begins."""
+    """Return the time, s of the session, at which each log begins."""
     return {file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}

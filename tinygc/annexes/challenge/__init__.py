@@ -1,1 +1,1 @@
-"""``calibrate.py challenge``: the tool's own blind examination, for whoever doubts it."""
+"""``calibrate.py challenge``: a blind test of the tool that anyone can run."""

@@ -1,4 +1,4 @@
-"""Draw what each session hides, and simulate it."""
+"""Draw the hidden effects of each session, and simulate it."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Distort, Disturb, Simulation, plan_of, simulate_session
 from tinygc.simulation.write import config_text
 
-# Draw what each session hides, how much of it, and in what recording; nothing is simulated yet.
+# Draw the hidden effects, their sizes and the session's options; nothing is simulated yet.
 
 STRENGTHS = (1.0, 0.5, 0.2, 0.05)
-#: shares of what is hidden: so many effects of the catalogue; one that no catalogue has, alone or beside one or two of the catalogue
+#: shares of sessions by number of hidden catalogue effects; outside: one unknown to any catalogue, beside: with one or two of the catalogue
 SHARES = {"nothing": 0.20, "one": 0.35, "two": 0.10, "three": 0.10, "four": 0.07, "outside": 0.08, "beside": 0.10}
 HOW_MANY = {"two": 2, "three": 3, "four": 4}
-#: of three and more, one is strong, and the others are of these, weighted: the weakest of STRENGTHS is below what three others leave
+#: of three and more, one is strong; weighted strengths of the others: the weakest of STRENGTHS is below the residuals of three others
 OTHERS, OTHERS_WEIGHT = (1.0, 0.5, 0.2), (0.3, 0.4, 0.3)
-#: what a session must have for an effect to show at all
+#: session options without which an effect is not observable
 NEEDS = {
     "gyro.thermal_bias": {"warm_up_c": 10.0},
     "gyro.thermal_scale": {"warm_up_c": 10.0},
     "outside.temperature_curve": {"warm_up_c": 10.0},
     "earth.rotation": {"latitude_deg": 60.0, "segments": 80},
 }
-#: not two of these at once: what they share is a delay of all axes, and nobody could say which has it
+#: never two of these at once: all contain a common delay of the axes, so they cannot be distinguished
 DELAYS = {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew", "timing.gyro_accel_offset"}
-#: nor of these: in a log of minutes a warm-up is nearly a straight line, a jump nearly a swing, one bend nearly the other
+#: nor of these: in a log of minutes a warm-up is nearly a straight line, a jump nearly an oscillation, one bend nearly the other
 ALIKE = (
     DELAYS,
     {"gyro.bias_drift", "gyro.thermal_bias", "outside.temperature_curve"},
@@ -42,11 +42,11 @@ ALIKE = (
     {"gyro.scale_asymmetry", "outside.root_scale"},
     {"data.glitches", "timing.dropped_samples"},
 )
-#: what may be hidden beside others: all that bend the rate, the reference, and one fault of the registers
+#: effects that may be hidden with others: all that change the rate, the reference, and one fault of the registers
 TOGETHER = (*RATE_EFFECTS, "reference.accelerometer", "data.glitches", "timing.dropped_samples")
 #: nominal data rate, Hz -> share of the sessions
 RATES = {62.5: 0.15, 104.0: 0.25, 208.0: 0.40, 416.0: 0.13, 833.0: 0.07}
-#: Hz, without which an effect cannot show: vibration must pass the accelerometer's filter, and a burst must be shorter than a turn's bend
+#: least Hz at which an effect is observable: vibration must pass the accelerometer's filter, and a burst must be shorter than a turn's ramp
 LEAST_HZ = {
     **dict.fromkeys(DELAYS, 104.0),
     "gyro.vibration_rectification": 208.0,
@@ -54,15 +54,15 @@ LEAST_HZ = {
     "timing.dropped_samples": 104.0,
 }
 MOST_INSTABILITY_DPH = 10.0
-#: what session.toml says of the bias instability: the drawn value; a model, whose typical value is another; or nothing
+#: the bias instability in session.toml: the drawn value; a model, whose typical value is another; or nothing
 TOLD = ("stated", "model", "nothing")
 SEGMENTS, SEGMENTS_OF_MANY = (30, 51), (40, 61)
 
 
 @dataclass(frozen=True)
 class Case:
-    """What one session hides: ids, the strength of each, the session's options, a seed for the rest, and what is told of its bias
-    instability, one of ``TOLD``."""
+    """The hidden effects of one session: ids, the strength of each, the session's options, a seed for the rest, and what its session.toml
+    has of the bias instability, one of ``TOLD``."""
 
     name: str
     ids: tuple[str, ...]
@@ -73,18 +73,18 @@ class Case:
 
     @property
     def strength(self) -> float | None:
-        """Of the weakest effect; None where nothing is hidden."""
+        """Strength of the weakest effect; None where nothing is hidden."""
         return min(self.strengths, default=None)
 
 
 def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]:
-    """``count`` cases in random order; effects and strengths take turns, so that few cases show as much as they can."""
+    """Draw ``count`` cases in random order; effects and strengths alternate, so that few cases cover as much as possible."""
     rng = np.random.default_rng(seed)
     number = shared_out(count, SHARES)
     alone: list[tuple[str, ...]] = [(name,) for name in taking_turns([*RATE_EFFECTS, *OTHER_EFFECTS], number["one"], rng)]
     alone += [(name,) for name in taking_turns(list(OUTSIDERS), number["outside"], rng)]
     alone += [_together((), 2, RATE_EFFECTS, rng) for _ in range(number["two"])]
-    # Side by side, each effect goes through all strengths before it repeats one, and so do all together.
+    # In sorted order, each effect takes every strength before it repeats one, and so do all together.
     alone.sort(key=lambda ids: (len(ids), ids))
     turns = [STRENGTHS[i] for i in rng.permutation(len(STRENGTHS))]
     hidden: list[tuple[tuple[str, ...], tuple[float, ...]]] = [((), ())] * number["nothing"]
@@ -103,7 +103,7 @@ def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]
 
 
 def shared_out(count: int, shares: Mapping[str, float]) -> dict[str, int]:
-    """Sessions of each kind, ``count`` in all, by largest remainders."""
+    """Number of sessions of each kind, ``count`` in all, by largest remainders."""
     number = {kind: int(share * count + 1e-9) for kind, share in shares.items()}
     by_remainder = sorted(shares, key=lambda kind: number[kind] - shares[kind] * count)
     for kind in by_remainder[: count - sum(number.values())]:
@@ -112,13 +112,13 @@ def shared_out(count: int, shares: Mapping[str, float]) -> dict[str, int]:
 
 
 def taking_turns(items: list[str], count: int, rng: np.random.Generator) -> list[str]:
-    """``count`` of the items, each once in random order before any comes again."""
+    """``count`` of the items, each once in random order before any is repeated."""
     rounds = -(-count // len(items))
     return [items[i] for _ in range(rounds) for i in rng.permutation(len(items))][:count]
 
 
 def _together(first: tuple[str, ...], count: int, among: Any, rng: np.random.Generator) -> tuple[str, ...]:
-    """``count`` ids that can be told apart: ``first``, and others of ``among``."""
+    """``count`` ids that can be distinguished: ``first``, and others of ``among``."""
     ids = first
     for name in rng.permutation(list(among)):
         if len(ids) < count and not any(str(name) in group and group & set(ids) for group in ALIKE):
@@ -143,7 +143,7 @@ def case_of(
     rates: Mapping[float, float] = RATES,
     least_hz: Mapping[str, float] = LEAST_HZ,
 ) -> Case:
-    """The case at a place with what it hides, its options drawn; needed, least_hz: options and data rate that an id must have;
+    """The case at a place with its hidden effects and drawn options; needed, least_hz: options and data rate that an id requires;
     rates: nominal Hz -> share."""
     needs = {name: value for effect in ids for name, value in needed.get(effect, {}).items()}
     drawn: dict[str, Any] = {
@@ -166,14 +166,14 @@ def _data_rate(ids: tuple[str, ...], rng: np.random.Generator, rates: Mapping[fl
     return float(rng.choice(list(enough), p=np.array(list(enough.values())) / sum(enough.values())))
 
 
-# Simulate what a case hides: the session, what its session.toml tells, and the truth.
+# Simulate a case: the session, its session.toml, and the truth.
 
 MAKERS: dict[str, Maker] = {**RATE_EFFECTS, **OTHER_EFFECTS, **OUTSIDERS}
 MODEL_LINE = 'model = "ASM330LHH"'
 
 
 def drawn(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[list[Concealment], MovementPlan]:
-    """What a case hides, in the order in which it bends the rate, and the movement that it was drawn for."""
+    """The hidden effects of a case, in the order in which they change the rate, and the movement that they were drawn for."""
     rng, plan = np.random.default_rng(case.seed), plan_of(case.options)
     hidden = [makers[name](Scene(rng, strength, case.options, plan)) for name, strength in zip(case.ids, case.strengths, strict=True)]
     return hidden, plan
@@ -217,7 +217,7 @@ def _disturb(hidden: list[Concealment]) -> Disturb | None:
 
 
 def _silent(simulation: Simulation, told: str, without_latitude: bool) -> str:
-    """session.toml without its remarks, which would tell how to make the session again; told: of the bias instability, as in ``Case``."""
+    """session.toml without its remarks, from which the session could be reproduced; told: of the bias instability, as in ``Case``."""
     stated = f"\ngyro_bias_instability_dph = {simulation.options.bias_instability_dph!r}" if told == "stated" else ""
     sensor = MODEL_LINE if told == "model" else f'model = "unnamed"{stated}\n{_units_told(simulation.options)}'
     lines = config_text(simulation, concealed=False).replace(MODEL_LINE, sensor).split("\n")
@@ -227,7 +227,7 @@ def _silent(simulation: Simulation, told: str, without_latitude: bool) -> str:
 
 
 def _units_told(options: SimulationOptions) -> str:
-    """What the registers of a sensor that is not named mean."""
+    """Register units of an unspecified sensor."""
     units, thermometer = options.register_units, options.register_units.thermometer
     told = {"gyro_mdps_per_lsb": round(units.gyro_rps / MDPS, 9), "accel_mg_per_lsb": round(units.accel_mps2 / MG, 9)}
     if thermometer is not None:
@@ -236,5 +236,5 @@ def _units_told(options: SimulationOptions) -> str:
 
 
 def options_chosen(options: SimulationOptions) -> dict:
-    """Those that are not the default, for the truth file."""
+    """Options that differ from the default, for the truth file."""
     return {field.name: getattr(options, field.name) for field in fields(options) if getattr(options, field.name) != field.default}

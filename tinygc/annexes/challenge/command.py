@@ -1,4 +1,4 @@
-"""``challenge``: the tool's own blind examination."""
+"""``challenge``: blind test of the tool."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SUMMARY = "examine explain on simulated sessions that hide something, blind"
 USES_EFFECTS = True
 
 
-#: sessions that are simulated, unless --cases says otherwise
+#: default number of simulated sessions
 CASES = 40
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's own arguments."""
     kind = command.add_mutually_exclusive_group()
     kind.add_argument(
         "--on", type=path_read, metavar="DIR", help="inject effects into this recording, and find from what size on each is detected"
@@ -30,7 +30,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The tool's own blind examination, on simulated sessions or on a recording."""
+    """Run the blind test on simulated sessions or on a recording."""
     import shutil
     import tempfile
 
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _examined(args: argparse.Namespace, folder: Path) -> tuple[Any, dict]:
-    """What is printed, and the JSON."""
+    """The printed output and the JSON."""
     from tinygc.annexes.challenge import examination, law_examination, recording_examination
     from tinygc.annexes.challenge.examination import challenge_tables
     from tinygc.annexes.challenge.law_examination import law_tables

@@ -1,4 +1,4 @@
-"""The examination from end to end: hide, seal, explain blind, open, score, and its tables."""
+"""The blind test from end to end: inject, seal, explain, open, score, and its tables."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from tinygc.annexes.challenge.worker import DISCOVER
 from tinygc.effects.catalogue import loaded_folders
 from tinygc.simulation.write import write_files
 
-# Close the truth away: a file that nobody can read without the key, which only the examiner's memory holds until the end.
+# Seal the truth: a file that cannot be read without the key, which only the examiner's memory holds until the end.
 #
-# The SHA-256 of the truth is printed before anything is explained, and checked when the file is opened: neither can be changed between.
+# The SHA-256 of the truth is printed before anything is explained and checked when the file is opened, so neither can be changed between.
 
 KEY_BYTES = 32
 
@@ -45,7 +45,7 @@ class Seal:
     key: bytes
 
     def open(self) -> dict:
-        """The truth.  Raises DataError if the file is not the one that was sealed."""
+        """Decrypt the truth.  Raises DataError if the file is not the one that was sealed."""
         text = _masked(read_bytes(self.path, MOST_JSON), self.key)
         if hashlib.sha256(text).hexdigest() != self.sha256:
             raise DataError(f"{self.path}: this is not the truth that was sealed; its SHA-256 has changed")
@@ -53,7 +53,7 @@ class Seal:
 
 
 def seal(truth: dict, path: Path) -> Seal:
-    """Write the truth, JSON-ready, unreadable."""
+    """Encrypt the JSON-ready truth into a file."""
     text = (json.dumps(truth, indent=1, ensure_ascii=False) + "\n").encode()
     key = secrets.token_bytes(KEY_BYTES)
     path.write_bytes(_masked(text, key))
@@ -61,27 +61,27 @@ def seal(truth: dict, path: Path) -> Seal:
 
 
 def _masked(data: bytes, key: bytes) -> bytes:
-    """One-time pad: the key is used for one file only."""
+    """XOR with a one-time pad: the key is used for one file only."""
     pad = hashlib.shake_256(key).digest(len(data))
     return bytes(a ^ b for a, b in zip(data, pad, strict=True))
 
 
-# The record of an examination, whatever is examined, and what all of them do once the truth is sealed: ask blind, open, write down.
+# The record of a blind test, and its common steps once the truth is sealed: explain, open, write.
 
 PROCESSES = 2
 SESSIONS, SEALED, OPENED, SAID = "sessions", "sealed_truth.bin", "truth.json", "said.json"
 
 
 class Scored(Protocol):
-    """One session's score: its name, and what kind of thing was hidden."""
+    """One session's score: its name, and the kind of hidden effect."""
 
     @property
     def name(self) -> str:
-        """Of the session."""
+        """Name of the session."""
 
     @property
     def kind(self) -> str:
-        """Of what is hidden."""
+        """Kind of the hidden effects."""
 
 
 AnyScore = TypeVar("AnyScore", bound=Scored)
@@ -89,7 +89,7 @@ AnyScore = TypeVar("AnyScore", bound=Scored)
 
 @dataclass(frozen=True, eq=False)
 class Examination(Generic[AnyScore]):
-    """sha256 of the truth as it was printed before; the scores, one for each session; truth and what was said, by session."""
+    """sha256 of the truth as it was printed before; the scores, one for each session; truth and answers by session."""
 
     seed: int
     sha256: str
@@ -101,7 +101,7 @@ class Examination(Generic[AnyScore]):
 def asked_blind(
     folders: Sequence[Path], answer: Callable[[Path], dict], what: str, progress: Callable[[str, int, int], None]
 ) -> dict[str, dict]:
-    """What is said of each session folder, by its name; some at once."""
+    """Answers for the session folders, by name; several run at once."""
     said = {}
     with ThreadPoolExecutor(PROCESSES) as pool:
         for folder, result in zip(folders, pool.map(answer, folders), strict=True):
@@ -111,7 +111,7 @@ def asked_blind(
 
 
 def opened(folder: Path, closed: Seal, said: dict[str, dict]) -> dict[str, dict]:
-    """The truth, written into the folder of the examination beside what was said before it was opened."""
+    """Write the answers and then the truth into the folder of the test, and return the truth."""
     _write(folder / SAID, said)
     truth = closed.open()
     _write(folder / OPENED, truth)
@@ -125,8 +125,8 @@ def _write(path: Path, table: dict) -> None:
 def as_table(
     schema: str, result: Examination[AnyScore], totals: dict, more: Callable[[AnyScore, dict], dict] = lambda score, said: {}
 ) -> dict:
-    """JSON-ready: every session with its truth, its verdict and its score, and the totals; more: of a score and what was said, keys to add
-    to a session's or to put in the place of its own."""
+    """JSON-ready: every session with its truth, its verdict and its score, and the totals; more: of a score and an answer, keys that extend
+    or replace a session's own."""
     return {
         "schema": schema,
         "seed": result.seed,
@@ -144,22 +144,22 @@ def as_table(
     }
 
 
-# The examination's tables: by effect and strength, and in all.
+# The tables of the blind test: by effect and strength, and totals.
 
 TITLES = {"nothing": "nothing hidden", "beside": "beside an outsider", **{kind: f"{kind} at once" for kind in ("two", "three", "four")}}
-#: effects of the catalogue, and nothing else
+#: kinds of sessions with effects of the catalogue only
 HIDDEN = ("one", "two", "three", "four")
 LAST = list(TITLES.values())
 
 
 def challenge_tables(result: Examination[Score]) -> Group:
-    """What ``calibrate.py challenge`` prints."""
+    """The printed output of ``calibrate.py challenge``."""
     tables = [part for table in _tables(result.scores) for part in (table, Text(""))]
     return Group(*tables, Text("\n".join(sentences(result.scores))))
 
 
 def markdown(result: Examination[Score]) -> str:
-    """The same, for a README."""
+    """The same tables in Markdown, for a README."""
     return "\n\n".join([*map(_markdown, _tables(result.scores)), "\n".join(f"- {line}" for line in sentences(result.scores))]) + "\n"
 
 
@@ -192,7 +192,7 @@ def _by_effect(scores: list[Score]) -> Table:
 
 
 def _named_of(group: list[Score]) -> str:
-    """``named/of``; of outsiders, which have no name to be given: ``seen/of seen``."""
+    """``named/of``; for effects outside the catalogue, which cannot be named: ``seen/of seen``."""
     if not group:
         return ""
     if group[0].kind == "outside":
@@ -213,7 +213,7 @@ def _by_strength(scores: list[Score]) -> Table:
 
 
 def _counts(group: list[Score]) -> dict[str, int]:
-    """Sessions by how they are named."""
+    """Number of sessions by naming result."""
     return {
         "named_exactly": sum(each.exact for each in group),
         "named_with_equivalents": sum(each.covered for each in group),
@@ -280,7 +280,7 @@ def totals(scores: list[Score]) -> dict:
 
 
 def sentences(scores: list[Score]) -> list[str]:
-    """The totals in words."""
+    """The totals as sentences."""
     t = totals(scores)
     lines = [
         f"{t['hidden']} sessions hide one to four effects: {t['named_exactly']} named exactly, {t['named_with_equivalents']} exactly or "
@@ -306,7 +306,7 @@ def sentences(scores: list[Score]) -> list[str]:
 
 
 def _by_kind(kinds: list[dict]) -> list[str]:
-    """A line for each kind of several at once."""
+    """A line for each kind of session with several effects."""
     return [
         f"{each['sessions']} hide {'one or two effects ' if each['kind'] == 'beside' else ''}{TITLES[each['kind']]}: "
         f"{each['named_with_equivalents']} right, {each['wrongly_named']} with a wrong name, {each['missed']} with something missed"
@@ -315,7 +315,7 @@ def _by_kind(kinds: list[dict]) -> list[str]:
     ]
 
 
-# The examination from end to end: hide, seal, explain blind, open, score.
+# The blind test from end to end: inject, seal, explain, open, score.
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -329,9 +329,9 @@ def examine(
     announce: Callable[[str], None] = lambda text: None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Examination[Score]:
-    """Examine ``explain`` on ``count`` sessions in ``folder``, which must be empty or new.
+    """Test ``explain`` on ``count`` sessions in ``folder``, which must be empty or new.
 
-    segments: of every session, instead of drawn; announce: shown the SHA-256 before anything is explained.
+    segments: of every session, instead of drawn; announce: called with the SHA-256 before anything is explained.
     """
     new_folder(folder)
     cases = draw_cases(count, seed, segments)
@@ -344,7 +344,7 @@ def examine(
 
 
 def new_folder(folder: Path) -> None:
-    """Make the folder of an examination.  FormatError where something lies in it."""
+    """Make the folder of a blind test.  FormatError where it is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FormatError(f"{folder}: not empty; give a new folder")
     with naming(folder):
@@ -352,7 +352,7 @@ def new_folder(folder: Path) -> None:
 
 
 def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None], makers: Mapping[str, Maker] = MAKERS) -> Seal:
-    """The session folders, and the truth beside them, sealed."""
+    """Write the session folders, and the sealed truth next to them."""
     truth = {}
     for done, case in enumerate(cases):
         progress("hiding", done, len(cases))
@@ -371,8 +371,8 @@ def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], No
 
 
 def explained(folder: Path, discover: bool = False) -> dict:
-    """What a process of its own, with the same folders of effects, says of a session folder (``tinygc-explain/1``, with verdict
-    ``refused`` where it refuses); discover: it looks for laws, too, and writes their files there."""
+    """``tinygc-explain/1`` of a session folder from a process of its own with the same effect folders (verdict ``refused`` where it
+    refuses); discover: search for laws, too, and write their files there."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tinygc.annexes.challenge.worker", *([DISCOVER] if discover else []), ".", *map(str, loaded_folders())]
     run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
@@ -382,12 +382,12 @@ def explained(folder: Path, discover: bool = False) -> dict:
 
 
 def without_sessions(folder: Path, everything: bool = False) -> None:
-    """Remove the sessions of an examination, or its whole folder."""
+    """Remove the sessions of a blind test, or its whole folder."""
     shutil.rmtree(folder if everything else folder / SESSIONS)
 
 
 def to_json(result: Examination[Score]) -> dict:
-    """``tinygc-challenge/1``: every session with its truth, what was said and its score, and the totals."""
+    """``tinygc-challenge/1``: every session with its truth, its answer and its score, and the totals."""
 
     def more(score: Score, said: dict) -> dict:
         named = {effect["id"]: effect["equivalent"] for effect in said["effects"]}

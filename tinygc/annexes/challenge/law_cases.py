@@ -1,4 +1,4 @@
-"""Sessions that hide a law, and what was said of them, as curves."""
+"""Draw sessions with a hidden law, and compute the added rates of the truth and of the answers."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tinygc.simulation import simulator
 from tinygc.simulation.options import GYRO_LPF2_HZ
 from tinygc.simulation.simulator import fine_grid, true_signals, unit_of
 
-# Draw what each session hides: a law, nothing, an effect of the catalogue, or that and a law.
+# Draw the hidden effect of each session: a law, nothing, an effect of the catalogue, or one together with a law.
 
-#: shares of what is hidden; ``drawn``: a law from the random grammar
+#: shares of sessions by hidden effects; ``drawn``: a law from the random grammar
 SHARES = {"nothing": 0.25, "catalogue": 0.10, "beside": 0.10, "by hand": 0.37, "drawn": 0.18}
 WARM = {"warm_up_c": 10.0}
 NEEDED = {
@@ -32,13 +32,13 @@ NEEDED = {
     "law.warm_square": WARM,
     "law.random": WARM,
 }
-#: Hz: tremor and a suspension must pass, and beyond 208 Hz nothing is gained but time
+#: Hz: tremor and a suspension must pass, and rates beyond 208 Hz only take more time
 RATES = {104.0: 0.3, 208.0: 0.6, 416.0: 0.1}
 LEAST = {**LEAST_HZ, "law.vibration_scale": 208.0, "law.resonance": 208.0}
 SEGMENTS = (38, 49)
-#: of an effect beside a law, which is to be named, not to be missed
+#: strengths of an effect hidden with a law: large enough to be named
 BESIDE = (1.0, 0.5)
-#: of the catalogue, beside these: what they share is a delay, a course over time or a bend of the scale, and nobody could say which has it
+#: catalogue effects not hidden with these laws: they share a delay, a trend in time or a bend of the scale and cannot be distinguished
 _DELAYS = {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew", "timing.gyro_accel_offset"}
 _COURSES = {"gyro.thermal_bias", "gyro.bias_drift", "gyro.bias_step"}
 _GRAVITY = {"gyro.g_sensitivity"}
@@ -55,13 +55,13 @@ ALIKE = {
 
 
 def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> list[Case]:
-    """``count`` cases; laws and strengths take turns.  A law comes first: it bends the true rate.
+    """Draw ``count`` cases; laws and strengths alternate.  A law comes first, as it acts on the true rate.
 
-    A case depends on its place and the seed, not on how many follow: fewer cases are the first of more.
+    A case depends on its place and the seed alone: fewer cases are the first of more.
     """
     kinds = _kinds(count)
     number = {kind: kinds.count(kind) for kind in SHARES}
-    # One stream for each list, so that the length of one moves no other.
+    # One stream for each list, so that the length of one does not affect the others.
     streams = [np.random.default_rng([seed, stream]) for stream in range(5)]
     turns = [STRENGTHS[i] for i in streams[0].permutation(len(STRENGTHS))]
     told = taking_turns(list(TOLD), count, streams[1])
@@ -87,23 +87,23 @@ def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> l
 
 
 def _kinds(count: int) -> list[str]:
-    """Of each place, the kind that is furthest behind its share: whatever the count, all are there as often as they should."""
+    """For each place, the kind that is furthest below its share, so that any count has the right proportions."""
     kinds: list[str] = []
     for place in range(count):
         kinds.append(max(SHARES, key=lambda kind: SHARES[kind] * (place + 1) - kinds.count(kind)))
     return kinds
 
 
-# What a case's concealments add to the rate, as the sensor's samples would show it without noise.
+# The rate added by a case's hidden effects, at the sensor's samples and without noise.
 
-#: all that may be hidden
+#: all effects that may be hidden
 ALL = {**MAKERS, **LAWS}
 
 
 @dataclass(frozen=True, eq=False)
 class AddedRate:
-    """At the recorded samples, behind the chip's low-pass: the true movement, without noise and without what is hidden of the rate; what
-    the law adds (N, 3), zero where none is hidden, and what effects of the catalogue add after it, by id; rad/s."""
+    """At the recorded samples, after the chip's low-pass: the true movement, without noise and hidden rate effects; the rate (N, 3) added
+    by the law, zero where none is hidden, and by id that added by the catalogue's effects after it; rad/s."""
 
     movement: Movement
     law: np.ndarray
@@ -111,7 +111,7 @@ class AddedRate:
 
 
 def added_rate(case: Case) -> AddedRate:
-    """The same draws as in ``conceal``."""
+    """Compute the added rates, with the same draws as ``conceal``."""
     hidden, plan = drawn(case, ALL)
     options, unit = case.options, unit_of(case.options)
     t, factor, run_up = fine_grid(unit.odr_hz, int(np.ceil(plan.log_s * unit.odr_hz)))
@@ -143,16 +143,16 @@ def added_rate(case: Case) -> AddedRate:
     return AddedRate(movement_of(samples, samples.gyro, known), law, catalogue)
 
 
-# What was said of a session, as a curve: what its laws, or the names of the catalogue, add to the rate of a movement.
+# The answer for a session as a curve: the rate that its laws, or its catalogue effects, add to a movement.
 
-#: of an explain folder
+#: name of an explain folder
 EFFECTS = "effects"
 
 
 def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> list[np.ndarray]:
-    """Of each law of ``discovery.laws``, (N, 3) rad/s; folder: the explain folder with their files, which are run as Python.
+    """(N, 3) rad/s of each law of ``discovery.laws``; folder: the explain folder with their files, which are run as Python.
 
-    Raises EffectError for a file that is missing or broken, or holds another id or other parameters than were said.
+    Raises EffectError for a file that is missing or broken, or whose id or parameters differ from the answer.
     """
     if not laws:
         return []
@@ -167,7 +167,7 @@ def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> lis
 
 
 def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | None:
-    """Of all ``effects`` of ``tinygc-explain/1`` that bend the rate, together (N, 3) rad/s; None where there is none."""
+    """(N, 3) rad/s of all ``effects`` of ``tinygc-explain/1`` that change the rate, together; None where there is none."""
     known = catalogue()
     curves = [
         added(known[each["id"]], each["parameters"], movement)
@@ -189,7 +189,7 @@ def added(effect: Effect, told: dict, movement: Movement) -> np.ndarray:
 
 
 def _theta(effect: Effect, told: dict) -> np.ndarray | None:
-    """(P,) SI; None where what was told is of another form."""
+    """(P,) SI; None where the parameters have another form."""
     if isinstance(effect.derived, Parts):
         return effect.derived.theta(told) if all(name in told for name, _, _ in effect.derived.parts) else None
     value = told.get(effect.parameter.name)

@@ -1,4 +1,4 @@
-"""The examination of the search for laws: hide, seal, search, open, score, tables."""
+"""Blind test of the law search: inject, seal, search, open, score, tables."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tinygc.annexes.challenge.law_cases import ALL, AddedRate, added_by_laws, ad
 from tinygc.annexes.challenge.laws import LAWS
 from tinygc.effects import EffectError, Movement, catalogue
 
-# What was said of one session against what is hidden in it: two curves over the recording, compared beyond a linear calibration.
+# The score of one session: the answer's and the truth's added rates over the recording, compared beyond a linear calibration.
 #
-# Both are asked on the true movement, at the recorded samples: on readings with noise the exact law of a dead zone at rest would differ
+# Both are evaluated on the true movement at the recorded samples: on noisy readings the exact law of a dead zone at rest would differ
 # from itself.
 
-#: correlation from which on two laws are the same over a recording: 14 % of their size are between them
+#: correlation above which two laws are the same over a recording: they differ by 14 % of their size
 SAME = 0.99
-#: up to here the law that was said is another one, not a near relative
+#: correlation up to which the reported law is a different one, not a similar one
 FAR = 0.9
-#: of a session that hides a law; of one that hides none
+#: outcomes of a session with a hidden law, and of one without
 WITH_LAW = ("found", "catalogue_equal", "ambiguous", "wrong", "missed")
 WITHOUT_LAW = ("silent", "ambiguous", "invented")
 
@@ -36,12 +36,11 @@ WITHOUT_LAW = ("silent", "ambiguous", "invented")
 class LawScore:
     """hidden: ids, law: that of the law or None; strength: the law's, or of what is hidden instead; expression: of a drawn law.
 
-    outcome, with a law: ``found``, its curve is the truth's (correlation > SAME); ``catalogue_equal``: no law, and the catalogue's names
-    give the truth's curve; ``ambiguous``; ``wrong``: a law with another curve; ``missed``: none was said.  Without a law: ``silent``,
-    ``ambiguous`` or ``invented``.  correlation: of all laws that were said, together (of the names, where there is no law); listed: the
-    best of the single ones; why: what is wrong with the files, if anything; misnamed: a law is hidden, none was said, and names of the
-    catalogue that add something else were; removed, p_value, chance_p: what the answer says of its own
-    proof, the least of its laws.
+    outcome, with a law: ``found``, its curve is the truth's (correlation > SAME); ``catalogue_equal``: no law, and the catalogue's effects
+    give the truth's curve; ``ambiguous``; ``wrong``: a law with another curve; ``missed``: none was reported.  Without a law: ``silent``,
+    ``ambiguous`` or ``invented``.  correlation: of all reported laws together (of the catalogue's effects, where there is no law); listed:
+    the best of the single ones; why: an error in the files, if any; misnamed: a law is hidden, none was reported, and catalogue effects
+    that add another rate were; removed, p_value, chance_p: the answer's own evidence, the least of its laws.
     """
 
     name: str
@@ -63,20 +62,20 @@ class LawScore:
 
     @property
     def listed_same(self) -> bool:
-        """Whether one of the laws that were listed is numerically the truth."""
+        """Whether one of the listed laws is numerically the truth."""
         return self.listed is not None and self.listed > SAME
 
     @property
     def kind(self) -> str:
-        """``law``, ``beside`` (a law beside an effect of the catalogue), ``catalogue`` or ``nothing``."""
+        """``law``, ``beside`` (a law with an effect of the catalogue), ``catalogue`` or ``nothing``."""
         if self.law is not None:
             return "law" if len(self.hidden) == 1 else "beside"
         return "catalogue" if self.hidden else "nothing"
 
 
 def correlation(true: AddedRate, truth: dict, said: np.ndarray) -> float:
-    """Of the law's curve and another (N, 3), after a bias, a 3x3 of the rate and the columns of the concealed effects of the catalogue
-    (truth: id -> parameters) are regressed out of both; 0 where nothing is left of one."""
+    """Correlation of the law's curve with another (N, 3), after regression of both on a bias, a 3x3 of the rate and the columns of the
+    hidden catalogue effects (truth: id -> parameters); 0 where nothing is left of one."""
     left = [_beyond(true, truth, curve).ravel() for curve in (true.law, said)]
     sizes = [float(np.linalg.norm(each)) for each in left]
     whole = float(np.linalg.norm(said))
@@ -158,13 +157,13 @@ def _outcome(law: str | None, verdict: str, has_laws: bool, together: float | No
     return "catalogue_equal" if same else "missed"
 
 
-# The tables of an examination of the search for laws: by strength, by law, and what was said where there is none.
+# The tables of the law search's blind test: by strength, by law, and the answers where no law is hidden.
 
 OTHERS = {"nothing": "nothing hidden", "catalogue": "an effect of the catalogue alone"}
 
 
 def law_tables(result: Examination[LawScore]) -> Group:
-    """What ``calibrate.py challenge --discover`` prints."""
+    """The printed output of ``calibrate.py challenge --discover``."""
     tables = [_by_strength(result.scores), _by_law(result.scores), _without(result.scores)]
     return Group(*[part for table in tables for part in (table, Text(""))], Text("\n".join(sentences(result.scores))))
 
@@ -211,7 +210,7 @@ def _count(group: list[LawScore], outcome: str) -> int:
 
 
 def _proofs(group: list[LawScore]) -> tuple[str, str, str]:
-    """Correlation, least and median, and share of the held-out excess that is gone, of those that are found; seconds, median."""
+    """Correlation, least and median, and removed share of the held-out excess, of found laws; median seconds."""
     found = [each for each in group if each.outcome == "found"]
     alike = [each.correlation for each in found if each.correlation is not None]
     gone = [100 * each.removed for each in found if each.removed is not None]
@@ -258,7 +257,7 @@ def totals(scores: list[LawScore]) -> dict:
 
 
 def sentences(scores: list[LawScore]) -> list[str]:
-    """The totals in words."""
+    """The totals as sentences."""
     t = totals(scores)
     w = t["with_law"]
     lines = [
@@ -280,16 +279,16 @@ def sentences(scores: list[LawScore]) -> list[str]:
     return lines
 
 
-# The examination of the search for laws from end to end: hide, seal, let it search blind in copies, open, score.
+# The blind test of the law search from end to end: inject, seal, search in copies of the sessions, open, score.
 
-#: the copies in which the workers search and write, below the sessions; where their laws are kept
+#: folder of the copies in which the workers search and write, below the sessions; folder of their laws
 COPIES, EXAMINED_LAWS = "searched", "laws"
 EXPLAIN = "explain"
 Answer = Callable[[Path], dict]
 
 
 def answered(folder: Path) -> dict:
-    """What a process of its own says of a copy of a session folder, where it may write."""
+    """The answer of a separate process for a copy of a session folder, where it may write."""
     return explained(folder, discover=True)
 
 
@@ -303,15 +302,15 @@ def examine_laws(
     announce: Callable[[str], None] = lambda text: None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Examination[LawScore]:
-    """Examine the search for laws on ``count`` sessions in ``folder``, which must be empty or new.
+    """Test the law search on ``count`` sessions in ``folder``, which must be empty or new.
 
-    segments: of every session, instead of drawn; answer: what is asked of each copy; announce: shown the SHA-256 before any is asked.
+    segments: of every session, instead of drawn; answer: evaluates each copy; announce: called with the SHA-256 before the first.
     """
     new_folder(folder)
     cases = draw_discover_cases(count, seed, segments)
     closed = hide(folder, cases, progress, ALL)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
-    # What a worker writes stays out of the session that was hidden.
+    # The workers write into copies, so the hidden session stays unchanged.
     copies = [Path(shutil.copytree(folder / SESSIONS / case.name, folder / SESSIONS / COPIES / case.name)) for case in cases]
     said = asked_blind(copies, answer, "searching blind", progress)
     truth = opened(folder, closed, said)
@@ -325,5 +324,5 @@ def examine_laws(
 
 
 def to_json(result: Examination[LawScore]) -> dict:
-    """``tinygc-discover-challenge/1``: every session with its truth, what was said and its score, and the totals."""
+    """``tinygc-discover-challenge/1``: every session with its truth, its answer and its score, and the totals."""
     return as_table("tinygc-discover-challenge/1", result, totals(result.scores))

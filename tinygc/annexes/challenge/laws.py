@@ -1,4 +1,4 @@
-"""Gyroscope error laws that stand in no catalogue, by family, and laws drawn at random from a wide grammar."""
+"""Gyroscope error laws outside the catalogue, by family, and random laws from a wide grammar."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from scipy.spatial.transform import Rotation
 from session.io.units import DEG, G
 from tinygc.annexes.challenge.rate_effects import Concealment, Maker, Scene, Shaking, shaking
 
-# What many laws are made of: adding to the rate, a first-order lag, the other axes.
+# Common parts of the laws: adding to the rate, a first-order lag, the other axes.
 
-#: s: what a mean square of vibration is taken over
+#: s: averaging time of the vibration's mean square
 ENERGY_S = 0.25
 #: added(t (N,), rate (N, 3), force (N, 3), temp (N,)) -> (N, 3) rad/s, SI
 Added = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def adding(name: str, truth: dict, added: Added) -> Concealment:
-    """What adds to the rate; truth: its parameters, SI."""
+    """A law that adds to the rate; truth: its parameters, SI."""
     return Concealment(name, truth, distort=lambda t, rate, force, temp: rate + added(t, rate, force, temp))
 
 
 def lagged(t: np.ndarray, values: np.ndarray, tau_s: float) -> np.ndarray:
-    """y' = (x - y) / tau from y = x at the first time on; values (N, …) at even times t (N,) s."""
+    """y' = (x - y) / tau, starting from y = x at the first time; values (N, …) at even times t (N,) s."""
     keeps = np.exp(-(t[1] - t[0]) / tau_s)
     return values[0] + lfilter([1 - keeps], [1, -keeps], values - values[0], axis=0)
 
@@ -58,26 +58,26 @@ def energy(t: np.ndarray, shaken: Shaking) -> np.ndarray:
     return uniform_filter1d(squares, max(1, round(ENERGY_S / (t[1] - t[0]))), mode="nearest")
 
 
-# What a linear calibration, a bias and a 3x3 of the rate, cannot take up.
+# The part of an added rate outside a linear calibration (a bias and a 3x3 of the rate).
 
 
 def beyond_linear(rate: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """(N, 3): what is left of ``added`` (N, 3) when a constant and the rate (N, 3), or further columns, are regressed out, axis by axis."""
+    """(N, 3): residual of ``added`` (N, 3) after regression on a constant and the rate (N, 3), or further columns, axis by axis."""
     known = np.column_stack([np.ones(len(rate)), rate])
-    # Normal equations: a few columns of like size, and hundreds of thousands of rows.
+    # Normal equations, as there are a few columns of similar size and hundreds of thousands of rows.
     scale = np.abs(known).max(axis=0)
     known = known / np.where(scale > 0, scale, 1.0)
     return added - known @ np.linalg.lstsq(known.T @ known, known.T @ added, rcond=1e-12)[0]
 
 
 def rms(values: np.ndarray) -> float:
-    """Of all numbers."""
+    """Root mean square of all numbers."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-# What happens at each moment, in sizes of one, as leaves of a drawn law.
+# Signals at each moment, scaled to about one, as leaves of a drawn law.
 
-#: a hand's usual sizes: rad/s, rad/s², degC of warm-up, rad turned in a session, g²
+#: typical sizes of a hand movement: rad/s, rad/s², degC of warm-up, rad turned in a session, g²
 RATE, ACCELERATION, WARM_C, TURNED, VIBRATION = 100 * DEG, 300 * DEG, 10.0, 8000 * DEG, 0.16
 
 
@@ -110,16 +110,16 @@ LEAVES: dict[str, Curve] = {
     "|a|": lambda s: size_of(slope(s.t, s.rate)) / ACCELERATION,
     "T": lambda s: s.warm[:, None] / WARM_C,
     "t": lambda s: s.share[:, None],
-    "turned": lambda s: np.cumsum(size_of(s.rate), axis=0) * (s.t[1] - s.t[0]) / TURNED,  # angle so far, whatever the sense
+    "turned": lambda s: np.cumsum(size_of(s.rate), axis=0) * (s.t[1] - s.t[0]) / TURNED,  # angle so far, in either sense
     "angle": lambda s: np.cumsum(s.rate, axis=0) * (s.t[1] - s.t[0]),  # integral of the rate about each axis, rad
     "v": lambda s: s.vibration[:, None] / VIBRATION,
 }
-#: how often each is drawn; rate and force are what a hand gives most of
+#: weights of the draw; rate and force vary most in a hand movement
 WEIGHTS = {"w": 4, "w_next": 2, "w_prev": 2, "|w|": 3, "f": 3, "f_next": 2, "f_prev": 2, "a": 1, "a_next": 1, "|a|": 1, "T": 3, "t": 2}
 WEIGHTS |= {"turned": 1, "angle": 1, "v": 1}
 
 
-# How the body sees a vector that is fixed in the world: gravity's attitude at the start, and the true rate from there on.
+# A vector fixed in the world in body coordinates, from gravity's attitude at the start and the true rate from there on.
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -127,7 +127,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def attitudes(t: np.ndarray, rate: np.ndarray, force: np.ndarray) -> Rotation:
     """R_wb at each of the even times t (N,) s, from rates (N, 3) rad/s and the specific force (N, 3) of a body that rests at first.
 
-    World w: z up, x where the yaw of the start is zero.  The Earth's own turn counts as the body's: within 1° in four minutes.
+    World w: z up, x where the yaw of the start is zero.  The Earth's rotation counts as the body's: within 1° in four minutes.
     Source: trapezoidal increments; at 1600 Hz and 400 dps a turn closes within 1e-5 rad.
     """
     first, _ = Rotation.align_vectors(UP[None], force[:1] / np.linalg.norm(force[0]))
@@ -141,7 +141,7 @@ def seen_by_body(vector_w: np.ndarray, t: np.ndarray, rate: np.ndarray, force: n
 
 
 def running_products(q: np.ndarray) -> np.ndarray:
-    """q[0] q[1] … q[i] for each i; quaternions (N, 4), scalar last.  Square blocks side by side, then block after block."""
+    """q[0] q[1] … q[i] for each i; quaternions (N, 4), scalar last.  All blocks are multiplied in parallel, then chained."""
     count = len(q)
     width = int(np.ceil(np.sqrt(count)))
     blocks = np.tile([0.0, 0.0, 0.0, 1.0], (width, width, 1))
@@ -161,10 +161,10 @@ def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.concatenate([vector, a * b - np.sum(u * v, axis=-1, keepdims=True)], axis=-1)
 
 
-# What is no smooth law of anything: two-level noise, and an output in coarse steps.
+# Laws that are no smooth function: two-level noise, and an output in coarse steps.
 
 # Strong sizes, SI
-#: rad/s between its levels, and mean stay in each: one trap in an oxide, Kirton & Uren 1989
+#: rad/s between its levels, and mean dwell time in each: one trap in an oxide, Kirton & Uren 1989
 TELEGRAPH, STAYS_S = 0.2 * DEG, (4.0, 15.0)
 STEP = 1.5 * DEG  #: rad/s: nine bits over ±500 dps
 
@@ -182,15 +182,15 @@ def telegraph(scene: Scene) -> Concealment:
 
 
 def quantised(scene: Scene) -> Concealment:
-    """The element's output comes in coarse steps."""
+    """The element's output has coarse steps."""
     step = np.abs(scene.signed(STEP))
     return adding("law.quantised", {"rps": step.tolist()}, lambda t, rate, force, temp: step * np.rint(rate / step) - rate)
 
 
-# The vibrating element and its loops: what they do to the rate itself.
+# The vibrating element and its control loops: errors of the rate itself.
 
 # Strong sizes, SI
-#: share of the response that goes by a soft suspension, its frequency, Hz, and quality: a board on rubber feet, a die on soft glue
+#: share of the response through a soft suspension, its frequency, Hz, and quality: a board on rubber feet, a die on soft glue
 SHARE, SUSPENSION_HZ, QUALITY = 0.15, (5.0, 12.0), (1.5, 5.0)
 #: of the sensitivity, where |omega| is the full scale: the Coriolis force of the other axes takes energy out of the drive
 DROOP = 0.03
@@ -198,11 +198,11 @@ DROOP = 0.03
 RECOVERY, GAIN_S = 0.15, (0.3, 3.0)
 DEAD_ZONE = 0.3 * DEG
 ROOT = 0.012  #: of the sensitivity, at full scale
-LIMIT = 4.0  #: full scales, where the output bends over, L tanh(omega / L), at strength 1
+LIMIT = 4.0  #: full scales, where the output saturates, L tanh(omega / L), at strength 1
 
 
 def resonance(scene: Scene) -> Concealment:
-    """A share of the rate comes by a second-order response y'' + (w0/Q) y' + w0² y = w0² omega."""
+    """Part of the rate has a second-order response y'' + (w0/Q) y' + w0² y = w0² omega."""
     share = scene.signed(SHARE)
     frequency = 2 * np.pi * scene.rng.uniform(*SUSPENSION_HZ, 3)
     quality = scene.rng.uniform(*QUALITY, 3)
@@ -219,13 +219,13 @@ def resonance(scene: Scene) -> Concealment:
 
 
 def drive_droop(scene: Scene) -> Concealment:
-    """The sensitivity falls with |omega|, of all axes together."""
+    """The sensitivity of all axes falls with |omega|."""
     size, full_scale = scene.signed(DROOP), scene.options.gyro_fs_dps * DEG
     return adding("law.drive_droop", {"at_fs": size.tolist()}, lambda t, rate, force, temp: -size * rate * size_of(rate) / full_scale)
 
 
 def drive_recovery(scene: Scene) -> Concealment:
-    """The sensitivity follows |omega|² of a moment ago, as a slow gain control lets it."""
+    """The sensitivity follows |omega|² with the delay of a slow gain control."""
     size, tau_s, full_scale = scene.signed(RECOVERY), scene.rng.uniform(*GAIN_S), scene.options.gyro_fs_dps * DEG
     return adding(
         "law.drive_recovery",
@@ -235,29 +235,29 @@ def drive_recovery(scene: Scene) -> Concealment:
 
 
 def dead_zone(scene: Scene) -> Concealment:
-    """Around zero rate the output does not move."""
+    """The output does not change around zero rate."""
     width = np.abs(scene.signed(DEAD_ZONE))
     return adding("law.dead_zone", {"rps": width.tolist()}, lambda t, rate, force, temp: -np.clip(rate, -width, width))
 
 
 def root_scale(scene: Scene) -> Concealment:
-    """The sensitivity moves with the square root of the rate."""
+    """The sensitivity changes with the square root of the rate."""
     size, full_scale = scene.signed(ROOT), scene.options.gyro_fs_dps * DEG
     return adding("law.root_scale", {"at_fs": size.tolist()}, lambda t, rate, force, temp: size * rate * np.sqrt(np.abs(rate) / full_scale))
 
 
 def soft_limit(scene: Scene) -> Concealment:
-    """The output bends over, L tanh(omega / L): at these rates nearly the catalogue's cube, which is as good a name."""
+    """The output saturates, L tanh(omega / L): at these rates nearly the catalogue's cubic effect, which is as good an answer."""
     limit = LIMIT * scene.options.gyro_fs_dps * DEG / np.sqrt(np.abs(scene.signed(1.0)))
     return adding("law.soft_limit", {"rps": limit.tolist()}, lambda t, rate, force, temp: limit * np.tanh(rate / limit) - rate)
 
 
-# The Earth's field, fixed in the world, reaches a zero: drive coils, pick-off loops, steel in the package.
+# The Earth's field, fixed in the world, changes the zero: drive coils, pick-off loops, steel in the package.
 
 # Strong sizes, SI
-#: rad/s per field, rms of the nine: a ring that is driven and read by a magnet's field feels any other field, too
+#: rad/s per field, rms of the nine: a ring that is driven and sensed by a magnet's field is sensitive to any other field, too
 ZERO = 0.08 * DEG
-#: share of the field's turn that comes out as rate, rms of the nine: a pick-off loop in a field that turns against it
+#: share of the field's rotation that appears as rate, rms of the nine: a pick-off loop in a rotating field
 INDUCTION = 1.5e-3
 
 
@@ -291,21 +291,21 @@ def _field(scene: Scene) -> tuple[np.ndarray, dict]:
     return field, {"dip_rad": float(dip), "heading_rad": float(heading)}
 
 
-# The zero remembers: the last turn, an overload, how it lay.
+# The zero has a memory: of the last turn, an overload, the attitude.
 
 # Strong sizes, SI
-#: rad/s per rad turned a moment ago: charges on the electrodes and glue under shear drift back within seconds
+#: rad/s per recent rad turned: charges on the electrodes and glue under shear drift back within seconds
 REMNANT, FORGETS_S = 0.08 * DEG, (5.0, 20.0)
-#: rad/s to either side, and the rate that turns it over: friction between the die and its glue
+#: rad/s to either side, and the rate that reverses it: friction between the die and its glue
 HYSTERESIS, TURNS_OVER = 0.12 * DEG, (15 * DEG, 40 * DEG)
-#: rad/s, after |omega| went beyond; the loops wind up and need seconds
+#: rad/s, after |omega| exceeded a limit; the loops wind up and need seconds
 OVERLOAD, BEYOND, UNWINDS_S = 0.6 * DEG, (90 * DEG, 150 * DEG), (1.0, 4.0)
 #: rad/s per g, rms of the nine: a die on viscoelastic glue leans for tens of seconds
 CREEP, LEANS_S = 0.15 * DEG, (5.0, 25.0)
 
 
 def last_turn(scene: Scene) -> Concealment:
-    """The zero keeps a remnant m of what was turned, m' = omega - m / tau; the body rests at first."""
+    """The zero keeps a remnant m of the angle turned, m' = omega - m / tau; the body rests at first."""
     size, tau_s = scene.signed(REMNANT), scene.rng.uniform(*FORGETS_S)
     return adding(
         "law.last_turn",
@@ -315,7 +315,7 @@ def last_turn(scene: Scene) -> Concealment:
 
 
 def turn_hysteresis(scene: Scene) -> Concealment:
-    """The zero lies to the side of the last turn that was faster than a threshold; in the middle before the first."""
+    """The zero is displaced to the side of the last turn faster than a threshold; it is centred before the first."""
     size, threshold = scene.signed(HYSTERESIS), scene.rng.uniform(*TURNS_OVER)
 
     def added(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
@@ -325,14 +325,14 @@ def turn_hysteresis(scene: Scene) -> Concealment:
 
 
 def last_sign(values: np.ndarray, threshold: float) -> np.ndarray:
-    """Of each column of values (N, K): the sign when it was last beyond the threshold, 0 before."""
+    """For each column of values (N, K): the sign when it was last beyond the threshold, 0 before."""
     beyond = np.abs(values) > threshold
     rows = np.maximum.accumulate(np.where(beyond, np.arange(len(values))[:, None], -1), axis=0)
     return np.where(rows >= 0, np.take_along_axis(np.sign(values), np.maximum(rows, 0), axis=0), 0.0)
 
 
 def overload(scene: Scene) -> Concealment:
-    """While |omega| is beyond a limit, and some seconds more, the zero is displaced."""
+    """The zero is displaced while |omega| exceeds a limit, and for some seconds after."""
     size, limit, tau_s = scene.signed(OVERLOAD), scene.rng.uniform(*BEYOND), scene.rng.uniform(*UNWINDS_S)
     return adding(
         "law.overload",
@@ -351,12 +351,12 @@ def gravity_creep(scene: Scene) -> Concealment:
     )
 
 
-# The package warms up: strain, and what temperature does to other sensitivities.
+# The package warms up: strain, and the temperature dependence of other sensitivities.
 
 # Strong sizes, SI; a session warms up by 10 degC with a time constant of 150 s
 #: rad/s per degC/s: a warm-up's zero is off by some 0.2 dps at first, as in data sheets' curves of the first minutes
 TEMPERATURE_RATE = 4.0 * DEG
-#: rad/s per degC of strain that the glue has not yet let go
+#: rad/s per degC of strain that has not yet relaxed in the glue
 STRAIN, LETS_GO_S = 0.15 * DEG, (15.0, 60.0)
 CURVE = 0.01 * DEG  #: rad/s per degC², around the middle of the warm-up
 WARM_GRAVITY = 0.02 * DEG  #: rad/s per g and degC
@@ -364,7 +364,7 @@ WARM_SQUARE = 0.5 * DEG  #: rad/s per degC, where the rate is at full scale
 
 
 def temperature_rate(scene: Scene) -> Concealment:
-    """The zero follows dT/dt.  While T is one exponential this is the catalogue's zero over T, which is as good a name."""
+    """The zero follows dT/dt.  While T is one exponential this equals the catalogue's zero over T, which is as good an answer."""
     size = scene.signed(TEMPERATURE_RATE)
     return adding(
         "law.temperature_rate", {"rps_per_cps": size.tolist()}, lambda t, rate, force, temp: np.outer(slope(t, np.asarray(temp)), size)
@@ -372,7 +372,7 @@ def temperature_rate(scene: Scene) -> Concealment:
 
 
 def package_strain(scene: Scene) -> Concealment:
-    """The zero follows a strain e that dT/dt feeds and the glue lets go: e' = dT/dt - e / tau."""
+    """The zero follows a strain e that dT/dt feeds and the glue relaxes: e' = dT/dt - e / tau."""
     size, tau_s = scene.signed(STRAIN), scene.rng.uniform(*LETS_GO_S)
     return adding(
         "law.package_strain",
@@ -402,7 +402,7 @@ def warm_gravity(scene: Scene) -> Concealment:
 
 
 def warm_square(scene: Scene) -> Concealment:
-    """What the square of the rate adds grows with the temperature since the start."""
+    """The rate added by the square of the rate grows with the temperature since the start."""
     size, start_c, full_scale = scene.signed(WARM_SQUARE), scene.options.temperature_start_c, scene.options.gyro_fs_dps * DEG
     return adding(
         "law.warm_square",
@@ -425,7 +425,7 @@ VIBRATION_SCALE = 0.04  #: of the sensitivity, per g² of vibration
 
 
 def rate_product(scene: Scene) -> Concealment:
-    """Two axes that turn together make the third read."""
+    """Simultaneous rates about two axes add to the third."""
     size, full_scale = scene.signed(RATE_PRODUCT), scene.options.gyro_fs_dps * DEG
     return adding(
         "law.rate_product",
@@ -435,7 +435,7 @@ def rate_product(scene: Scene) -> Concealment:
 
 
 def rate_squares(scene: Scene) -> Concealment:
-    """The squares of the rates about the two other axes, together, make an axis read."""
+    """The squares of the rates about the two other axes, together, add to an axis."""
     size, full_scale = scene.signed(RATE_SQUARES), scene.options.gyro_fs_dps * DEG
     return adding(
         "law.rate_squares",
@@ -451,7 +451,7 @@ def cross_cube(scene: Scene) -> Concealment:
 
 
 def rectified_acceleration(scene: Scene) -> Concealment:
-    """The zero follows the size of the angular acceleration, whatever its sense."""
+    """The zero follows the size of the angular acceleration, in either sense."""
     size = scene.signed(RECTIFIED_S)
     return adding("law.rectified_acceleration", {"s": size.tolist()}, lambda t, rate, force, temp: size * size_of(slope(t, rate)))
 
@@ -484,7 +484,7 @@ def vibration_scale(scene: Scene) -> Concealment:
     )
 
 
-# The supply sags, and what it feeds follows: a load by a clock, a regulator after switch-on.
+# The supply sags and the sensor follows: a periodic load, a regulator after switch-on.
 
 # Strong sizes, SI
 #: rad/s: a zero that follows the supply by 1 dps per V, and a radio or a heater that pulls 0.2 V on a thin cable
@@ -495,13 +495,13 @@ RATIOMETRIC = 0.01  #: of the sensitivity: 30 mV of 3 V
 
 
 def switched_load(scene: Scene) -> Concealment:
-    """A load is on for a share of each period: the zero jumps to and fro."""
+    """A load is on for a share of each period, and the zero jumps with it."""
     size, (on, told) = scene.signed(SAG), _clock(scene)
     return adding("law.switched_load", {"rps": size.tolist()} | told, lambda t, rate, force, temp: np.outer(on(t), size))
 
 
 def ratiometric_scale(scene: Scene) -> Concealment:
-    """The same load, and it is the sensitivity that follows the supply."""
+    """The sensitivity follows the supply under the same load."""
     size, (on, told) = scene.signed(RATIOMETRIC), _clock(scene)
     return adding("law.ratiometric_scale", {"share": size.tolist()} | told, lambda t, rate, force, temp: on(t)[:, None] * size * rate)
 
@@ -517,23 +517,23 @@ def sag_recovery(scene: Scene) -> Concealment:
 
 
 def _clock(scene: Scene) -> tuple[Callable[[np.ndarray], np.ndarray], dict]:
-    """Whether the load is on at times t (N,) s, and its parameters."""
+    """A function that is true where the load is on at times t (N,) s, and its parameters."""
     period_s, duty, phase = scene.rng.uniform(*PERIOD_S), scene.rng.uniform(*DUTY), scene.rng.uniform()
     return lambda t: ((t / period_s + phase) % 1 < duty).astype(float), {"period_s": period_s, "duty": duty, "phase": phase}
 
 
-# A law drawn at random from a grammar that is wider than any search: trees of products, ratios, bends and lags over all signals.
+# A random law from a grammar wider than any search: trees of products, ratios, bends and lags over all signals.
 
 #: rad/s rms beyond a linear calibration, strong
 SIZES = (0.05 * DEG, 0.3 * DEG)
-#: of its own rms must be beyond a linear calibration: else it is hardly a law
+#: least share of its own rms beyond a linear calibration
 LEAST_BEYOND = 0.2
 PLAIN = ("f", "T", "t", "a")
 FACTORS = ((1, 2, 3), (0.35, 0.45, 0.2))
-BENT = 0.55  #: share of the factors that are bent
+BENT = 0.55  #: share of the factors with a bend
 AXES = {"all": 0.6, "one": 0.25, "two": 0.15}
 LAGS_S = (0.2, 20.0)
-#: a bend leaves sizes of one at sizes of one
+#: bends map sizes of about one to sizes of about one
 BENDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "tanh(2 {})": lambda x: np.tanh(2 * x),
     "tanh(8 {})": lambda x: np.tanh(8 * x),
@@ -558,8 +558,8 @@ JOINED = 0.25  #: share of the factors that join two signals
 
 
 def draw_expression(rng: np.random.Generator) -> tuple[str, Curve]:
-    """Its text and its curve: drawn until a trial movement shows enough of it beyond a linear calibration, and beyond a zero that follows
-    force, temperature, time or angular acceleration, which every catalogue has."""
+    """Text and curve of a random expression: drawn until enough of it on a trial movement is outside a linear calibration and a zero that
+    follows force, temperature, time or angular acceleration, which every catalogue has."""
     trial = _trial_movement()
     plain = np.hstack([trial.rate, *(LEAVES[name](trial) for name in PLAIN)])
     while True:
@@ -570,7 +570,7 @@ def draw_expression(rng: np.random.Generator) -> tuple[str, Curve]:
 
 
 def random_law(scene: Scene) -> Concealment:
-    """An expression on all, two or one of the axes, of a drawn rms beyond a linear calibration on the session's own movement."""
+    """An expression on all, two or one of the axes, scaled to a drawn rms beyond a linear calibration on the session's own movement."""
     rng, options, log_s = scene.rng, scene.options, scene.plan.log_s
     text, curve = draw_expression(rng)
     pattern = str(rng.choice(list(AXES), p=list(AXES.values())))
@@ -597,7 +597,7 @@ def _words(text: str) -> set[str]:
 
 
 def _product(rng: np.random.Generator) -> tuple[str, Curve]:
-    """One, two or three factors, and now and then a lag of it all."""
+    """One, two or three factors, and sometimes a lag of the product."""
     factors = [_factor(rng) for _ in range(int(rng.choice(FACTORS[0], p=FACTORS[1])))]
     text = " × ".join(each for each, _ in factors)
 
@@ -642,7 +642,7 @@ def _joined(join: Callable[[np.ndarray, np.ndarray], np.ndarray], first: Curve, 
 
 
 def _trial_movement() -> Signals:
-    """A minute of smooth turns between stills, the same for all: only whether a law bends at all is asked of it."""
+    """A minute of smooth turns between stills, the same for all expressions, to test for nonlinearity only."""
     rng, t = np.random.default_rng(0), np.arange(0, 60, 0.02)
     bell = np.maximum(np.sin(2 * np.pi * t / 6), 0)[:, None] ** 2
     rate = bell * np.repeat(rng.normal(0, 130 * DEG, (10, 3)), len(t) // 10, axis=0)
@@ -653,7 +653,7 @@ def _trial_movement() -> Signals:
 
 # All laws by id.
 
-#: written by hand, from physics
+#: physical laws written by hand
 _BY_HAND = (
     *(magnetic_zero, magnetic_induction, switched_load, ratiometric_scale, sag_recovery, resonance, drive_droop),
     *(drive_recovery, dead_zone, root_scale, soft_limit, last_turn, turn_hysteresis, overload, gravity_creep),

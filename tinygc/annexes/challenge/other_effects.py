@@ -1,4 +1,4 @@
-"""Effects concealed in registers, reference or site, and effects that ``explain`` has no file for."""
+"""Effects concealed in registers, reference or site, and effects without a file in the catalogue."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from tinygc.annexes.challenge.rate_effects import Concealment, Maker, Scene
 from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.simulator import RegisterLog
 
-# Effects of the catalogue that are in the registers, the reference or the site, concealed after or around the simulation.
+# Catalogue effects of the registers, the reference or the site, concealed after or around the simulation.
 
 # Strong sizes
-CLIPPED = 0.45  #: of the session's peak, missing from it
+CLIPPED = 0.45  #: share of the session's peak that is clipped
 BURSTS, BURST_SAMPLES = 12, 9
 GLITCHES, GLITCH_SAMPLES, GLITCH_RPS = 14, 4, 65 * DEG
 ACCEL_BIAS = 9 * MG  #: m/s^2
-CREEP_RPS, CREEPING, CREEP_STARTS_S = 0.3 * DEG, 0.4, 0.1  #: rate, share of the stills, how fast it sets in
+CREEP_RPS, CREEPING, CREEP_STARTS_S = 0.3 * DEG, 0.4, 0.1  #: rate, share of the stills, duration of its onset
 
 
 def saturation(scene: Scene) -> Concealment:
-    """Registers stop at a level below the session's peak rate, as if the full scale were smaller."""
+    """Registers clip at a level below the session's peak rate, as if the full scale were smaller."""
     per_lsb = gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
     def spoil(log: RegisterLog) -> tuple[RegisterLog, dict]:
@@ -35,7 +35,7 @@ def saturation(scene: Scene) -> Concealment:
 
 
 def dropped_samples(scene: Scene) -> Concealment:
-    """A burst is lost in the middle of a turn, and the later samples take the stamps of the earlier ones."""
+    """A burst is lost in the middle of a turn, and the later samples have the stamps of the earlier ones."""
     length = max(1, round(BURST_SAMPLES * scene.strength))
     hit = scene.rng.choice(len(scene.plan.turns), min(BURSTS, len(scene.plan.turns)), replace=False)
     at_s = sorted(float(np.interp(scene.rng.uniform(0.3, 0.7), (0, 1), scene.plan.turns[turn])) for turn in hit)
@@ -50,7 +50,7 @@ def dropped_samples(scene: Scene) -> Concealment:
 
 
 def glitches(scene: Scene) -> Concealment:
-    """A few samples at a time jump by the same step in every axis' own sense."""
+    """A few samples at a time jump by the same step, with a sign of its own for each axis."""
     rng, counts = scene.rng, scene.strength * GLITCH_RPS / gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
     def spoil(log: RegisterLog) -> tuple[RegisterLog, dict]:
@@ -75,7 +75,7 @@ def accelerometer(scene: Scene) -> Concealment:
 
 @dataclass(frozen=True, eq=False)
 class Creep:
-    """A gimbal that turns at a steady rate between two moments, as ``Stroke`` would be asked about it."""
+    """A gimbal that turns at a steady rate between two moments, with the interface of ``Stroke``."""
 
     gimbal: int
     start_s: float
@@ -88,7 +88,7 @@ class Creep:
         return self.rate_rps * (self.stop_s - self.start_s - CREEP_STARTS_S)
 
     def angle(self, t_s: np.ndarray) -> np.ndarray:
-        """(3, N): angle since the start, rad, and its two derivatives; the rate sets in and goes on straight lines."""
+        """(3, N): angle since the start, rad, and its two derivatives; the rate starts and stops linearly."""
         ramps = np.array([self.start_s, self.start_s + CREEP_STARTS_S, self.stop_s - CREEP_STARTS_S, self.stop_s])
         slope = np.array([1.0, -1.0, -1.0, 1.0])[:, None] * self.rate_rps / CREEP_STARTS_S
         since = np.maximum(t_s - ramps[:, None], 0)
@@ -111,7 +111,7 @@ def not_still(scene: Scene) -> Concealment:
 
 
 def earth_rotation(scene: Scene) -> Concealment:
-    """session.toml does not tell the latitude, so the Earth's rotation is not taken off."""
+    """session.toml lacks the latitude, so the Earth's rotation is not removed."""
     return Concealment("earth.rotation", {"latitude_deg": scene.options.latitude_deg}, without_latitude=True)
 
 
@@ -125,9 +125,9 @@ OTHER_EFFECTS: dict[str, Maker] = {
 }
 
 
-# Effects that ``explain`` has no file for: they must not be given the name of one that it has.
+# Effects without a file in the catalogue: ``explain`` must not report them as one that it has.
 #
-# Each is physics that has been seen in some sensor; the truth of one holds what it takes to make it again, SI.
+# Each is physics observed in some sensor; its truth has the parameters needed to reproduce it, SI.
 
 # Strong sizes, SI
 OSCILLATION, PERIOD_S = 0.1 * DEG, (20.0, 60.0)
@@ -140,7 +140,7 @@ ROOT_SCALE = 0.01  #: fraction of the sensitivity, at full scale
 
 
 def oscillation(scene: Scene) -> Concealment:
-    """The zero swings to and fro, as a poor supply or a heater's regulator makes it."""
+    """The zero oscillates, as under a poor supply or a heater's regulator."""
     size, period_s, phase = scene.signed(OSCILLATION), scene.rng.uniform(*PERIOD_S), scene.rng.uniform(0, 2 * np.pi, 3)
     return Concealment(
         "outside.oscillation",
@@ -161,7 +161,7 @@ def telegraph(scene: Scene) -> Concealment:
 
 
 def rate_product(scene: Scene) -> Concealment:
-    """Two axes that turn together make the third read."""
+    """Simultaneous rates about two axes add to the third."""
     size, full_scale = scene.signed(RATE_PRODUCT), scene.options.gyro_fs_dps * DEG
     return Concealment(
         "outside.rate_product",
@@ -171,7 +171,7 @@ def rate_product(scene: Scene) -> Concealment:
 
 
 def dead_zone(scene: Scene) -> Concealment:
-    """Around zero rate the output does not move."""
+    """The output does not change around zero rate."""
     width = np.abs(scene.signed(DEAD_ZONE))
     return Concealment(
         "outside.dead_zone",
@@ -201,7 +201,7 @@ def force_product(scene: Scene) -> Concealment:
 
 
 def root_scale(scene: Scene) -> Concealment:
-    """The sensitivity moves with the square root of the rate."""
+    """The sensitivity changes with the square root of the rate."""
     size, full_scale = scene.signed(ROOT_SCALE), scene.options.gyro_fs_dps * DEG
     return Concealment(
         "outside.root_scale",

@@ -1,4 +1,4 @@
-"""The proof of an effect on simulated sessions: inject and recover, named and nothing else."""
+"""Test an effect on simulated sessions: inject it, recover its parameters, and detect it alone."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Disturb, plan_of, simulate_session
 from tinygc.simulation.write import config_text, write_files
 
-# What a check found: a line for each part.
+# The result of a check: a line for each part.
 
 PASSED, FAILED, NOT_CHECKED = "passed", "failed", "not checked"
 
 
 class Wrong(Exception):
-    """What a part finds wrong, in one line."""
+    """Raised where a part of a check fails, with one line."""
 
 
 class NotChecked(Exception):
-    """Why a part does not apply, or cannot be checked on this machine."""
+    """Raised where a part does not apply or cannot be checked on this machine, with the reason."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ProofPart:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether the part did not fail."""
         return self.result != FAILED
 
 
@@ -89,16 +89,16 @@ class Report:
         return "\n".join([self.id, *(f"  {part.name:8} {part.result:11}  {part.says}" for part in self.parts)])
 
     def require(self) -> Report:
-        """Itself; AssertionError with all of it where a part failed: ``check(EFFECT).require()`` is a test."""
+        """Return itself; AssertionError with the whole report where a part failed: ``check(EFFECT).require()`` is a test."""
         if not self.ok:
             raise AssertionError(str(self))
         return self
 
 
-# What an effect is tried on without a session: a hand's movement, a size of its parameters, a model that undoes it.
+# The inputs of tests without a session: a hand movement, a parameter size, a model that inverts the effect.
 
 WARMING_C_PER_S = 0.8
-#: of a parameter's plausible size: what a poor sensor has
+#: share of a parameter's plausible size that a poor sensor has
 SIZE = 0.05
 
 
@@ -111,7 +111,7 @@ class EffectTrial:
     theta: np.ndarray
 
     def model(self) -> PhysicsModel:
-        """That undoes it and nothing else."""
+        """A model that inverts this effect alone."""
         return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), self.known)
 
     @property
@@ -121,7 +121,7 @@ class EffectTrial:
 
     @property
     def known(self) -> Conditions:
-        """What the model refers to."""
+        """Conditions to which the model refers."""
         return Conditions(duration_s=LENGTH_S, fs_rps=self.at.fs_rps, first_temp_c=self.at.first_temp_c)
 
 
@@ -129,7 +129,7 @@ LENGTH_S = 20.0
 
 
 def trial(effect: Effect, size: float, seed: int, value: float | None = None) -> EffectTrial:
-    """Parameters of either sign, 0.5 to 1.5 times ``size``; lags are positive; the scanned shape at ``value``, or amid its grid."""
+    """Draw parameters of either sign, 0.5 to 1.5 times ``size``; lags are positive; the scanned shape at ``value``, or mid-grid."""
     here = effect
     if effect.scan is not None:
         here = effect.at(middle_value(effect, [movement(104.0, effect.found_at)]) if value is None else value)
@@ -137,13 +137,13 @@ def trial(effect: Effect, size: float, seed: int, value: float | None = None) ->
 
 
 def random_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
-    """(P,) SI, of a convention's gauge where there is one."""
+    """(P,) SI, in a convention's gauge where there is one."""
     rng, gauge = np.random.default_rng(seed), effect.gauge
     theta = size * rng.uniform(0.5, 1.5, effect.parameter.size) * rng.choice((-1.0, 1.0), effect.parameter.size)
     if isinstance(gauge, CommonDelay):
         if gauge.never_negative:
             return gauge.late * np.abs(theta)
-        # Only the differences: what is common is a delay of the clock, which a simulated session has none of.
+        # Differences only: the common part is a clock delay, which a simulated session does not have.
         theta[list(gauge.delays)] -= theta[list(gauge.delays)].mean()
         return theta
     return theta if gauge is None else gauge.settle(theta)
@@ -159,7 +159,7 @@ def middle_value(effect: Effect, movements: list[Movement]) -> float:
 
 
 def movement(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Movement:
-    """A hand's: at rest, movement up to two fifths of full scale and 2 Hz, at rest again; all inputs there, each of its own shape."""
+    """A hand movement: rest, movement up to two fifths of full scale and 2 Hz, rest; with all inputs, each of its own shape."""
     t_s = np.arange(0, length_s, 1 / odr_hz)
     vibration = 0.2 * np.exp(-(((t_s / length_s - 0.5) * 10) ** 2))
     temp_c = at.first_temp_c + WARMING_C_PER_S * t_s
@@ -182,17 +182,17 @@ def _rate(t_s: np.ndarray, length_s: float) -> np.ndarray:
 
 
 def _turned(t_s: np.ndarray) -> np.ndarray:
-    """(N, 3) g: gravity, and up to a fifth of it that the hand's acceleration adds or takes off."""
+    """(N, 3) g: gravity, and up to a fifth of it from the hand's acceleration."""
     gravity = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
     return (1 + 0.2 * np.sin(1.9 * t_s))[:, None] * gravity
 
 
-# Small simulated sessions with the effect in them, and the explanation that names it and nothing else.
+# Small simulated sessions with the effect injected, and the explanation that must report it alone.
 
 SEGMENTS, ODR_HZ, WARM_UP_C = 16, 208.0, 10.0
-#: a hand is no faster than so many times the usual one, and begins within these degC
+#: factor that limits the hand's speed against the usual one, and range of the first temperature in degC
 MOST_VIGOUR, FIRST_C = 4.0, (-30.0, 80.0)
-#: of the full scale to which an effect's constants belong, the least that the simulated sensor has: it may be another sensor's
+#: least full scale of the simulated sensor as a share of that to which an effect's constants belong, possibly another sensor's
 RANGE_WITHIN = 0.95
 #: rms in g of each axis, and its band: in every other turn, where an effect follows vibration
 VIBRATION_G, VIBRATION_HZ = 0.4, (20.0, 45.0)
@@ -209,7 +209,7 @@ class Injected:
 
 @dataclass(frozen=True, eq=False)
 class FittedProof:
-    """What a fit with the effect makes of it: twin, whitener, and the fits without and with it, in its gauge."""
+    """A fit with the effect: twin, whitener, and the fits without and with it, in its gauge."""
 
     injected: Injected
     twin: Twin
@@ -224,13 +224,13 @@ class FittedProof:
 
 
 def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | None = None) -> Injected:
-    """Simulate a session with the effect.  NotChecked for one that is found before any fit, and for what no fit finds."""
+    """Simulate a session with the effect.  NotChecked for one that is found before any fit, and for one that no fit finds."""
     if effect.kind == "motion":
         raise NotChecked("of kind motion: it adds variance to the closure and no rate, so no fit finds it and no effect's code makes it")
     if effect.kind not in ("rate", "force", "earth"):
         raise NotChecked(f"of kind {effect.kind}: it is found before any fit")
     warm = {"warm_up_c": WARM_UP_C} if "temperature" in effect.inputs else {}
-    # The Earth is always there: it is hidden by leaving out where the table stands.
+    # The Earth's rotation is always present; it is hidden by omitting the table's location.
     bench = {"latitude_deg": 60.0, "segments": 3 * SEGMENTS} if effect.kind == "earth" else {}
     chosen: dict[str, Any] = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
     options = SimulationOptions(**(chosen | _setting(effect)))
@@ -250,7 +250,7 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
 
 
 def _setting(effect: Effect) -> dict[str, Any]:
-    """Of a session that goes as fast and is as warm as the one to which the effect's constants belong, where it says one."""
+    """Options for a session as fast and as warm as the one to which the effect's constants belong, where these are known."""
     if effect.found_at == ANYWHERE:
         return {}
     full_scale_dps = effect.found_at.fs_rps / DEG
@@ -276,15 +276,15 @@ class _Scene:
         return Movement(t, dt_s, rate, force_g, temp, vibration(force_g, dt_s), self.plan.log_s, full_scale, first_c)
 
     def whole(self) -> Movement:
-        """The session's length without its movement, for a grid to be laid over."""
+        """The session's length without its movement, for the shape's grid."""
         t = np.arange(0, self.plan.log_s, 1 / ODR_HZ)
         still = np.zeros((len(t), 3))
         return self.movement(t, still, still - [0, 0, G], np.full(len(t), self.options.temperature_start_c))
 
     def disturb(self, theta: np.ndarray) -> Disturb | None:
-        """What the accelerometer alone feels."""
+        """The disturbance felt by the accelerometer alone."""
         if self.effect.kind == "force":
-            # A fit allows for a pre-calibration that nobody knows better than this; so this one is as good, and no better.
+            # A fit allows for errors of an unknown pre-calibration; this one has errors of that size.
             rng = np.random.default_rng(self.options.seed)
             bias, matrix = (PRECALIBRATION_MPS2 * rng.standard_normal(shape) for shape in (3, (3, 3)))
             return lambda t, force: force + theta + bias + force @ matrix.T / G
@@ -305,7 +305,7 @@ class _Scene:
 
 
 def fitted(effect: Effect, injected: Injected) -> FittedProof:
-    """Read the session and fit linear model and effect together, a scanned shape searched for as naming does it."""
+    """Read the session and fit the linear model and the effect together, with the same search for a scanned shape as in model selection."""
     problem = build_problem(read_session(injected.folder))
     twin = Twin(problem)
     whiten = known_whitener(twin)
@@ -319,7 +319,7 @@ def fitted(effect: Effect, injected: Injected) -> FittedProof:
 
 
 def explanation_of(found: FittedProof) -> Explanation:
-    """As ``explain`` gives it, with the effect named and nothing else looked for."""
+    """The result of ``explain`` for a model with this effect alone and no search for others."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
     named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)]
@@ -331,18 +331,18 @@ def explanation_of(found: FittedProof) -> Explanation:
     return e
 
 
-# Inject and recover: over simulated sessions, the fitted parameters miss the true ones by what their stated sigmas allow.
+# Inject and recover: over simulated sessions, the errors of the fitted parameters must agree with their stated sigmas.
 
-#: two-sided: errors as far from their sigmas, to either side, come by chance once in so many checks
+#: two-sided probability of the errors under their sigmas at which the check fails
 CHANCE = 1e-4
-#: beyond noise, what any model of an effect simplifies (filters, sampling): this share of the injected size is allowed in each sigma
+#: share of the injected size added to each sigma, for what any model of an effect simplifies (filters, sampling)
 MODEL_SHARE = 0.01
-#: of the size, a stated sigma with which most parameters cannot be told from zero: their errors then say little
+#: sigma as a share of the size above which most parameters are not significant, so that their errors are uninformative
 HARDLY_SEEN = 1 / 3
 
 
 def recover(effect: Effect, size: float, seeds: int, value: float | None = None) -> tuple[str, FittedProof]:
-    """Squares of the errors in stated sigmas, summed over parameters and sessions, against chi-square."""
+    """Test the squared errors in stated sigmas, summed over parameters and sessions, against chi-square."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(1, seeds + 1):
@@ -354,7 +354,7 @@ def _verdict(found: list[FittedProof]) -> str:
     looks = [_look(one) for one in found]
     error, sigma = (np.concatenate([look[i] for look in looks]) for i in (0, 1))
     count = len(error)
-    # Correlated errors are fewer independent ones (Satterthwaite): the sum of squares is chi-square of so much freedom, scaled.
+    # Correlated errors count as fewer independent ones (Satterthwaite): the sum of squares is a scaled chi-square of that freedom.
     freedom = count**2 / sum(float(np.sum(look[2] ** 2)) for look in looks)
     allowed = MODEL_SHARE * np.concatenate([look[3] for look in looks])
     strict, loose = (float(np.sum(error**2 / variance)) * freedom / count for variance in (sigma**2, sigma**2 + allowed**2))
@@ -374,7 +374,7 @@ def _verdict(found: list[FittedProof]) -> str:
 
 
 def _look(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Errors (n,) and stated sigmas (n,) of what the JSON says, their correlation (n, n), and the injected size (n,)."""
+    """Errors (n,) and stated sigmas (n,) of the JSON's numbers, their correlation (n, n), and the injected size (n,)."""
     claim, truth = one.claim, one.injected.theta
     effect = claim.effect
     widen = max(1.0, one.fit.chi_square / max(len(one.fit.r) - one.fit.J.shape[1], 1))
@@ -385,7 +385,7 @@ def _look(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
         error = np.array([parameters[name] - effect.derived.of(truth)])
         return error, np.array([std[name]]), np.eye(1), np.abs([effect.derived.of(truth)])
     sigma = np.ravel(std[effect.parameter.name]) * effect.parameter.si
-    keep = sigma > 0  # a convention holds one entry exactly
+    keep = sigma > 0  # a convention fixes one entry exactly
     if isinstance(effect.gauge, Convention):
         slope = effect.gauge.slope(claim.theta)
         covariance = slope @ covariance @ slope.T

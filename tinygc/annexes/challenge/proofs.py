@@ -1,4 +1,4 @@
-"""The proof of an effect, part by part: words, columns, C, live use, picture."""
+"""Test an effect, part by part: words, columns, C, live use, picture."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 # Words, units and JSON.
 
-#: what the first word of a unit is in SI; what it is divided by is g, s, degC or a power of them, all one here
+#: SI size of a unit's first word; its divisors g, s, degC and their powers count as one here
 UNITS = {
     **dict.fromkeys(["s", "fraction", "samples", "1", "", "Hz", "rad", "rad/s", "m", "g", "°C", "%/100"], 1.0),
     **{"dps": DEG, "deg": DEG, "°": DEG, "mdps": 1e-3 * DEG, "mg": MG, "ms": 1e-3, "us": 1e-6, "%": 1e-2, "ppm": 1e-6, "min": 60.0},
@@ -65,7 +65,7 @@ RESERVED = ("id", "equation", "theta_si")
 
 
 def units(trial: EffectTrial) -> str:
-    """One sentence with a number; a unit that is as large as declared; names and numbers that come back from a model file."""
+    """Check one sentence with a number, units of their declared size, and a round trip of names and numbers through a model file."""
     _sentence(trial)
     said = [_unit(trial.effect.parameter.unit, trial.effect.parameter.si)]
     if (scan := trial.effect.scan) is not None:
@@ -86,7 +86,7 @@ def _sentence(trial: EffectTrial) -> None:
 
 
 def _unit(unit: str, si: float) -> str:
-    """That si is the size of the unit; a unit that is not known is taken at its word."""
+    """Check that si is the size of the unit; an unknown unit is accepted."""
     first, *per = unit.split(" ")[0].split("/")
     if unit.split(" ")[0] in UNITS:
         size = UNITS[unit.split(" ")[0]]
@@ -115,20 +115,20 @@ def _round_trip(trial: EffectTrial) -> None:
         raise Wrong(f"its model file gives the shape {claim.effect.shape} back for {trial.effect.shape}")
 
 
-# Columns, ``distort`` and ``correct`` say the same.
+# Columns, ``distort`` and ``correct`` agree.
 
 #: Hz: a lag far below the sampling period is a backward difference
 FINE_HZ, USUAL_HZ = 3332.0, 833.0
-#: shares of the greatest that may differ: one-sided differences, and a derivative by central differences at 2 Hz
+#: largest differences as shares of the maximum: one-sided differences, and a derivative by central differences at 2 Hz
 COLUMNS_WITHIN, UNDONE_WITHIN = 5e-3, 5e-3
 STEP = 1e-4
 ENDS = 50
-#: rad/s: above the rounding of a rate at full scale, a millionth of what a step of any parameter of the catalogue does
+#: rad/s: above the rounding of a rate at full scale, a millionth of the effect of one step of any parameter in the catalogue
 ROUNDING = 1e-12
 
 
 def columns(trial: EffectTrial) -> str:
-    """Against finite differences of ``distort`` at zero: for a rate effect; none for what bends something else."""
+    """Compare columns with finite differences of ``distort`` at zero: only for a rate effect."""
     effect, moved = trial.effect, movement(FINE_HZ, trial.at, 10.0)
     size = effect.parameter.size
     found = effect.columns(effect.shown(moved))
@@ -150,7 +150,7 @@ def columns(trial: EffectTrial) -> str:
 
 
 def undo(trial: EffectTrial) -> str:
-    """``correct`` gives the true rate back, and does nothing without parameters."""
+    """Check that ``correct`` restores the true rate, and changes nothing without parameters."""
     effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
     if effect.kind != "rate":
         raise NotChecked(f"of kind {effect.kind}: it is not undone in the rate")
@@ -166,18 +166,18 @@ def undo(trial: EffectTrial) -> str:
     return f"correct leaves {100 * left:.2g} % of what distort did"
 
 
-# In use: whole logs, pieces, sample by sample; and that it looks no farther than it declares.
+# Use on whole logs, on pieces and sample by sample, within the declared reach.
 #
-# Live, the temperature is taken as it comes; so it is in the whole log that live use is compared with.
+# Live use takes the temperature as it arrives, so the whole log that it is compared with does, too.
 
-RATE_HZ = 100.0  #: whose period is whole nanoseconds: no stamp is rounded
+RATE_HZ = 100.0  #: its period is whole nanoseconds, so no stamp is rounded
 PIECE = 300
 #: rad/s: a hundred-thousandth of a sensor's noise
 WITHIN = 1e-9
 
 
 def live(trial: EffectTrial) -> str:
-    """Sample by sample as whole, or refused in one line where it looks ahead; and no farther around than declared."""
+    """Check sample by sample against the whole log, or a one-line refusal where it looks ahead; and the declared reach."""
     if trial.effect.kind != "rate":
         raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
     samples, calibration = log(RATE_HZ, trial.at), Calibration(trial.model(), RATE_HZ)
@@ -206,7 +206,7 @@ def live(trial: EffectTrial) -> str:
 
 
 def _refusal(calibration: Calibration, name: str, why: str) -> str:
-    """The one line that refuses to go live, before any sample, and names the effect."""
+    """The one line that refuses live use before any sample and names the effect."""
     try:
         calibration.live()
     except CalibrationError as error:
@@ -225,7 +225,7 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
 
 
 def _looks_no_farther(trial: EffectTrial, samples: Samples) -> None:
-    """What lies beyond the declared reach of a sample does not move its rate."""
+    """Check that samples beyond the declared reach do not change a sample's rate."""
     middle = len(samples) // 2
     behind, ahead = trial.effect.looks(trial.theta).rows(RATE_HZ)
     model, rng = trial.model(), np.random.default_rng(0)
@@ -242,15 +242,15 @@ def _looks_no_farther(trial: EffectTrial, samples: Samples) -> None:
         raise Wrong(f"samples farther than {behind} before and {ahead} after move the rate by {off:.2g} rad/s: declare a larger reach")
 
 
-# Its C against the NumPy that is declared for it, bit for bit, and both against the model in double precision.
+# Its C against its declared NumPy, bit for bit, and both against the model in double precision.
 
 RANDOM = 2000
-#: of the rate, or of 1 rad/s
+#: relative to the rate, or to 1 rad/s
 DOUBLE_WITHIN = 1e-5
 
 
 def c(trial: EffectTrial) -> str:
-    """Compiled with the host's gcc; a stated reason where there is no C."""
+    """Compile it with the host's gcc and compare; a stated reason where there is no C."""
     code = trial.effect.device
     if isinstance(code, NoC):
         if not code.why.strip() or "\n" in code.why:
@@ -276,7 +276,7 @@ def c(trial: EffectTrial) -> str:
 
 
 def _samples(at: FoundAt) -> Samples:
-    """A hand's movement, then readings that have nothing to do with one another."""
+    """A hand movement, followed by independent random readings."""
     moved, rng = log(RATE_HZ, at), np.random.default_rng(0)
     assert moved.temp_c is not None  # as ``log`` makes it
     rate, force = rng.uniform(-at.fs_rps, at.fs_rps, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
@@ -301,7 +301,7 @@ def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
     told = re.search(r"state_is_(\d+)_bytes", files[SOURCE])
     assert told is not None  # ``source_files`` writes it
     size = int(told[1])
-    state = ctypes.create_string_buffer(b"\xa5" * size, size)  # what was in memory before must not matter
+    state = ctypes.create_string_buffer(b"\xa5" * size, size)  # the former content of memory must not matter
     loaded.tinygc_start(state)
     table = np.ascontiguousarray(np.column_stack([inputs.rate, inputs.force, inputs.temp_c]), dtype=np.float32)
     rates = np.zeros((len(table), 3), np.float32)
@@ -310,14 +310,14 @@ def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
     return rates
 
 
-# A picture is drawn, and it shows something.
+# The picture is drawn and is not empty.
 
-#: of a panel's pixels that must be ink, beyond those of its empty frame
+#: least share of a panel's pixels with ink, beyond those of its empty frame
 INK = 0.002
 
 
 def picture(effect: Effect, e: Explanation | None) -> str:
-    """Both panels hold data, and ink, with their axes labelled."""
+    """Check that both panels have data, ink and axis labels."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -354,7 +354,7 @@ def _ink(canvas: FigureCanvasAgg, panel: Axes) -> float:
     return float((inner < 250).any(axis=-1).mean())
 
 
-# All parts of the proof of an effect, in order.
+# All parts of the test of an effect, in order.
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 
@@ -406,7 +406,7 @@ def check(
 
 
 def recover_one(effect: Effect, size: float, value: float | None) -> FittedProof:
-    """One session with the effect, fitted, whatever comes of it."""
+    """Fit one session with the effect, without testing the result."""
     import tempfile
     from pathlib import Path
 
@@ -423,5 +423,5 @@ def _part(name: str, run: Callable[[], str]) -> ProofPart:
         return ProofPart(name, NOT_CHECKED, str(why))
     except (Wrong, CalibrationError) as wrong:
         return ProofPart(name, FAILED, str(wrong))
-    except Exception as error:  # the effect's own code is on trial: whatever it raises is a failure of this part
+    except Exception as error:  # the effect's own code is tested: any exception is a failure of this part
         return ProofPart(name, FAILED, f"{type(error).__name__}: {' '.join(str(error).split())}")

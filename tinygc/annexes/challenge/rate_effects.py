@@ -1,4 +1,4 @@
-"""Effects that bend the rate, concealed on the simulation's fine grid by code of their own."""
+"""Effects that change the rate, implemented independently on the simulation's fine grid."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from session.io.units import DEG, G
 from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.simulator import ACCEL_BANDWIDTH_ODR, Distort, Disturb, RegisterLog, oversampling
 
-# One thing that is hidden in a simulated session, by what it does to it.
+# One hidden effect of a simulated session, by its action.
 
 
 @dataclass(frozen=True, eq=False)
 class Concealment:
-    """id; truth, its parameters by the names and units of docs/formats.md; and what it does, each None where it does nothing.
+    """id; truth, its parameters by the names and units of docs/formats.md; and its actions, each None where it has none.
 
-    distort: to the true rate; disturb: to the force that the accelerometer feels; movement: plan -> plan;
-    spoil: to the recorded log, (recording) -> (recording, further truth); without_latitude: whether session.toml keeps it to itself.
+    distort: of the true rate; disturb: of the force that the accelerometer feels; movement: plan -> plan;
+    spoil: of the recorded log, (recording) -> (recording, further truth); without_latitude: whether session.toml omits the latitude.
     """
 
     id: str
@@ -34,7 +34,7 @@ class Concealment:
 
 
 class Place(Protocol):
-    """What a concealment may ask of sensor and site: of a simulated session its options, of a recording what it shows."""
+    """Properties of sensor and site that a concealment may use: of a simulated session its options, of a recording its data."""
 
     @property
     def gyro_fs_dps(self) -> float:
@@ -46,11 +46,11 @@ class Place(Protocol):
 
     @property
     def temperature_start_c(self) -> float:
-        """At the first sample, degC."""
+        """Temperature at the first sample, degC."""
 
     @property
     def warm_up_c(self) -> float:
-        """How far it goes from there, degC."""
+        """Change of the temperature from there, degC."""
 
     @property
     def latitude_deg(self) -> float:
@@ -58,7 +58,7 @@ class Place(Protocol):
 
 
 class Course(Protocol):
-    """What a concealment may ask of the movement."""
+    """Properties of the movement that a concealment may use."""
 
     @property
     def turns(self) -> tuple[tuple[float, float], ...]:
@@ -66,12 +66,12 @@ class Course(Protocol):
 
     @property
     def log_s(self) -> float:
-        """How long the session is, s."""
+        """Length of the session, s."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a concealment is drawn for: rng; strength, a factor of the strong size; the session's sensor and site, and its movement."""
+    """Inputs of a concealment's draw: rng; strength, a factor of the strong size; the session's sensor and site, and its movement."""
 
     rng: np.random.Generator
     strength: float
@@ -86,7 +86,7 @@ class Scene:
 Maker = Callable[[Scene], Concealment]
 
 
-# Effects of the catalogue that bend the rate, concealed on the simulation's fine grid.
+# Effects of the catalogue that change the rate, concealed on the simulation's fine grid.
 #
 # Strong sizes are those of a poor sensor or a careless set-up; each parameter is 0.5 to 1.5 times as large, of either sign.
 
@@ -126,7 +126,7 @@ def g2_sensitivity(scene: Scene) -> Concealment:
 
 
 def angular_acceleration(scene: Scene) -> Concealment:
-    """Angular acceleration enters the rate by a matrix (3, 3) s."""
+    """Angular acceleration adds to the rate by a matrix (3, 3) s."""
     cross = scene.strength * CROSS * scene.rng.standard_normal((3, 3))
 
     def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
@@ -178,7 +178,7 @@ def thermal_scale(scene: Scene) -> Concealment:
 
 
 def bias_drift(scene: Scene) -> Concealment:
-    """The bias grows steadily, by so many rad/s over the log."""
+    """The bias grows steadily, by a total in rad/s over the log."""
     drift, log_s = scene.signed(DRIFT), scene.plan.log_s
     return Concealment(
         "gyro.bias_drift", {"dps_over_log": (drift / DEG).tolist()}, distort=lambda t, rate, force, temp: rate + np.outer(t / log_s, drift)
@@ -197,7 +197,7 @@ def bias_step(scene: Scene) -> Concealment:
 
 @dataclass(frozen=True, eq=False)
 class Shaking:
-    """Half of the turns are vibrated.  envelope(t (N,) s) -> (N,) g, rms of each axis; disturb: what the accelerometer feels of it."""
+    """Vibration in half of the turns.  envelope(t (N,) s) -> (N,) g, rms of each axis; disturb: the accelerometer's part of it."""
 
     envelope: Callable[[np.ndarray], np.ndarray]
     disturb: Disturb
@@ -209,7 +209,7 @@ def shaking(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Shakin
     turns = [turn for turn in scene.plan.turns if scene.rng.uniform() < VIBRATED_TURNS] or list(scene.plan.turns[:1])
 
     def envelope(t: np.ndarray) -> np.ndarray:
-        """It rises and falls within a tenth of each turn."""
+        """Envelope that rises and falls within a tenth of each turn."""
         rms = np.zeros(len(t))
         for start, stop in turns:
             first, last = np.searchsorted(t, (start, stop))
@@ -229,7 +229,7 @@ def shaking(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Shakin
 def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Concealment:
     """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square.
 
-    The truth is per g² that the accelerometer passes: what its low-pass hides nobody sees.
+    The truth is per g² that the accelerometer passes, as the vibration above its low-pass cannot be measured.
     """
     k = scene.signed(RECTIFICATION)
     shaken = shaking(scene, band_hz)
@@ -242,7 +242,7 @@ def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATI
 
 
 def _passed(band_hz: tuple[float, float], odr_hz: float) -> float:
-    """Share of the vibration's mean square behind the accelerometer's low-pass; vibration that is filtered to a band twice."""
+    """Share of the vibration's mean square after the accelerometer's low-pass, for vibration filtered twice to a band."""
     fine_hz = oversampling(odr_hz) * odr_hz
     f_hz, band = sosfreqz(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), 8192, fs=fine_hz)
     _, passes = sosfreqz(butter(2, ACCEL_BANDWIDTH_ODR * odr_hz, fs=fine_hz, output="sos"), f_hz, fs=fine_hz)
@@ -271,13 +271,13 @@ def axis_skew(scene: Scene) -> Concealment:
 
 
 def gyro_accel_offset(scene: Scene) -> Concealment:
-    """All axes of the gyroscope are late by the same seconds against the accelerometer."""
+    """All axes of the gyroscope lag the accelerometer by the same seconds."""
     seconds = float(scene.signed(OFFSET_S, ()))
     return Concealment("timing.gyro_accel_offset", {"seconds": seconds}, distort=_late(np.full(3, seconds)))
 
 
 def _late(seconds: np.ndarray) -> Distort:
-    """The rate of so many seconds (3,) ago."""
+    """A delay of the rate by seconds (3,)."""
     return lambda t, rate, force, temp: np.stack([np.interp(t - s, t, rate[:, axis]) for axis, s in enumerate(seconds)], axis=-1)
 
 

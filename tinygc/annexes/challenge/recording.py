@@ -1,4 +1,4 @@
-"""A recording in which something is to be concealed, and what is put into it."""
+"""Inject effects into a user's recording."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
 from tinygc.effects import Effect, Movement, catalogue, movement_of
 
-# A recording in which something is to be concealed: its movement as it was measured, and the step of its readings.
+# A recording that receives an injected effect: its measured movement, and the step of its readings.
 
-#: of the differences between neighbouring values of a log, from below: one step; values that are rarely met differ by several
+#: quantile of the differences between neighbouring values of a log that is one step; rare values differ by several
 STEP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class HostRecording:
-    """A session and its problem, with the answers that ``Place`` and ``Course`` ask for."""
+    """A session and its problem, as a ``Place`` and a ``Course``."""
 
     problem: Problem
 
     @property
     def session(self) -> Session:
-        """As it was read."""
+        """The session as it was read."""
         return self.problem.session
 
     @property
     def log_s(self) -> float:
-        """Of all logs, s."""
+        """Length of all logs, s."""
         return float(self.problem.began_s[-1])
 
     @property
@@ -60,19 +60,19 @@ class HostRecording:
 
     @property
     def latitude_deg(self) -> float:
-        """As given, else the equator's."""
+        """Latitude as given, else the equator's."""
         return self.session.config.site.latitude_deg or 0.0
 
     @cached_property
     def movements(self) -> list[Movement]:
-        """Of each log: the rate E m + B of the recording's linear model, as measured."""
+        """Movement of each log: the rate E m + B of the recording's linear model, as measured."""
         known, first = conditions(self.problem), self.problem.first
         pairs = zip(self.problem.logs, self.problem.began_s, strict=False)
         return [movement_of(log.samples, first(log.samples.gyro), known, float(began)) for log, began in pairs]
 
     @property
     def has_temperature(self) -> bool:
-        """Whether every log has it."""
+        """Whether every log has a temperature."""
         return all(log.samples.temp_c is not None for log in self.session.logs)
 
     @property
@@ -82,12 +82,12 @@ class HostRecording:
 
     @property
     def temperature_start_c(self) -> float:
-        """At the first sample, degC; 25 without a thermometer."""
+        """Temperature at the first sample, degC; 25 without a thermometer."""
         return float(self.movements[0].first_temp_c) if self.has_temperature else 25.0
 
     @property
     def warm_up_c(self) -> float:
-        """From the first sample to the last, degC."""
+        """Change from the first sample to the last, degC."""
         return float(self.movements[-1].temp_c[-1]) - self.temperature_start_c if self.has_temperature else 0.0
 
     def force(self, log: int) -> np.ndarray:
@@ -97,7 +97,7 @@ class HostRecording:
 
 @dataclass(frozen=True)
 class Steps:
-    """What one step of a log's readings is: gyro rad/s, accel m/s^2; and whether each is in registers."""
+    """One step of a log's readings: gyro rad/s, accel m/s^2; and whether each is in registers."""
 
     gyro: float
     accel: float
@@ -106,7 +106,7 @@ class Steps:
 
 
 def steps_of(session: Session, log: int) -> Steps:
-    """Of one log: a register's, or, of a log in physical units, the one that its values show."""
+    """Steps of one log: a register's, or estimated from the values of a log in physical units."""
     layout, samples, sensor = Reader(session.logs[log].path, None).layout, session.logs[log].samples, session.config.sensor
     gyro_raw, accel_raw = (triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
     return Steps(
@@ -118,7 +118,7 @@ def steps_of(session: Session, log: int) -> Steps:
 
 
 def recording_of(folder: Path) -> HostRecording:
-    """The recording of a session folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError beside truth files."""
+    """The recording of a session folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has truth files."""
     session = read_session(folder)
     if session.config.protocol.reference == "truth":
         raise DataError(
@@ -137,13 +137,13 @@ def _step(values: np.ndarray) -> float:
     return float(np.quantile(gaps, STEP_SHARE)) if len(gaps) else 1e-9
 
 
-# A recording with other readings, as a session folder: the same session.toml, the logs in the units that they had.
+# Write a recording with other readings as a session folder: the same session.toml, the logs in their original units.
 
 GZIP_LEVEL = 1
 
 
 def write_spoilt(session: Session, logs: tuple[Samples, ...], folder: Path) -> None:
-    """The session with other samples in its logs; closure runs, which ``explain`` does not read, and results stay behind."""
+    """Write the session with other samples in its logs, without results and closure runs, which ``explain`` does not read."""
     with result_folder(folder), naming(folder):
         for name in ("session.toml", "attitudes.csv", "turns.csv"):
             if (session.folder / name).exists():
@@ -156,7 +156,7 @@ def write_spoilt(session: Session, logs: tuple[Samples, ...], folder: Path) -> N
 
 
 def _thermometer(session: Session) -> RegisterUnits | None:
-    """Of logs of registers; None where there are none, or their temperature's meaning is not known."""
+    """Temperature units of register logs; None where there are none, or the temperature's scale is unknown."""
     if not all(log.raw for log in session.logs):
         return None
     units = session.config.sensor.register_units
@@ -182,13 +182,13 @@ def _text(samples: Samples, steps: Steps, units: RegisterUnits | None) -> str:
     return ",".join(names) + "\n" + "".join(row % values for values in zip(*(column.tolist() for column in columns), strict=True))
 
 
-# What is concealed in a recording, and how large: multiples of what ``explain`` says would show, else the examination's strengths.
+# The injected effects and their sizes: multiples of ``explain``'s detection limits, else the blind test's strengths.
 
-#: of ``seen_from``; the first ones come first where not all can be tried
+#: multiples of ``seen_from``, in order of priority where not all can be tried
 MULTIPLES = (2.0, 4.0, 1.0, 8.0, 0.5)
-#: of an effect's generous sigma: its strong size where this recording names none
+#: share of an effect's generous sigma: its strong size where this recording has no detection limit
 STRONG_SHARE = 0.05
-#: what bends no rate, and is concealed all the same; the others are the site, and stills that move, which no reading can be given
+#: effects injected in spite of not changing the rate; the remaining ones, the site and moving stills, cannot be injected into readings
 BY_STRENGTH = ("timing.gyro_accel_offset", "gyro.saturation", "data.glitches", "timing.dropped_samples")
 STRONG = "of the strong size"
 #: id, size, unit, seen_from
@@ -197,7 +197,7 @@ Drawn = tuple[str, float, str, float | None]
 
 @dataclass(frozen=True)
 class InjectionTrial:
-    """One concealed effect: id; size and its unit, or ``STRONG``; seen_from, in that unit, or None; a seed for directions and moments."""
+    """One injected effect: id; size and its unit, or ``STRONG``; seen_from, in that unit, or None; a seed for directions and moments."""
 
     name: str
     id: str
@@ -210,10 +210,10 @@ class InjectionTrial:
 def draw_trials(
     seen_from: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int
 ) -> list[InjectionTrial]:
-    """Trials in random order.
+    """Draw trials in random order.
 
-    seen_from: effect id -> size in its parameter's unit, of those that this recording can see; own: names that it gets untouched, which
-    are not concealed again; count: at most so many, each effect before any is tried at another size.
+    seen_from: effect id -> detection limit in its parameter's unit, of those observable in this recording; own: names reported for the
+    untouched recording, which are not injected again; count: most trials, each effect once before any is tried at another size.
     """
     rng = np.random.default_rng(seed)
     sized: list[list[Drawn]] = []
@@ -254,19 +254,19 @@ def _sizes(name: str, effect: Effect | None, seen_from: dict[str, float]) -> lis
     return [(strength * STRONG_SHARE * parameter.plausible / parameter.si, parameter.unit) for strength in STRENGTHS]
 
 
-# Put an effect into a recording's readings: only what it changes is added, the rest stays as it was recorded.
+# Inject an effect into a recording's readings: only its change is added, the rest stays as recorded.
 
 
 @dataclass(frozen=True, eq=False)
 class Spoilt:
-    """logs of the session with something concealed in them, and its truth: parameters by the names of docs/formats.md."""
+    """logs of the session with an injected effect, and its truth: parameters by the names of docs/formats.md."""
 
     logs: tuple[Samples, ...]
     truth: dict
 
 
 def inject(recording: HostRecording, trial: InjectionTrial) -> Spoilt:
-    """The recording with what a trial conceals; the trial's seed decides directions, signs and moments."""
+    """The recording with a trial's effect; the trial's seed determines directions, signs and moments."""
     rng = np.random.default_rng(trial.seed)
     logs = tuple(log.samples for log in recording.session.logs)
     steps = [steps_of(recording.session, number) for number in range(len(logs))]
@@ -280,11 +280,11 @@ def inject(recording: HostRecording, trial: InjectionTrial) -> Spoilt:
 
 
 def rate_changes(recording: HostRecording, trial: InjectionTrial, rng: np.random.Generator) -> tuple[list[np.ndarray], dict]:
-    """What the readings of each log (N, 3), rad/s, gain: E^-1 (distorted less true rate); and the truth."""
+    """Change of the readings of each log (N, 3), rad/s: E^-1 (distorted less true rate); and the truth."""
     if trial.id in OUTSIDERS:
         hidden = OUTSIDERS[trial.id](Scene(rng, trial.size, recording, recording))
         distort, truth = hidden.distort, dict(hidden.truth)
-        assert distort is not None  # all outsiders bend the rate
+        assert distort is not None  # all effects outside the catalogue change the rate
         distorted = [distort(m.t_s, m.rate, recording.force(log), m.temp_c) for log, m in enumerate(recording.movements)]
     elif trial.id == "timing.gyro_accel_offset":
         seconds = trial.size * OFFSET_S * float(rng.choice((-1.0, 1.0)))
@@ -306,8 +306,8 @@ def rate_changes(recording: HostRecording, trial: InjectionTrial, rng: np.random
 
 
 def requantised(old: np.ndarray, change: np.ndarray, step: float, rng: np.random.Generator) -> np.ndarray:
-    """Readings with a change, in whole steps from the old ones: what is less than a step is rounded up as often as it is large, since
-    nobody knows where between two steps the old reading was."""
+    """Readings with a change, in whole steps from the old ones: a fraction of a step is rounded up with a probability equal to it, since
+    the old reading's place between two steps is unknown."""
     return old + step * np.floor(change / step + rng.uniform(size=change.shape))
 
 
@@ -349,7 +349,7 @@ def _glitches(logs: tuple[Samples, ...], steps: list[Steps], strength: float, rn
 
 
 def _dropped(logs: tuple[Samples, ...], steps: list[Steps], strength: float, rng: np.random.Generator) -> Spoilt:
-    """Bursts are lost while the body turns, and the later samples take the stamps of the earlier ones."""
+    """Bursts are lost while the body turns, and the later samples have the stamps of the earlier ones."""
     length, spoilt = max(1, round(BURST_SAMPLES * strength)), []
     for log in logs:
         speed = np.linalg.norm(log.gyro - np.median(log.gyro, axis=0), axis=1)

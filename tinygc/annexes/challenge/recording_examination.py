@@ -1,4 +1,4 @@
-"""Examine a user's own recording: from what size on each effect is named."""
+"""Detection limits of a user's own recording, by injection and blind test."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.recording import STRONG, HostRecording, InjectionTrial, draw_trials, inject, recording_of, write_spoilt
 from tinygc.annexes.challenge.score import NAMELESS, score
 
-# From what size on a recording names each effect that was concealed in it, beside the size that ``explain`` promised.
+# The size from which a recording reports each injected effect, compared with the detection limit of ``explain``.
 
-#: a promise holds within the step between two sizes that are tried
+#: a detection limit is confirmed within the step between two sizes that are tried
 AGREES = 2.0
 
 
 @dataclass(frozen=True)
 class Tried:
-    """One size: whether the effect was found (named, or among the equivalents of a name; what has no name: seen); ids that were named,
-    those of them that are wrong, and the untouched recording's own that are gone."""
+    """One size: whether the effect was found (named, or among the equivalents of a name; outside the catalogue: seen); reported ids, the
+    wrong ones of them, and the untouched recording's own that are missing."""
 
     size: float
     found: bool
@@ -39,7 +39,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Power:
-    """Of one effect: sizes that were tried, rising, in ``unit``; seen_from, or None."""
+    """Detection of one effect: sizes that were tried, rising, in ``unit``; seen_from, or None."""
 
     id: str
     unit: str
@@ -48,7 +48,7 @@ class Power:
 
     @property
     def told_from(self) -> float | None:
-        """The smallest size from which on it was found at every size; None where the largest was not."""
+        """The smallest size from which it was found at every size; None where the largest was not."""
         smallest = None
         for each in reversed(self.tried):
             if not each.found:
@@ -58,7 +58,7 @@ class Power:
 
     @property
     def ratio(self) -> float | None:
-        """Told from over seen from."""
+        """Measured over predicted detection limit."""
         return None if self.told_from is None or not self.seen_from else self.told_from / self.seen_from
 
     @property
@@ -68,8 +68,8 @@ class Power:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the size from which on it is told, which lies between ``not_told_at`` and ``told_from``, is within a factor of two of
-        seen from; None where these two do not decide it, or nothing was promised."""
+        """Whether the measured detection limit, which is between ``not_told_at`` and ``told_from``, is within a factor of two of the
+        predicted one; None where these two do not decide it, or none was predicted."""
         if not self.seen_from:
             return None
         above, least, most = self.not_told_at or 0.0, self.seen_from / AGREES, self.seen_from * AGREES
@@ -80,13 +80,13 @@ class Power:
 
 
 def own_names(untouched: dict) -> set[str]:
-    """Names that a recording gets without anything concealed, with their equivalents."""
+    """Names reported for the untouched recording, with their equivalents."""
     claims = [*untouched["effects"], *untouched.get("findings", ())]
     return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
 
 
 def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict) -> list[Power]:
-    """By effect.  What the untouched recording is said to have is neither right nor wrong."""
+    """Detection by effect.  Names reported for the untouched recording count as neither right nor wrong."""
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
     for trial in sorted(trials, key=lambda trial: trial.size):
@@ -107,8 +107,8 @@ def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: di
 
 
 def agreement(found: list[Power]) -> dict:
-    """Of the effects with a ``seen_from``: how many were told at some size; of how many it holds within a factor of two, of how many not,
-    and of how many that is not decided; the median ratio of those that were not found at some size: of others it is an upper bound."""
+    """Of the effects with a ``seen_from``: how many were found at some size; for how many it holds within a factor of two, does not, and is
+    undecided; the median ratio of those that were missed at some size, as for others it is an upper bound."""
     promised = [each for each in found if each.seen_from is not None]
     answers = [each.agrees for each in promised]
     ratios = [each.ratio for each in promised if each.ratio is not None and each.not_told_at is not None]
@@ -122,14 +122,14 @@ def agreement(found: list[Power]) -> dict:
     }
 
 
-# A recording examined from end to end: explain it, conceal, seal, explain blind, open, count.
+# A recording tested from end to end: explain it, inject, seal, explain blind, open, count.
 
 UNTOUCHED = "untouched"
 
 
 @dataclass(frozen=True, eq=False)
 class OwnExamination:
-    """session: its name; sha256 of the truth as it was printed before; verdict, own names: what the untouched recording gets; powers: by
+    """session: its name; sha256 of the truth as it was printed before; verdict, own names: of the untouched recording; powers: by
     effect."""
 
     session: str
@@ -149,7 +149,7 @@ def examine_recording(
     announce: Callable[[str], None] = lambda text: None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> OwnExamination:
-    """What the recording in ``session`` can tell; ``folder`` must be empty or new; count: at most so many trials, None for all.
+    """Measure the detection limits of the recording in ``session``; ``folder`` must be empty or new; count: most trials, None for all.
 
     Raises what ``recording_of`` raises, and FormatError for the folder.
     """
@@ -175,13 +175,13 @@ def examine_recording(
 def _write(
     recording: HostRecording, trials: list[InjectionTrial], folder: Path, progress: Callable[[str, int, int], None]
 ) -> tuple[list[InjectionTrial], Seal]:
-    """The session folders of the trials that this recording allows, and the truth beside them, sealed."""
+    """Write the session folders of the trials that this recording allows, and the sealed truth next to them."""
     written, truth = [], {}
     for done, trial in enumerate(trials):
         progress("concealing", done, len(trials))
         spoilt = inject(recording, trial)
         if not all(np.isfinite(log.gyro).all() for log in spoilt.logs):
-            continue  # it reads what this recording lacks
+            continue  # the effect needs an input that this recording lacks
         write_spoilt(recording.session, spoilt.logs, folder / SESSIONS / trial.name)
         truth[trial.name] = {"effects": {trial.id: spoilt.truth}, "size": trial.size, "unit": trial.unit, "seen_from": trial.seen_from}
         written.append(trial)
@@ -213,13 +213,13 @@ def to_json(result: OwnExamination) -> dict:
     }
 
 
-# What a recording can tell, as ``calibrate.py challenge --on`` prints it.
+# The detection limits of a recording, as ``calibrate.py challenge --on`` prints them.
 
 FOUND, NOT_FOUND = "✓", "–"
 
 
 def power_tables(result: OwnExamination) -> Group:
-    """A row for each effect, and what it comes to."""
+    """A row for each effect, and a summary."""
     heads = ("concealed", "unit", "seen from", "told from", "ratio", "sizes that were tried", "wrong names")
     table = Table(*heads, title=f"from what size on {result.session} tells")
     for each in result.powers:
@@ -231,7 +231,7 @@ def power_tables(result: OwnExamination) -> Group:
 
 
 def sentences(result: OwnExamination) -> list[str]:
-    """The whole in words."""
+    """The summary as sentences."""
     found, t = result.powers, agreement(result.powers)
     tried = [one for each in found for one in each.tried]
     lines = [f"untouched: {result.verdict}" + (f"; its own, neither right nor wrong: {', '.join(result.own)}" if result.own else "")]
@@ -253,7 +253,7 @@ def sentences(result: OwnExamination) -> list[str]:
 
 
 def _at_most(power: Power) -> str:
-    """A sign before what is only known to be no more, because no smaller size was tried."""
+    """A sign before an upper bound, where no smaller size was tried."""
     return "≤ " if power.told_from is not None and power.not_told_at is None else ""
 
 

@@ -1,4 +1,4 @@
-"""What was said of one session against the truth, and whether stated probabilities hold."""
+"""Score one session's answer against the truth, and test whether stated probabilities are calibrated."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 
 from tinygc.annexes.challenge.cases import MOST_INSTABILITY_DPH
 
-# Does a stated probability mean what it says?  Statements by bins, and the expected calibration error.
+# Calibration of stated probabilities: statements by bins, and the expected calibration error.
 
 #: edges of the bins: fine where names are claimed, coarse where a name was only considered
 EDGES = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0)
-#: bins from here on are what the text table shows
+#: first bin of the text table
 CLAIMS_FROM = 0.5
 
 
 @dataclass(frozen=True)
 class Statement:
-    """That ``id`` is in the recording, with a probability; claimed: as a name, not only considered; right: whether it is hidden there."""
+    """``id`` is in the recording, with a probability; claimed: reported, not only considered; right: whether it is hidden there."""
 
     id: str
     probability: float
@@ -30,7 +30,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Bin:
-    """Statements with a probability from ``low`` to ``high``: how many, the share that are right, the mean that was stated."""
+    """Statements with a probability from ``low`` to ``high``: how many, the share that are right, the mean stated probability."""
 
     low: float
     high: float
@@ -40,7 +40,7 @@ class Bin:
 
 
 def statements(said: dict, hidden: Iterable[str]) -> tuple[Statement, ...]:
-    """What ``said`` (``tinygc-explain/1``) states of names with a probability, each id once; a shape without a name states none."""
+    """Names with a probability in ``said`` (``tinygc-explain/1``), each id once; an unnamed shape has none."""
     known, stated = set(hidden), {}
     for claimed, group in ((False, said.get("considered") or ()), (True, said["effects"])):
         for each in group:
@@ -64,20 +64,20 @@ def reliability(stated: Iterable[Statement]) -> list[Bin]:
 
 
 def calibration_error(stated: Iterable[Statement]) -> float | None:
-    """Mean distance, over the statements, of the share that are right from the mean that was stated, bin by bin; None without any."""
+    """Expected calibration error: mean over the statements of each bin's distance between stated mean and share right; None without any."""
     bins = [each for each in reliability(stated) if each.share_right is not None and each.mean_stated is not None]
     total = sum(each.number for each in bins)
     return sum(each.number * abs((each.share_right or 0.0) - (each.mean_stated or 0.0)) for each in bins) / total if total else None
 
 
-# What was said of one session, against the truth.
+# The answer for one session, against the truth.
 
-#: a moment, a row or a still counts as found within this of the true one
+#: a moment, a row or a still counts as found within this distance of the true one
 NEAR = {"at_s": 0.5, "at": 4, "stills": 0}
-#: of the moments must be found, and as few may be invented
+#: least share of the moments found, and of those reported that are true
 FOUND = 0.8
 OUTSIDE = "outside."
-#: what `explain` calls a finding
+#: prefix of unnamed shapes in ``explain``
 NAMELESS = "unknown."
 KINDS = ("nothing", "one", "two", "three", "four", "outside", "beside")
 
@@ -87,10 +87,10 @@ class Score:
     """truth, claimed: ids; verdict; and, of a session in which something is hidden: found, wrong, missed (ids).
 
     exact: named exactly; found: hidden ones that are named, or in the equivalents of one that is; wrong: named ones that are not hidden
-    and have no hidden equivalent (for what is in no catalogue: no shape without a name); sigmas: errors of the parameters in their
-    reported std; right: whether each is within 3 of them or 10 % of the truth; removed: share of the excess misfit that the refit took
-    up, or None; statements: names with a stated probability.  strength: of the weakest that is hidden; odr_hz, instability_dph, told: the
-    session's data rate, its gyro's bias instability and what session.toml told of it, None where the truth does not say.
+    and have no hidden equivalent (for effects outside the catalogue: no unnamed shape); sigmas: errors of the parameters in their
+    reported std; right: whether each is within 3 of them or 10 % of the truth; removed: share of the excess misfit that the refit removes,
+    or None; statements: names with a stated probability.  strength: of the weakest that is hidden; odr_hz, instability_dph, told: the
+    session's data rate, its gyro's bias instability and its entry in session.toml, None where the truth lacks them.
     """
 
     name: str
@@ -112,7 +112,7 @@ class Score:
 
     @property
     def kind(self) -> str:
-        """One of ``KINDS``: how many effects of the catalogue are hidden, ``outside`` for one of no catalogue, ``beside`` for both."""
+        """One of ``KINDS``: number of hidden catalogue effects, ``outside`` for one outside the catalogue, ``beside`` for both."""
         outside = sum(name.startswith(OUTSIDE) for name in self.truth)
         if outside:
             return "outside" if outside == len(self.truth) else "beside"
@@ -120,17 +120,17 @@ class Score:
 
     @property
     def covered(self) -> bool:
-        """All that is hidden is named or among the equivalents, and nothing else is."""
+        """Whether every hidden effect is named or among the equivalents, and nothing else is."""
         return not self.missed and not self.wrong
 
     @property
     def alarmed(self) -> bool:
-        """Whether ``explain`` said that something is wrong."""
+        """Whether ``explain`` reported an error."""
         return self.verdict != "no_mismatch"
 
 
 def score(name: str, truth: dict, said: dict) -> Score:
-    """Compare ``truth`` (effects: id -> parameters, strength, what ``Score`` has of the session) with ``said`` (``tinygc-explain/1``)."""
+    """Compare ``truth`` (effects: id -> parameters, strength, session data as in ``Score``) with ``said`` (``tinygc-explain/1``)."""
     hidden, claims = truth["effects"], {effect["id"]: effect for effect in said["effects"]}
     stands_for = {claim: {claim, *effect["equivalent"]} for claim, effect in claims.items()}
     named = {each for each in hidden if not each.startswith(OUTSIDE)}
@@ -161,7 +161,7 @@ def score(name: str, truth: dict, said: dict) -> Score:
 
 
 def _contains(ids: set[str], hidden: dict) -> bool:
-    """Whether the truth is among ids: by its name, or, where it has none, as a shape without a name."""
+    """Whether the truth is among ids: by its name, or as an unnamed shape where it has none."""
     nameless = any(each.startswith(OUTSIDE) for each in hidden) and any(each.startswith(NAMELESS) for each in ids)
     return nameless or bool(ids & hidden.keys())
 
@@ -187,14 +187,14 @@ def parameter_errors(effect: dict, truth: dict) -> tuple[list[float], list[bool]
     return sigmas, right
 
 
-# Where alarms and wrong names come from: by data rate, by the gyro's bias instability, and by what session.toml told of it.
+# Sources of false alarms and wrong names: by data rate, by the gyro's bias instability, and by its entry in session.toml.
 
 #: deg/h: below a typical gyro's, about it, beyond
 INSTABILITIES = (0.0, 2.0, 5.0, MOST_INSTABILITY_DPH)
 
 
 def splits(scores: list[Score]) -> list[dict]:
-    """Of each group that has sessions: ``by``, ``group``, and counts of sessions, wrongly named ones, nulls and their false alarms."""
+    """For each group that has sessions: ``by``, ``group``, and counts of sessions, wrongly named ones, nulls and their false alarms."""
     groups: dict[tuple[str, float | str, str], list[Score]] = {}
     for each in scores:
         for key in _groups_of(each):
@@ -204,7 +204,7 @@ def splits(scores: list[Score]) -> list[dict]:
 
 
 def _groups_of(each: Score) -> list[tuple[str, float | str, str]]:
-    """By what, where in order, and name of each group that a session belongs to."""
+    """Criterion, place in order, and name of each group that a session belongs to."""
     found: list[tuple[str, float | str, str]] = []
     if each.odr_hz is not None:
         found.append(("data rate", each.odr_hz, f"{each.odr_hz:g} Hz"))

@@ -1,7 +1,7 @@
 """Explain one session folder, and print the result as JSON: ``python -m tinygc.annexes.challenge.worker [--discover] FOLDER [EFFECTS …]``.
 
-The examiner starts one such process for each session; the folder, where further effects are, and whether to look for laws that stand in
-no catalogue, is all it is told.
+The examiner starts one such process for each session; its only inputs are the folder, the folders of further effects, and whether to
+search for laws outside the catalogue.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SEED = 0
 
 
 def main(folder: Path, effects: list[Path], discover: bool = False) -> None:
-    """A refusal (a boring cause, for one) is an answer, too."""
+    """Print the answer; a refusal (such as for a trivial cause) is an answer, too."""
     from tinygc.effects import using
     from tinygc.explanation.engine import explain_session
     from tinygc.explanation.result import to_json
@@ -38,9 +38,9 @@ def main(folder: Path, effects: list[Path], discover: bool = False) -> None:
 
 
 def discovered(explanation: Explanation) -> dict:
-    """What the search for laws says, with its files written into the session folder; ``discovery`` of ``tinygc-explain/1``.
+    """The result of the law search, with its files written into the session folder; ``discovery`` of ``tinygc-explain/1``.
 
-    This is the one place where the examination and the search meet.
+    This is the only dependency of the examination on the search.
     """
     from tinygc.annexes.discovery.engine import discover
     from tinygc.annexes.discovery.report import DiscoveryReport

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 # An accelerometer's calibration as a table in the terminal.
 
 DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
-#: a still that counts for less than this did not count
+#: least weight of a still that counts
 IDLE_WEIGHT = 0.1
 
 
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
-    """Scale, nonorthogonality and bias, each with one sigma."""
+    """Table of scale, nonorthogonality and bias, each with one sigma."""
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for column in ("", "x", "y", "z"):
         table.add_column(column, justify="right" if column else "left", no_wrap=True)
@@ -51,7 +51,7 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
 
 
 def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
-    """What ``calibrate.py accelerometer`` prints."""
+    """Output of ``calibrate.py accelerometer``."""
     text = Text(f"{name}: ", "bold")
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
     said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
@@ -67,13 +67,13 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     return Group(*parts)
 
 
-# What to know about a fit, below its tables in the terminal: warnings, noise, losses, physics, correlations.
+# Remarks on a fit, below its tables in the terminal: warnings, noise, losses, physics, correlations.
 
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
 
 
 def remarks(result: FitResult) -> list[Text]:
-    """A line each, where there is something to say."""
+    """Remarks, one per line, as far as they apply."""
     said = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
     said += _noise_words(result)
     if result.session.alignment is not None:
@@ -108,14 +108,14 @@ def remarks(result: FitResult) -> list[Text]:
 
 
 def _noise_words(result: FitResult) -> list[Text]:
-    """What the sigmas reckon with, and whether the closure needs more than noise."""
+    """Noise that the sigmas include, and whether the closure exceeds it."""
     words = []
     if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
         p = f" (p {_p_words(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
         if above >= 1:
             much = f"The closure is {above:.1f} times its noise floor{p}"
-        else:  # of all turns alike; weighed each by its own noise, or by the noise that is found, it is more
+        else:  # for all turns together; it is larger if each is weighted by its own or the estimated noise
             much = (
                 f"The closure is {above:.1f} times its noise floor over all turns, and more than noise where each is weighed by its own{p}"
             )
@@ -135,13 +135,13 @@ def _noise_words(result: FitResult) -> list[Text]:
 
 
 def linear_of(fit: MethodFit) -> LinearModel:
-    """Of least squares, the model."""
+    """The model of a least-squares fit."""
     assert isinstance(fit.model, LinearModel)
     return fit.model
 
 
 def _losses(runs: list[ClosureRun], physics: PhysicsFit) -> list[tuple[ClosureRun, str]]:
-    """Each closure run, with what is to be said of samples lost in it."""
+    """Each closure run with the remark on samples lost in it."""
     from tinygc.estimation.physics import loss_words
 
     return [(run, loss_words(lost)) for run, lost in zip(runs, physics.lost_s, strict=True)]
@@ -178,15 +178,15 @@ def _correlations(covariance: np.ndarray) -> list[str]:
     return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]
 
 
-# The terminal report of a fit, as rich renderables: it returns them, and prints nothing.
+# The terminal report of a fit, as rich renderables; nothing is printed here.
 
 TITLES = {name: method.title for name, method in METHODS.items()}
-MOST_RESTS = 8  #: rests that are no reference, in the text
-SAME_FLOOR = 0.01  #: two floors that differ by less are one
+MOST_RESTS = 8  #: number of stills listed that are not references
+SAME_FLOOR = 0.01  #: relative difference below which two floors are equal
 
 
 def fit_report(result: FitResult) -> Group:
-    """Closure by method, closure runs, parameters, and what to know about them."""
+    """Closure by method, closure runs, parameters, remarks."""
     parts: list[RenderableType] = [_headline(result), _methods(result)]
     if result.against_raw.worse:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
@@ -197,14 +197,14 @@ def fit_report(result: FitResult) -> Group:
 
 
 def use_line(result: FitResult) -> Text:
-    """Which of the models to use, and why."""
+    """State which of the models to use, and why."""
     if result.file_to_use is None:
         return one_line(f"Use none of the models: {result.use.why}.", "bold red")
     return one_line(f"Use {result.file_to_use} ({TITLES[result.use.method or '']}): {result.use.why}.", "bold green")
 
 
 def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
-    """What to run next; effects: folders of effects that the fit was given, which what comes next needs, too."""
+    """Suggest what to run next; effects: folders of effects given to the fit, which the next command needs, too."""
     folder = result.session.folder
     if result.file_to_use is None:
         return Text("next: record more turns, to more attitudes; look for errors with\n").append(
@@ -256,7 +256,7 @@ def _headline(result: FitResult) -> Text:
 
 
 def earth_words(result: FitResult) -> str:
-    """How the Earth's rotation was allowed for."""
+    """Describe how the Earth's rotation was taken into account."""
     groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
     words = _heading_words(result)
     if asked is not None and result.problem.earth.source == "estimated":
@@ -329,7 +329,7 @@ def _closure_runs(result: FitResult) -> Table:
 
 
 def _parameters(result: FitResult) -> Table:
-    """What the sensor does, by least squares, in the words and signs of the report (``field_parameters``)."""
+    """Sensor errors by least squares, in the terms and signs of the report (``field_parameters``)."""
     hidden = tuple(result.linear.notes.get("unobserved", ()))
     quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden)
     by_name = {(q.word, q.component): q for q in quantities}
@@ -353,6 +353,6 @@ def _cell(quantity: Quantity, digits: int) -> str:
 
 
 def _accelerometer(result: FitResult) -> list[Table]:
-    """Its nine numbers, where they were estimated with the gyroscope's."""
+    """The nine accelerometer parameters, if they were estimated with the gyroscope's."""
     found = result.accelerometer
     return [] if found.mode == "given" else [accelerometer_table(found, "Accelerometer, estimated with them: value ± one sigma")]

@@ -1,4 +1,4 @@
-"""An explanation beside a truth file, for the terminal, and its report."""
+"""An explanation with a truth file as reference, for the terminal, and its report."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from tinygc.reporting.pictures.truth import figure_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
+#: share of the gyro's own noise, which an independent truth cannot follow: two sigmas of the rms of 100 angles
 OWN_NOISE_SHARE = 0.85
-MOST_VALUES = 9  #: of a claim that the page prints: a matrix whole
+MOST_VALUES = 9  #: values of a claim that are printed: a whole matrix
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
     "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
@@ -32,7 +32,7 @@ CANNOT = (
 
 
 def truth_page(e: TruthExplanation) -> Group:
-    """Verdict, claims, and the evidence of sensor, truth and clocks."""
+    """Page of verdict, claims, and the evidence on sensor, truth and clocks."""
     parts: list = [truth_line(e), Text("")]
     for claim in e.claimed:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
@@ -46,12 +46,12 @@ def truth_page(e: TruthExplanation) -> Group:
 
 
 def truth_line(e: TruthExplanation) -> Text:
-    """The session, the verdict, and how probable no more than noise is."""
+    """Session, verdict and p-value."""
     return Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})")
 
 
 def values_of(claim: TruthClaim) -> list[str]:
-    """Each parameter in people's units, with its sigma where it has one."""
+    """Each parameter in display units, with its sigma if it has one."""
     si = claim.effect.parameter.si
     if claim.sigma is None:
         return [f"{value:g}" for value in claim.theta / si]
@@ -59,7 +59,7 @@ def values_of(claim: TruthClaim) -> list[str]:
 
 
 def refusals(e: TruthExplanation) -> list[str]:
-    """A sentence for each name that would fit, but not at its size."""
+    """Sentence for each effect that would fit, but is rejected for its size."""
     return [
         f"not named: {claim.effect.id} would fit with {largest(claim.theta) / claim.effect.parameter.si:.2g} "
         f"{claim.effect.parameter.unit}, more than such a gyro has: it is something else, or the truth's"
@@ -68,8 +68,8 @@ def refusals(e: TruthExplanation) -> list[str]:
 
 
 def independent(e: TruthExplanation) -> bool | None:
-    """Whether the closure over the shortest length is as large as the gyro's own noise makes it: a truth that was estimated with this very
-    gyro follows its noise.  None where that noise is not known, because the gyro is never still."""
+    """Whether the closure over the shortest length is as large as the gyro's own noise; a truth file estimated with this gyro follows
+    that noise.  None if the noise is unknown, because the gyro is never still."""
     if not len(e.lengths_s) or not len(e.problem.stills):
         return None
     return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > OWN_NOISE_SHARE * e.gyro_rad * np.sqrt(e.lengths_s[0]))
@@ -85,7 +85,7 @@ def _evidence(e: TruthExplanation) -> Table:
 
 
 def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
-    """What each line of evidence is of (empty: as the line above), and what it says."""
+    """Subject of each line of evidence (empty: the same as above), and its statement."""
 
     def triple(values: np.ndarray, digits: int = 2) -> str:
         return ", ".join(f"{value:.{digits}f}" for value in values)
@@ -129,20 +129,20 @@ def _own_noise(e: TruthExplanation) -> str:
 
 
 class TruthReport(ExplanationReport):
-    """What is made of an explanation beside a truth file."""
+    """Report of an explanation with a truth file as reference."""
 
     def to_json(self) -> dict:
         """``tinygc-explain/1`` (docs/formats.md)."""
         return truth_to_json(self.explanation)
 
     def line(self) -> Text:
-        """The session, the verdict, and the p-value."""
+        """Session, verdict and p-value, in one line."""
         return truth_line(self.explanation)
 
     def page(self) -> Group:
-        """What the terminal shows."""
+        """Page for the terminal."""
         return truth_page(self.explanation)
 
     def picture(self) -> Figure:
-        """The page of pictures.  Raises CalibrationError where matplotlib is missing."""
+        """Draw the page of pictures.  Raises CalibrationError if matplotlib is missing."""
         return figure_of(self.explanation)

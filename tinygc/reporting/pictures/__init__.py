@@ -1,1 +1,1 @@
-"""The explanation as one page of pictures (matplotlib, imported where it draws)."""
+"""An explanation as one page of pictures (matplotlib, imported on use)."""

@@ -1,4 +1,4 @@
-"""The empty page of an explanation's pictures, its colours and its words."""
+"""Empty page of an explanation's pictures, its colours and labels."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# The empty page of an explanation: two panels a row, under what it says.
+# The empty page of an explanation: two panels per row, below its text.
 
 
 def can_draw() -> bool:
-    """Whether matplotlib, which `fit` does without, is installed."""
+    """Whether matplotlib is installed, which `fit` does not need."""
     return find_spec("matplotlib") is not None
 
 
 def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) -> tuple[Figure, Any]:
-    """Figure and its (rows, 2) panels.  Raises CalibrationError where matplotlib is missing."""
+    """Create the figure and its (rows, 2) panels.  Raises CalibrationError if matplotlib is missing."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -42,32 +42,35 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) ->
 
 
 def save(figure: Figure, path: Path) -> None:
-    """As PNG, whole or not at all.  Names of sessions and files are drawn as they are: a dollar sign begins no formula, and a sign that
-    the font lacks is a box, not a warning."""
+    """Write a PNG atomically.
+
+    Names of sessions and files are drawn literally: a dollar sign starts no formula, and a character missing from the font is drawn as a
+    box without a warning.
+    """
     for panel in figure.axes:
         legend = panel.get_legend()
         for text in (panel.title, panel.xaxis.label, panel.yaxis.label, *panel.texts, *(legend.get_texts() if legend else ())):
-            text.set_parse_math(False)  # but the numbers of a logarithmic axis are formulas of matplotlib's own
+            text.set_parse_math(False)  # except on logarithmic axes, whose numbers matplotlib writes as formulas
     with whole(path) as partial, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(partial, dpi=110, format="png")
 
 
-# Colours that mean the same in every panel.
+# Colours, with the same meaning in every panel.
 
 AXES = {"x": "#c0392b", "y": "#27804a", "z": "#2c5fa8"}
 BEFORE, AFTER, FLOOR, PALE = "#c0392b", "#2c5fa8", "#777777", "#bbbbbb"
 
 
-# Words that panels share: a parameter's name, its value with its sigma in a unit that reads well; the legend that says them.
+# Labels that panels share: a parameter's name, its value with its sigma in a readable unit, the legend.
 
-#: characters that a panel is wide at the legend's size
+#: characters across a panel at the legend's size
 WIDE = 96
-#: share of a panel's height that the legend's title, and each of its lines, takes
+#: share of a panel's height for each line of the legend, title included
 LINE = 0.06
-#: for which there is always room, so that panels before and after have one scale
+#: least number of lines reserved, which gives panels before and after the same scale
 LINES = 3
-#: unit of a parameter -> how many of another it is, which reads better beside a curve
+#: unit of a parameter -> factor to a more readable unit, and its name
 READS: dict[str, tuple[float, str]] = {
     "s": (1e3, "ms"),
     "fraction": (1e2, "%"),
@@ -77,7 +80,7 @@ READS: dict[str, tuple[float, str]] = {
 
 
 def entry_name(effect: Effect, entry: int) -> str:
-    """``x``; ``x from y`` of a matrix; the parameter's name and a number of anything else."""
+    """Name ``x``; ``x from y`` in a matrix; otherwise the parameter's name, with a number if there are several."""
     shape = effect.parameter.shape
     if shape == (3,):
         return "xyz"[entry]
@@ -87,14 +90,14 @@ def entry_name(effect: Effect, entry: int) -> str:
 
 
 def _value(claim: Claim, entry: int) -> tuple[float, float]:
-    """A parameter and its sigma in the unit of its effect; not a number where the page tells something else instead."""
+    """A parameter and its sigma in the unit of its effect; NaN if the claim states other numbers instead."""
     name = claim.effect.parameter.name
     values, sigmas = (np.ravel(told.get(name, np.nan)) for told in (claim.parameters, claim.std))
     return (float(values[entry]), float(sigmas[entry])) if entry < len(values) and entry < len(sigmas) else (np.nan, np.nan)
 
 
 def told_value(claim: Claim, entry: int) -> str:
-    """``-4.21 ± 0.05 ms``: to the sigma's first digits; empty where the claim tells other numbers."""
+    """Text ``-4.21 ± 0.05 ms``, to the sigma's first digits; empty if the claim states other numbers."""
     value, sigma = _value(claim, entry)
     if not np.isfinite(value):
         return ""
@@ -104,7 +107,7 @@ def told_value(claim: Claim, entry: int) -> str:
 
 
 def plain(value: float, sigma: float) -> str:
-    """A number and its sigma with as many decimals as the sigma has worth telling."""
+    """A number and its sigma with as many decimals as the sigma justifies."""
     if not (np.isfinite(sigma) and sigma > 0):
         return f"{value:.3g}".replace("-", "−")
     decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9))
@@ -112,7 +115,7 @@ def plain(value: float, sigma: float) -> str:
 
 
 def legend(axes: Axes, title: str | None = None) -> None:
-    """Above the data, which is moved down to make room: in as many columns as there is room for."""
+    """Draw the legend above the data in as many columns as fit, and extend the y axis to make room."""
     _, labels = axes.get_legend_handles_labels()
     columns = int(np.clip(WIDE // (max(map(len, labels)) + 6), 1, len(labels)))
     lines = max(-(-len(labels) // columns) + (title is not None), LINES)

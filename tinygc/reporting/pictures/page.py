@@ -1,4 +1,4 @@
-"""One page per explanation: each cause where it lives, and what is left with it; closure per segment; the stills over time."""
+"""Page of pictures of an explanation: each cause and its residuals, closure per segment, the stills over time."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_ROWS = 4  #: of causes that are drawn, strongest first
+MOST_ROWS = 4  #: number of causes drawn, strongest first
 
 
 def draw(e: Explanation, path: Path) -> None:
-    """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
+    """Write the page as PNG.  Raises CalibrationError if matplotlib is missing."""
     save(figure_of(e), path)
 
 
 def figure_of(e: Explanation) -> Figure:
-    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    """Draw the page as a matplotlib figure.  Raises CalibrationError if matplotlib is missing."""
     told = [*e.claimed, *e.findings]
     shown = told[:MOST_ROWS]
     rows = max(len(shown), 1) + 1
@@ -54,7 +54,7 @@ def figure_of(e: Explanation) -> Figure:
 
 
 def _closure(e: Explanation, axes: Axes) -> None:
-    """Held-out closure per segment: before, after, floor."""
+    """Plot held-out closure per segment: before, after, floor."""
     series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.proof.changed else []
     series += [("after" if e.proof.changed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
     for name, colour, face, numbers, angles in series:
@@ -63,12 +63,12 @@ def _closure(e: Explanation, axes: Axes) -> None:
     axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
     axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend, which would lie on the points
+    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend above the points
     axes.legend(loc="upper center", ncols=3, fontsize=8)
 
 
 def _stills_in_time(e: Explanation, axes: Axes) -> None:
-    """Rate in each still over the session: where drifts and steps show."""
+    """Plot the rate in each still over the session, which shows drifts and steps."""
     before, after = rates_per_still(e)
     t_s, refitted = Variable("time").of_stills(e.twin), is_refitted(e)
     for i, axis in enumerate("xyz"):
@@ -82,7 +82,7 @@ def _stills_in_time(e: Explanation, axes: Axes) -> None:
 
 
 def _lengths_in_time(e: Explanation, axes: Axes) -> None:
-    """Length of gravity in each still."""
+    """Plot the length of gravity in each still over the session."""
     _, left = lengths_per_still(e)
     axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
     axes.axhline(0, color=FLOOR, lw=0.8)
@@ -90,7 +90,7 @@ def _lengths_in_time(e: Explanation, axes: Axes) -> None:
 
 
 def _channels(e: Explanation, axes: Axes) -> None:
-    """The channels' sigmas: what is left in each beside what noise alone leaves."""
+    """Plot the sigmas of the channels: residuals and the level of noise alone."""
     refitted = is_refitted(e)
     fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]
     names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}

@@ -1,4 +1,4 @@
-"""One page per explanation against a truth file: the rate that is missing over time, before and after; noises, neighbours, frames."""
+"""Page of pictures with a truth file as reference: missing rate over time, before and after; noise, neighbours, frames."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: segments in the running median that shows what is slow
+#: segments in the running median, which shows slow variation
 SLOW_SEGMENTS = 9
 
 
 def figure_of(e: TruthExplanation) -> Figure:
-    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    """Draw the page as a matplotlib figure.  Raises CalibrationError if matplotlib is missing."""
     headline = f"{e.problem.session.name}: {e.verdict.replace('_', ' ')}"
     ids, says = [claim.effect.id for claim in e.claimed], [claim.says for claim in e.claimed]
     figure, grid = canvas(3, headline, ids, says)
@@ -34,7 +34,7 @@ def figure_of(e: TruthExplanation) -> Figure:
 
 
 def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes: Axes, when: str) -> None:
-    """The rate that each segment's closure asks for, (S, 3), and what is slow in it; wrong moments of truth."""
+    """Plot the rate, (S, 3), that would close each segment, and its slow variation; mark wrong times in the truth file."""
     t_s = e.problem.middle_s
     rate = angles / np.array([segment.duration_s for segment in e.problem.used])[:, None] / DEG
     for i, axis in enumerate("xyz"):
@@ -47,7 +47,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes: Axes, when: str
     for number, (log, at) in enumerate(e.jumps):
         axes.axvline(began[log] + at, color=FLOOR, ls=":", label=None if number else "wrong moment of truth, left out")
     axes.axhline(0, color=FLOOR, lw=0.8)
-    # A segment that misses by far more than the others would hide them.
+    # The limits ignore outlying segments, which would hide the others.
     limit = 1.3 * np.quantile(np.abs(e.angles[0]).max(axis=1) / [segment.duration_s for segment in e.problem.used], 0.98) / DEG
     axes.set_ylim(-limit, limit)
     axes.set(xlabel="time (s)", ylabel="closure over duration (dps)", title=f"Rate that the segments miss about the truth's axes, {when}")
@@ -55,7 +55,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes: Axes, when: str
 
 
 def _growth(e: TruthExplanation, axes: Axes) -> None:
-    """Closure against length: a truth's noise is the same for each, the gyro's grows as the root, a bias as the length."""
+    """Plot closure against length: the truth's noise does not depend on it, the gyro's grows as its root, a bias in proportion."""
     axes.set(xlabel="length of a segment (s)", ylabel="closure per angle (°)", title="Closure against length, about the truth's axes")
     if not len(e.lengths_s):
         _nothing(axes, "too few moments of truth")
@@ -75,7 +75,7 @@ def _growth(e: TruthExplanation, axes: Axes) -> None:
 
 
 def _neighbours(e: TruthExplanation, axes: Axes) -> None:
-    """A segment's closure against its predecessor's: along the rising line something slow, along the falling one the truth's noise."""
+    """Plot each segment's closure against its predecessor's: slow variation on the rising line, the truth's noise on the falling one."""
     axes.set(xlabel="closure of a segment (°)", ylabel="closure of the next (°)", title="Neighbouring segments")
     at = neighbours(e.problem)
     if len(at) < 5:
@@ -92,7 +92,7 @@ def _neighbours(e: TruthExplanation, axes: Axes) -> None:
 
 
 def _frame(e: TruthExplanation, axes: Axes) -> None:
-    """The rotation from the gyro's axes to the truth's."""
+    """Plot the rotation from the gyro's axes to the truth's."""
     axes.set(ylabel="rotation (°)", title="Truth's frame against the gyro's, ± one sigma")
     if not np.isfinite([e.turned, e.turned_sigma]).all():
         _nothing(axes, "too few segments")
@@ -106,7 +106,7 @@ def _frame(e: TruthExplanation, axes: Axes) -> None:
 
 
 def _force(e: TruthExplanation, axes: Axes) -> None:
-    """What the accelerometer misses by against the truth's vertical, as it stands, and turned as the gyro asks."""
+    """Plot the accelerometer's error against the truth's vertical, as given and after the rotation estimated by the gyro."""
     axes.set(ylabel="apparent bias (mg)", title="Accelerometer against the truth's vertical, ± one sigma")
     if e.force is None:
         _nothing(axes, "no 20 s in one piece, over which a vehicle averages out")

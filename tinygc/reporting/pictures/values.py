@@ -1,4 +1,4 @@
-"""The numbers behind the pictures: channels, laws, what each turn says, an effect's own picture."""
+"""Numbers behind the pictures: channels, laws, estimates of each turn, data for an effect's own picture."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# What a picture of an explanation shows of the twin's channels: what is left in them, and what an effect says of it.
+# Residuals of the twin's channels, and the contribution of an effect to them.
 #
-# The fit holds all that is drawn against a variable, with a name or without one.  So what it leaves is after, and with the effect added
-# again it is before.
+# The fit contains all effects that are drawn against a variable, named or not.  So its residuals are "after"; with the effect's
+# contribution added back they are "before".
 
 
 def told(e: Explanation) -> Claim | None:
-    """The strongest effect that adds to the rates, which is what can be drawn against a variable."""
+    """The strongest effect that adds to the rates; only these can be drawn against a variable."""
     return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
 
 
 def theta(e: Explanation, claim: Claim) -> np.ndarray:
-    """(P,) SI, the parameters of a claim as the fit has them."""
+    """Parameters of a claim as fitted, (P,) SI."""
     return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
 def variable_for(e: Explanation, claim: Claim | None) -> Variable:
-    """The variable that a claim is drawn against; time where there is none."""
+    """The variable against which a claim is drawn; time if there is none."""
     return variable_of(None) if claim is None else variable_of(claim.effect, theta(e, claim))
 
 
@@ -55,7 +55,7 @@ def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = None) -> np.ndarray:
-    """(Q, 3) dps that an effect adds to each still's mean rate; values (P,) SI in place of its parameters, to see a part of it."""
+    """Contribution of an effect to each still's mean rate, (Q, 3) dps; values (P,) SI replace its parameters, to isolate a part."""
     twin = e.twin
     values = theta(e, claim) if values is None else values
     if claim.effect.kind == "earth":
@@ -65,39 +65,39 @@ def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = No
 
 
 def recorded_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
-    """(Q, 3) dps that the recording has in each still of what the effect should explain."""
+    """Part of each still's recorded rate, (Q, 3) dps, that the effect should explain."""
     _, after = rates_per_still(e)
     return after + added_in_stills(e, claim)
 
 
 def added_to_closure(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
-    """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
+    """Contribution of an effect to the closure of each segment, (S, d) rad, to first order, and the recorded part it should explain."""
     added = -e.replay.columns(claim.effect).closure @ theta(e, claim)
     return added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
 
 
 def closure_as_recorded(e: Explanation) -> dict[int, float]:
-    """Closure in degrees, by the segment's number, of what was recorded with nothing mended, by the linear model of what was mended."""
+    """Closure in degrees by segment number, without data repair, under the linear model fitted to the repaired data."""
     angles = closure_angles(e.problem.batch, e.naming.fit.state.model)
     return dict(zip((segment.number for segment in e.problem.used), np.linalg.norm(angles[:, :2], axis=1) / DEG, strict=True))
 
 
 def closure_by_segment(e: Explanation) -> tuple[dict[int, float], dict[int, float]]:
-    """Held-out closure in degrees by the segment's number, before and after."""
+    """Held-out closure in degrees by segment number, before and after."""
     before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (e.proof.before, e.proof.after))
     return dict(zip(e.proof.before_numbers, before, strict=True)), dict(zip(e.proof.after_numbers, after, strict=True))
 
 
-# The curve of an effect's own law: what it adds at a constant movement, along the variable that it follows.
+# The curve of an effect's law: its contribution at a constant movement, along the variable that it follows.
 
 
 def at_constant(
     effect: Effect, theta: np.ndarray, like: Movement, variable: Variable, axis: int, at: np.ndarray, *, per_rate: bool = False
 ) -> np.ndarray:
-    """(K,) rad/s that the effect adds to one axis at each value (K,) of the variable, in people's units; a share of the rate on request.
+    """Rate (K,) rad/s that the effect adds to one axis at each value (K,) of the variable, in display units; or its ratio to the rate.
 
-    like: a log whose session, sampling period and full scale count.  An effect that is asked for a share where the rate is no
-    variable has it at one tenth of full scale.
+    like: a log whose session, sampling period and full scale apply.  If the rate is not the variable, the ratio is that at one tenth of
+    full scale.
     """
     count = len(at)
     vector = np.zeros((count, 3))
@@ -128,27 +128,27 @@ def at_constant(
     return np.divide(added[:, axis], one.rate[:, axis], out=np.full(count, np.nan), where=one.rate[:, axis] != 0)
 
 
-# What each turn by itself says of an effect: its closure, with all else of the fit kept, projected on what the effect would make of it.
+# Estimate of an effect from each turn alone: the turn's closure, with the rest of the fit kept, projected on the effect's closure.
 #
 # To first order a small rate error turns a segment's end by the sum of sensitivity times rate.  So a constant scale error or offset of one
 # axis, or one unit of a parameter, has one column of closure in each turn, and the turn's own estimate is the least-squares share of it.
 
-#: what a turn's closure is expressed as, of each sample's movement (N, 3): a share of the rate, or a rate that is added
+#: unit rate error of each sample's movement (N, 3) that a turn's closure is expressed in: a share of the rate, or an added rate
 CARRIERS: dict[str, Callable[[Movement], np.ndarray]] = {"scale": lambda m: m.rate, "offset": lambda m: np.ones_like(m.rate)}
-#: turns that hardly turn about an axis say nothing of it: beyond this many times the sigma of the best tenth they are left out
+#: turns whose sigma exceeds this multiple of the best tenth's are left out, since they hardly turn about the axis
 FAINT = 4.0
-#: share of the curve's height by which a turn may stand beside it: a turn of both senses has no place on one of sense
+#: largest distance of a turn from the curve, as a share of its height: the law of a one-way turn does not hold for a two-way turn
 OFF_CURVE = 0.1
-#: points of a law's curve on which the place of a turn is looked up
+#: points of a law's curve on which a turn is located
 GRID = 201
 
 
 @dataclass(frozen=True, eq=False)
 class OfTurns:
-    """Of one axis or parameter, in SI, of the S' turns that tell of it.
+    """Estimates of one axis or parameter, in SI, from the S' turns that observe it.
 
-    x (S',): where a turn stands, in people's units of its variable, or the closure (rad) that one unit makes; before, after (S',): what
-    its closure asks for without this part of the effect, and with it; sigma (S',) from noise; law (S',): what the effect says.
+    x (S',): value of the variable at each turn, in display units, or the closure (rad) of one unit of the parameter; before, after (S',):
+    estimate from the turn without this part of the effect, and with it; sigma (S',) from noise; law (S',): prediction of the effect.
     """
 
     x: np.ndarray
@@ -159,24 +159,24 @@ class OfTurns:
 
 
 def turn_columns(e: Explanation, claim: Claim) -> np.ndarray:
-    """(S, d, P) rad: what one SI unit of each parameter adds to the closure of each turn."""
+    """Change of each turn's closure, (S, d, P) rad, per SI unit of each parameter."""
     return -e.replay.columns(claim.effect).closure
 
 
 def turn_sigma(e: Explanation) -> np.ndarray:
-    """(S, d) rad: the floor of each angle of closure, widened as the claims' own sigmas are, by what is left."""
+    """Floor of each closure angle, (S, d) rad, inflated by the residuals as the claims' own sigmas are."""
     fit = e.naming.fit
     widen = max(1.0, float(fit.r @ fit.r) / max(len(fit.r) - int(np.sum(~e.twin.batch.known)) - fit.J.shape[1], 1))
     return e.twin.problem.floor.sigma * np.sqrt(widen)
 
 
 def left_by_turn(e: Explanation) -> np.ndarray:
-    """(S, d) rad that the fit leaves with all of its effects in it."""
+    """Closure residuals, (S, d) rad, of the fit with all of its effects."""
     return e.twin.residuals(e.naming.fit.state, e.replay.rates).closure
 
 
 def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
-    """(S, d) rad of closure once these parameters are zero, exactly, and all else is as the fit has it."""
+    """Closure, (S, d) rad, computed exactly with these parameters at zero and the rest of the fit unchanged."""
     state, some = e.naming.fit.state, theta(e, claim).copy()
     some[list(entries)] = 0.0
     claims = tuple(replace(each, theta=some) if each.effect.id == claim.effect.id else each for each in state.claims)
@@ -184,11 +184,11 @@ def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
 
 
 def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Variable) -> OfTurns:
-    """The scale error (fraction) or offset (rad/s) that each turn asks for on one axis, where the turn stands along the variable.
+    """Scale error (fraction) or offset (rad/s) of one axis estimated from each turn, located along the variable.
 
-    An effect with one parameter for each axis.  A turn stands where a constant movement would have its law, as the law itself weighs
-    the turn: a cubic sees fast moments more than slow ones.  Turns that went both ways, and those that hardly turn about the axis, stand
-    nowhere and are left out; which ones does not depend on what they ask for.
+    Requires an effect with one parameter per axis.  A turn is located where a constant movement would have the same law, weighted as the
+    law weights the turn: a cubic weights fast moments more than slow ones.  Turns in both senses, and those that hardly turn about the
+    axis, are left out; this selection does not depend on their estimates.
     """
     twin, replay = e.twin, e.replay
     columns, sigma = turn_columns(e, claim), turn_sigma(e)
@@ -215,9 +215,9 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
 
 
 def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
-    """The closure that each turn misses along the direction in which one parameter moves it, rad; x of one SI unit, rad.
+    """Closure residual of each turn along the direction in which one parameter moves it, rad; x: closure of one SI unit, rad.
 
-    Added-variable: a straight line through zero whose slope is the parameter.
+    This is an added-variable plot: a straight line through zero whose slope is the parameter.
     """
     columns, sigma = turn_columns(e, claim), turn_sigma(e)
     own = columns[:, :, entry]
@@ -232,14 +232,14 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
 
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
-    """Parameters that move the closure most, in sigmas of noise, in their own order."""
+    """Indices, ascending, of the parameters that move the closure most, in sigmas of noise."""
     moved = turn_columns(e, claim) * theta(e, claim) / turn_sigma(e)[:, :, None]
     power = np.sum(moved**2, axis=(0, 1))
     return sorted(int(entry) for entry in np.argsort(power)[::-1][:most])
 
 
 def projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(S, d) that gives the least-squares share of a column (S, d) in angles of these sigmas; its own sigma (S,), inf where it is none."""
+    """Weights (S, d) of the least-squares share of a column (S, d) in angles of these sigmas; its sigma (S,), inf for a zero column."""
     weighted = column / sigma**2
     power = np.sum(weighted * column, axis=1)
     share = np.divide(weighted, power[:, None], out=np.zeros_like(column), where=power[:, None] > 0)
@@ -247,24 +247,24 @@ def projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def telling(sigma: np.ndarray) -> np.ndarray:
-    """(S,) bool."""
+    """Turns that observe the axis, (S,) bool."""
     return sigma <= FAINT * np.quantile(sigma, 0.1)
 
 
 def one_way(weight: np.ndarray, along: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """(S,) bool: those whose weights, of a turn there and back of either sign, still give a mean within what the variable was."""
+    """Turns whose weighted mean lies within the range of the variable, (S,) bool; weights of both signs may put it outside."""
     seen = weight != 0
     low, high = (np.max(np.where(seen, side * along, -np.inf), axis=1) for side in (-1, 1))
     return (mean >= -low) & (mean <= high)
 
 
 def _on_curve(unit: np.ndarray, curve: np.ndarray) -> np.ndarray:
-    """(S',) bool: turns on which the law of one unit acts as at a constant movement; a law with a jump has none for both sides of it."""
+    """Turns on which the law of one unit acts as at a constant movement, (S',) bool; none that cross a jump of the law."""
     return np.abs(unit - curve) <= OFF_CURVE * np.max(np.abs(curve), initial=0.0)
 
 
 def _along(variable: Variable, movement: Movement, axis: int) -> np.ndarray:
-    """(N,) of the variable; a rate with its sign, so that both ways round are told apart."""
+    """Value of the variable (N,); a rate keeps its sign, which separates both senses."""
     if variable.variable == "rate":
         return movement.rate[:, axis] / DEG
     values = READ[variable.variable][0](movement)
@@ -272,12 +272,12 @@ def _along(variable: Variable, movement: Movement, axis: int) -> np.ndarray:
 
 
 def _padded_scalar(e: Explanation, of_logs: list[np.ndarray]) -> np.ndarray:
-    """(S, T) of values (N,) for each log."""
+    """Values (N,) of each log arranged by segment, (S, T)."""
     return e.twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
 
 
 def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], span: np.ndarray) -> np.ndarray:
-    """(S,) where on a curve of one unit each turn's own unit stands, on its mean's side of zero; the mean where no curve tells it."""
+    """Place (S,) of each turn's unit on the curve of one unit, on its mean's side of zero; the mean if the curve does not determine it."""
     found = mean.copy()
     for side in (-1, 1):
         low, high = np.clip(span, *((0, np.inf) if side > 0 else (-np.inf, 0)))
@@ -294,20 +294,23 @@ def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], n
     return found
 
 
-# The law of an effect with one parameter for each axis, ready to be drawn: what each turn asks for, and the curve, in people's units.
+# The law of an effect with one parameter per axis, as drawn: estimates of each turn and the curve, in display units.
 
-#: a picture's name -> what carries its law in ``per_turn``, and what that is called
+#: a picture's name -> carrier of its law in ``per_turn``, and its label
 CARRIED = {SCALE_LAW: ("scale", "scale error"), ENERGY_LAW: ("offset", "zero-rate offset")}
-#: of the greatest scale error: from which on it is told in per cent, not in millionths
+#: largest scale error from which on it is shown in per cent instead of ppm
 PER_CENT = 1e-3
-#: points of a curve: even, so that none is at the zero of a rate, of which nothing is a share
+#: points of a curve; an even number avoids a rate of zero, where a ratio to the rate is undefined
 POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
 class AxisLaws:
-    """words: what turns ask for; follows: the variable's; unit: of values; x_label; turns: of each axis, values in that unit; curves: of
-    each axis, where (K,) and the law there (K,)."""
+    """Law of each axis, as drawn.
+
+    words: name of the estimated quantity; follows: name of the variable; unit: of values; x_label; turns: for each axis, values in that
+    unit; curves: for each axis, variable (K,) and law (K,).
+    """
 
     words: str
     follows: str
@@ -318,17 +321,17 @@ class AxisLaws:
 
     @property
     def reached(self) -> np.ndarray:
-        """(n,) all places of turns and curves."""
+        """Values of the variable at all turns and on all curves, (n,)."""
         return np.concatenate([*(of.x for of in self.turns), *(at for at, _ in self.curves)])
 
     @property
     def asked(self) -> np.ndarray:
-        """(n,) all values of turns, as recorded, and of curves."""
+        """Values of all turns, as recorded, and of all curves, (n,)."""
         return np.concatenate([*(of.before for of in self.turns), *(values for _, values in self.curves)])
 
 
 def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:
-    """Of an effect whose picture names such a law.  None where no axis is its own, or no constant movement has the law."""
+    """Laws of an effect whose picture needs them.  None if it has no parameter per axis, or if no constant movement has the law."""
     variable, pair = variable_for(e, claim), claim.effect.pair
     if not isinstance(pair, str) or pair not in CARRIED:
         return None
@@ -353,7 +356,7 @@ def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:
 
 
 def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis: int, of: OfTurns) -> tuple[np.ndarray, np.ndarray]:
-    """Where (K,), and the law there (K,) SI, along what the axis's turns reach; of a rate, as far to either side."""
+    """Variable (K,) and law (K,) SI over the range of the axis's turns; for a rate, the range is symmetric about zero."""
     span = np.max(np.abs(of.x), initial=0.0)
     low, high = (-span, span) if variable.variable == "rate" else (np.min(of.x, initial=np.inf), np.max(of.x, initial=-np.inf))
     if variable.variable == "vibration":
@@ -364,11 +367,11 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
     return at, at_constant(claim.effect, theta(e, claim), e.twin.movements[0], variable, axis, at, per_rate=carrier == "scale")
 
 
-# An effect that draws its own picture: it is handed plain arrays, and the two axes.
+# An effect that draws its own picture gets plain arrays and the two axes.
 
 
 def picture_data(e: Explanation, claim: Claim) -> PictureData:
-    """What there is to draw of a claim that adds to the rates."""
+    """Plot data of a claim that adds to the rates."""
     variable, (before, after) = variable_for(e, claim), rates_per_still(e)
     closure_says, closure_recorded = added_to_closure(e, claim)
     return PictureData(
@@ -391,7 +394,7 @@ def picture_data(e: Explanation, claim: Claim) -> PictureData:
 
 
 def draw_own(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
-    """Call the effect's own function.  EffectError, with what it said, where it fails."""
+    """Call the effect's own function.  EffectError, with the function's message, if it fails."""
     own = claim.effect.pair
     assert callable(own)
     try:

@@ -1,7 +1,7 @@
-"""One panel for each idea of what a cause looks like; each draws an explanation's claim into a pair of axes.
+"""Panels, one per kind of cause; each draws an explanation's claim into a pair of axes.
 
-An effect names its pair (``tinygc.effects.effect``), or draws its own from plain data; one that adds to the rates is drawn along its
-variable unless it says otherwise.
+An effect names its pair of panels (``tinygc.effects.effect``), or draws its own from plain data.  By default an effect that adds to the
+rates is drawn along its variable.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
 
 
 def draw_claim(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
-    """The mismatch where it lives, and a second look at it, into two axes.  EffectError where an effect's own picture fails."""
+    """Draw the mismatch and a second view of it into two axes.  EffectError if an effect's own picture fails."""
     pair = claim.effect.pair
     if not isinstance(pair, str):
         draw_own(e, claim, left, right)

@@ -1,4 +1,4 @@
-"""Panels of effects in the stills: zero rate, the Earth, gravity's length, creep."""
+"""Panels of effects in the stills: zero-rate level, the Earth, gravity's length, creep."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# An effect that moves the zero: the rate in each still along what it follows, with its law; and against what the effect says.
+# An effect on the zero-rate level: the rate in each still over the effect's variable, with its law; and over its prediction.
 
-#: what an effect reads where it follows one variable alone
+#: inputs of an effect that follows one variable alone
 READS = {"attitude": {"force"}, "temperature": {"temperature"}, "time": {"time"}}
 #: points of a curve
 GRID = 401
 
 
 def along(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Filled before, rings after, and the law's curve; where each axis follows gravity along itself, that is what it is drawn against.
+    """Plot still rates before (filled) and after (rings), and the law's curve; over gravity along each axis if each axis follows its own.
 
-    Before has all else of the fit taken off: the other columns of a matrix, too.
+    "Before" excludes the rest of the fit, including the other columns of a matrix.
     """
     values, variable = theta(e, claim), variable_for(e, claim)
     own = variable.variable == "attitude" and values.size == 3
@@ -72,14 +72,14 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def _has_curve(claim: Claim, variable: Variable, values: np.ndarray) -> bool:
-    """Whether the variable alone tells what the effect adds to a still."""
+    """Whether the variable alone determines the effect's contribution to a still."""
     effect = claim.effect
     one = variable.variable != "attitude" or values.size in (3, 9)
     return one and not effect.reach and set(effect.inputs) <= READS.get(variable.variable, set())
 
 
 def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """On the line where the effect is all there is."""
+    """Plot recorded over predicted rates, which lie on the line if the effect is the only cause."""
     says, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
     for i, axis in enumerate("xyz"):
         axes.plot(says[:, i], recorded[:, i], "o", color=AXES[axis], label=axis, ms=4)
@@ -89,13 +89,13 @@ def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     axes.legend()
 
 
-# A rate that is fixed in the world: the stills' rates, turned into the table's frame, gather in one place that is not zero.
+# A rate fixed in the world: the stills' rates, rotated into the table's frame, cluster at one nonzero value.
 
 MDPS = 1e-3 * DEG
 
 
 def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool = False) -> None:
-    """Horizontal, along the found rate's own horizontal direction, and down; with a circle as large as the Earth's rate."""
+    """Plot the horizontal component along the estimated rate's, and the vertical; with a circle of the Earth's rate."""
     turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
     size = np.hypot(*fixed[:2])
     ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
@@ -121,13 +121,13 @@ def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool =
     axes.legend(fontsize=8)
 
 
-# A stale pre-calibration: the length of gravity in each still, over attitude, and against what the bias says.
+# An outdated pre-calibration: the length of gravity in each still, over attitude, and over the bias's prediction.
 
 
 def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Gravity has one length, whatever the attitude: a bias makes it longer one way up, and shorter the other.
+    """Plot gravity's length over attitude: a bias increases it one way up, and decreases it the other.
 
-    Of each axis, with what the bias of the others does taken off; filled before, rings after, and the line of the bias.
+    For each axis the bias of the others is removed; before (filled), after (rings), and the line of the bias.
     """
     _, after = lengths_per_still(e)
     down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
@@ -149,7 +149,7 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def length_against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """What it adds to gravity's length in each attitude."""
+    """Plot the recorded over the predicted change of gravity's length in each attitude."""
     down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
     says = np.sum(down * (bent_by(claim.effect, e.twin.force) @ theta(e, claim)), axis=1) / MG
     recorded = says + lengths_per_still(e)[1] / MG
@@ -159,11 +159,11 @@ def length_against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     axes.set(xlabel=f"{claim.effect.id} says (mg)", ylabel="recorded in the still (mg)", title="Recorded against explained")
 
 
-# Stills that were none: the angle by which the body turns in each, and its rate against the bar.
+# Stills with movement: the angle by which the body turns in each, and its rate against the threshold.
 
 
 def turned_angle(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Integral of the gyro, less its usual zero, within each still: those that were not still run away."""
+    """Plot the integral of the gyro less its usual zero-rate level in each still; it drifts away in those that were not still."""
     moving, zero = set(claim.parameters["stills"]), _zero(e, claim)
     for number, (log, still) in enumerate(_stills(e)):
         rate = log.samples.gyro[still.start : still.stop] - zero
@@ -180,7 +180,7 @@ def turned_angle(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def rate_against_bar(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """By gravity and by the gyro, and what noise would make of gravity."""
+    """Plot rates from gravity and from the gyro, and the threshold for noise of gravity."""
     zero, stills = _zero(e, claim), _stills(e)
     numbers = np.arange(len(stills))
     bad = np.isin(numbers, claim.parameters["stills"])
@@ -195,18 +195,18 @@ def rate_against_bar(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def _stills(e: Explanation) -> list[tuple]:
-    """(log, still) of all, as they are numbered."""
+    """(log, still) pairs of all logs, in the order of their numbers."""
     return [(log, still) for log in e.problem.logs for still in log.stills]
 
 
 def _zero(e: Explanation, claim: Claim) -> np.ndarray:
-    """(3,) rad/s: the gyro's usual reading at rest."""
+    """Median reading of the gyro at rest, (3,) rad/s."""
     good = [still.gyro_mean for number, (_, still) in enumerate(_stills(e)) if number not in claim.parameters["stills"]]
     return np.median(good or [still.gyro_mean for _, still in _stills(e)], axis=0)
 
 
 def _bar(log: StillSet, still: Still) -> float:
-    """rad/s: what the first look lets noise make of gravity's movement in this still (``session.detect.stills``)."""
+    """Threshold of the first look for gravity's rate of turn by noise in this still, rad/s (``session.detect.stills``)."""
     sigma = float(log.noise.velocity_random_walk.max()) * np.sqrt(12 / still.duration_s**3) / still.gravity_mps2
     return max(CREEP_SIGMAS * sigma, CREEP_RPS)
 

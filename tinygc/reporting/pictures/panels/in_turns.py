@@ -18,31 +18,31 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# Any effect that acts while the sensor turns: what each turn misses, on a straight line over what the effect says.
+# Any effect that acts during turns: closure residual of each turn over the effect's prediction, on a straight line.
 
-#: parameters that are drawn, strongest first
+#: number of parameters drawn, strongest first
 MOST = 3
-#: of a lag, in s, what the horizontal axis is told of
+#: lag, in s, in which the horizontal axis is scaled
 ONE_MS = 1e-3
 
 
 def before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """On the line of slope one where the effect is the cause."""
+    """Plot residuals over predictions, which lie on the line of slope one if the effect is the cause."""
     _against_said(e, claim, axes, taken_off=False)
 
 
 def after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The same turns, to the same scale, once the effect is taken off: level where it was all."""
+    """Plot the same turns to the same scale with the effect removed; the points are level if it is the only cause."""
     _against_said(e, claim, axes, taken_off=True)
 
 
 def lag_before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """What each turn misses against what 1 ms of lag would make: the slope is the lag in ms."""
+    """Plot the closure residual of each turn over the closure of a lag of 1 ms; the slope is the lag in ms."""
     _against_one_ms(e, claim, axes, taken_off=False)
 
 
 def lag_after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The same turns, to the same scale, once the lag is taken off."""
+    """Plot the same turns to the same scale with the lag removed."""
     _against_one_ms(e, claim, axes, taken_off=True)
 
 
@@ -64,7 +64,7 @@ def _against_said(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> 
 
 
 def _against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
-    if claim.effect.parameter.unit != "s":  # no delay
+    if claim.effect.parameter.unit != "s":  # not a lag
         _against_said(e, claim, axes, taken_off)
         return
     values = theta(e, claim)
@@ -84,7 +84,7 @@ def _against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -
 
 
 def _points(e: Explanation, claim: Claim, axes: Axes, taken_off: bool, entry: int, unit: float, colour: str, label: str) -> np.ndarray:
-    """Draw one parameter against so many SI units of it; the span (2,) of x, in degrees.  The limits are those of before in either case."""
+    """Plot one parameter against this many SI units of it; returns the span (2,) of x, in degrees.  Limits are those of "before"."""
     of = per_parameter(e, claim, entry)
     x, y = of.x * unit / DEG, (of.after if taken_off else of.before) / DEG
     axes.errorbar(x, y, of.sigma / DEG, fmt="o", ms=4, lw=0.8, color=colour, label=label or None)
@@ -95,13 +95,13 @@ def _points(e: Explanation, claim: Claim, axes: Axes, taken_off: bool, entry: in
 
 
 def _drawn(e: Explanation, claim: Claim) -> list[tuple[int, str]]:
-    """Parameters that are drawn, each with its colour: of an axis its own, of anything else in order."""
+    """Parameters drawn, each with its colour: that of its axis, else in order."""
     every, own = list(AXES.values()), claim.effect.parameter.size == 3
     return [(entry, every[entry if own else number]) for number, entry in enumerate(strongest(e, claim, MOST))]
 
 
 def along(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Closure before and after, along the greatest that the variable reaches in the segment."""
+    """Plot closure before and after, over the segment's largest value of the variable."""
     variable = variable_for(e, claim)
     x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
     for name, colour, fill, closure in zip(("before", "after"), (BEFORE, AFTER), (BEFORE, "none"), closure_by_segment(e), strict=True):
@@ -112,16 +112,16 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     axes.legend()
 
 
-# The law itself, turn by turn: the scale error or the zero that each turn asks for, with the effect's curve through them.
+# The law turn by turn: scale error or zero-rate offset estimated from each turn, with the effect's curve.
 
 
 def law_before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """As recorded: points with the noise of each turn, and the curve of the law."""
+    """Plot the estimates as recorded with the noise of each turn, and the curve of the law."""
     _panel(e, claim, axes, taken_off=False)
 
 
 def law_after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The same turns, to the same scale, once the law is taken off."""
+    """Plot the same turns to the same scale with the law removed."""
     _panel(e, claim, axes, taken_off=True)
 
 
@@ -153,24 +153,27 @@ def _panel(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
 
 
 def _limits(values: np.ndarray) -> tuple[float, float]:
-    """What holds all of the values, with some room."""
+    """Limits that hold all values, with a margin."""
     low, high = float(values.min()), float(values.max())
     room = 0.05 * max(high - low, 1e-12)
     return low - room, high + room
 
 
-# Motion that is faster than half the data rate: closure over the data rate that is taken, and where it leads to.
+# Motion faster than half the data rate: closure over the data rate, and its extrapolation.
 
-#: on either side of the data, a factor
+#: factor on either side of the data
 ROOM = 1.35
-#: below the lowest of them, a factor: the legend's
+#: factor below the lowest of them, for the legend
 ROOM_BELOW = 8.0
 
 
 @dataclass(frozen=True, eq=False)
 class DataRates:
-    """rates_hz (K,) that are taken, the native one and every 2nd, 3rd, … sample; closure_deg (K,) rms at each; exponent of the closure in
-    the rate; predicted_deg: what motion between the samples makes at the native rate; floor_deg: what noise alone leaves, or None."""
+    """Closure at reduced data rates.
+
+    rates_hz (K,): the native one and those of every 2nd, 3rd, … sample; closure_deg (K,) rms at each; exponent of the closure in
+    the rate; predicted_deg: closure at the native rate from motion between the samples; floor_deg: from noise alone, or None.
+    """
 
     rates_hz: np.ndarray
     closure_deg: np.ndarray
@@ -180,7 +183,7 @@ class DataRates:
 
 
 def draw(axes: Axes, data: DataRates) -> None:
-    """Log-log: the closure at each rate, the line of the exponent through the thinned ones, and what it leaves at the native rate."""
+    """Plot, log-log, the closure at each rate, the power law through the reduced rates, and its value at the native rate."""
     order = np.argsort(data.rates_hz)[::-1]
     rates, closure = np.asarray(data.rates_hz, dtype=float)[order], np.asarray(data.closure_deg, dtype=float)[order]
     axes.loglog(rates[1:], closure[1:], "o", color=BEFORE, ms=7, label="closure, samples left out")
@@ -210,7 +213,7 @@ def draw(axes: Axes, data: DataRates) -> None:
 
 
 def over_rate(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Of a claim whose parameters are the names of ``DataRates``."""
+    """Plot a claim whose parameters are the fields of ``DataRates``."""
     told = claim.parameters
     floor_deg = float(np.degrees(e.proof.floor_rms))
     draw(axes, DataRates(np.array(told["rates_hz"]), np.array(told["closure_deg"]), told["exponent"], told["predicted_deg"], floor_deg))
@@ -220,11 +223,11 @@ def _ordinal(number: int) -> str:
     return f"{number}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(number if number < 20 else number % 10, 'th') } sample"
 
 
-# Clocks that differ: gravity's misfit in the turns over the offset that is assumed, and turn by turn.
+# Clocks that differ: gravity's residual in the turns over the assumed offset, and turn by turn.
 
 
 def misfit_over_offset(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The lever arm is fitted anew for each offset."""
+    """Plot gravity's residual over the clock offset; the lever arm is refitted for each offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     found = e.gravity.offset_s
     offsets = np.linspace(min(0, found) - abs(found), max(0, found) + abs(found), 121)
@@ -240,7 +243,7 @@ def misfit_over_offset(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def misfit_by_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Each segment with one clock, and with the offset."""
+    """Plot each segment's residual with one clock, and with the offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     numbers = [segment.number for segment in e.twin.segments]
     for name, colour, fill, offset in (("one clock", BEFORE, BEFORE, 0.0), ("with the offset", AFTER, "none", e.gravity.offset_s)):

@@ -1,4 +1,4 @@
-"""Panels of the registers: clipping, false readings, lost samples."""
+"""Panels of register faults: clipping, false readings, lost samples."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-# Clipping: the readings that stop at the level, and what that costs.
+# Clipping: readings at the clipping level, and their effect on closure.
 
 
 def one_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The turn that stands at the level for longest, the level drawn."""
+    """Plot the turn that stays at the clipping level longest, with the level."""
     level = claim.parameters["dps"]
     least = level - claim.std["dps"]
 
@@ -46,7 +46,7 @@ def one_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def closure_over_peak(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Closure as recorded of every segment, over the greatest reading in it: what stands at the level does not close."""
+    """Plot each segment's closure as recorded over its largest reading: clipped segments do not close."""
     level, closure = claim.parameters["dps"], closure_as_recorded(e)
     left = {segment.number for segment in e.twin.segments}
     peak = np.array([np.abs(_rate_dps(e, segment)).max() for segment in e.problem.used])
@@ -69,13 +69,13 @@ def _t_s(e: Explanation, segment: Segment) -> np.ndarray:
     return t_s - t_s[0]
 
 
-# False readings: one of them with its bridge, and all of them over the session.
+# False readings: one of them with its interpolation, and all of them over the session.
 
 AROUND = 12  #: samples on either side
 
 
 def one_reading(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The greatest: as read, false samples marked, and the bridge across them."""
+    """Plot the largest false reading: as read, false samples marked, and the interpolation across them."""
     runs = _runs(e, claim)
     log, first, count, _ = max(runs, key=lambda run: np.abs(run[3]).max())
     read, bridged = e.session.logs[log].samples.gyro / DEG, _bridged(e, log)
@@ -94,7 +94,7 @@ def one_reading(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def all_readings(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """How far each is off its bridge, over the session."""
+    """Plot the deviation of each false reading from its interpolation, over the session."""
     t_s = reading_s(e, np.array(claim.parameters["at"], dtype=int))
     size = np.array([off[np.argmax(np.abs(off), axis=0), range(3)] for _, _, _, off in _runs(e, claim)])
     for i, axis in enumerate("xyz"):
@@ -106,14 +106,14 @@ def all_readings(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def _bridged(e: Explanation, log: int) -> np.ndarray:
-    """(N, 3) dps, the rate with its false readings bridged."""
+    """Rate, (N, 3) dps, with its false readings interpolated."""
     samples = e.session.logs[log].samples
     glitches = find_glitches(samples)
     return (samples if glitches is None else without_glitches(samples, glitches)).gyro / DEG
 
 
 def _runs(e: Explanation, claim: Claim) -> list[tuple[int, int, int, np.ndarray]]:
-    """(log, first row in it, samples, readings less bridge (samples, 3) dps) of each false reading, in order."""
+    """(log, first row, number of samples, readings less interpolation (samples, 3) dps) of each false reading, in order."""
     found, began = [], 0
     for log, each in enumerate(e.session.logs):
         glitches = find_glitches(each.samples)
@@ -125,20 +125,20 @@ def _runs(e: Explanation, claim: Claim) -> list[tuple[int, int, int, np.ndarray]
     return found
 
 
-# Lost samples behind closed-up stamps: one loss as stamped and as it was, and closure over the losses in a segment.
+# Lost samples in a log whose stamps show no gap: one loss as stamped and as it was, and closure over the losses per segment.
 
 AROUND_LOSS = 15  #: samples on either side
 
 
 def one_loss(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """The loss with the greatest jump: black crosses as stamped, dots where they belong, rings what was put between."""
+    """Plot the loss with the largest jump: black crosses as stamped, dots at the true times, rings for the filled samples."""
     count = claim.parameters["length"]
     log, row, before = max(_losses(e, claim), key=lambda loss: _jump(e, loss[0], loss[1], count))
     read, mended = e.session.logs[log].samples, e.mended.problem.session.logs[log].samples
     start, stop = max(row - before - AROUND_LOSS, 0), row - before + AROUND_LOSS
     zero_s = mended.t_s[row]
     stamped = np.arange(start, min(stop, len(read)))
-    moved_s = before * read.period_s  # what earlier losses of this log moved the later stamps by
+    moved_s = before * read.period_s  # shift of the later stamps by earlier losses of this log
     whole = np.arange(max(row - AROUND_LOSS, 0), min(row + count + AROUND_LOSS, len(mended)))
     between = np.arange(row + 1, row + 1 + count)
     for i, axis in enumerate("xyz"):
@@ -169,7 +169,7 @@ def one_loss(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def closure_over_losses(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Closure as recorded and with the losses filled, over how many losses a segment has."""
+    """Plot closure as recorded and with the losses filled, over the number of losses in a segment."""
     losses = [(log, row - before) for log, row, before in _losses(e, claim)]
     inside = {
         segment.number: sum(log == segment.log and segment.start <= row < segment.stop - 1 for log, row in losses)
@@ -185,7 +185,7 @@ def closure_over_losses(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def _losses(e: Explanation, claim: Claim) -> list[tuple[int, int, int]]:
-    """(log, last mended row before the loss, samples put back before it in this log) of each loss, in order."""
+    """(log, last repaired row before the loss, samples filled before it in this log) of each loss, in order."""
     logs = [log.samples for log in e.mended.problem.session.logs]
     began = start_times(logs)[:-1]
     found: list[tuple[int, int, int]] = []
@@ -201,7 +201,7 @@ def _number(e: Explanation, claim: Claim, log: int, row: int) -> int:
 
 
 def _jump(e: Explanation, log: int, row: int, count: int) -> float:
-    """How far the gyro's readings on either side of a loss are apart, rad/s."""
+    """Jump of the gyro's readings across a loss, rad/s."""
     gyro = e.mended.problem.session.logs[log].samples.gyro
     return float(np.linalg.norm(gyro[min(row + count + 1, len(gyro) - 1)] - gyro[row]))
 

@@ -126,7 +126,7 @@ def _given(args: argparse.Namespace, options: dict[str, str]) -> Iterator[tuple[
 
 
 def _read(args: argparse.Namespace, written: set[str]) -> Iterator[Path]:
-    """Yield the other arguments that exist as a file or folder, including names of models."""
+    """Yield the other arguments that exist as a file or folder; the name of a model may be a file, too."""
     for dest, value in vars(args).items():
         for each in value if isinstance(value, (list, tuple)) else [value]:
             if dest not in written and isinstance(each, (str, Path)) and str(each) not in ("", STANDARD):

@@ -152,7 +152,7 @@ def left_out(recorder: Recorder) -> Iterator[str]:
 
 
 def missing(guide: Guide) -> str:
-    """Return what the coach still recommends."""
+    """Name the parameters above their target sigma, according to the coach."""
     if guide.advice is None or not guide.advice.missing:
         return ""
     return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
@@ -182,7 +182,7 @@ def table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
 
 
 def _accelerometer(guide: Guide) -> dict | None:
-    """Return the accelerometer calibration estimated from the stills, for an uncalibrated accelerometer."""
+    """Return the state of an uncalibrated accelerometer's calibration from the stills."""
     if guide.taken.own is None:
         return None
     before, after = guide.taken.own.spread_mg

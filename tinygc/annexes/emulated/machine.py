@@ -129,7 +129,7 @@ class Machine:
             self._watch()
 
     def _watch(self) -> None:
-        """Schedule the edges of INT1 where the program uses them."""
+        """Pass an edge of INT1 to a program that uses it, and schedule the next check."""
         if self._pin_event:
             self._pin_event.cancel()
             self._pin_event = None
@@ -171,7 +171,7 @@ class Machine:
             self.cpu.limit(0)
 
     def _replan(self) -> None:
-        """Shorten the present run, because events have moved closer."""
+        """Limit the present run again, because an earlier event was scheduled."""
         if self.cpu.running:
             self.cpu.limit(self._budget() - 1)
 

@@ -58,7 +58,7 @@ def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
-    """Simulate a rest log, in which nothing is turned; None where none is requested."""
+    """Simulate a rest log, in which nothing is turned, and return the exit code; None where none is requested."""
     from tinygc.annexes.temperature.options import RestOptions
 
     fields = given_fields(args, RestOptions, "rest_")

@@ -31,7 +31,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Explain differences between recording and simulation; for an array, also which are common to its sensors."""
+    """Explain differences between recording and simulation; for an array, attribute them to its sensors."""
     if is_array(args.folder):
         return need("commands on arrays").explain(args)
     from tinygc.cli.console import progress_bar

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
@@ -41,7 +40,8 @@ RENAMED = {
 _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}
 
 
-class _Finder(MetaPathFinder, Loader):
+class _Finder:
+    # Python asks a finder and a loader for these three methods; their abstract classes take longer to import than all else here.
     def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
         return ModuleSpec(name, self, is_package=name in _PARENTS) if name in RENAMED or name in _PARENTS else None
 

@@ -142,7 +142,6 @@ def check(session: Any) -> list[Finding]:
     list of Finding
         In the order of the checks: ``level`` (ok, note, warning, error), ``where``, ``what``, ``says``, ``do``.  In a folder, a log
         that cannot be read is an error among the findings.  For an array, ``where`` begins with the unit's number.
-        that cannot be read is an error among the findings.  Of an array, ``where`` begins with the unit's number.
 
     Raises
     ------

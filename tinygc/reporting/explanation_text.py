@@ -232,7 +232,7 @@ class ExplanationReport:
     def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
         """Write the JSON and the picture into a folder, the session's ``explain`` by default; returns that folder.
 
-        Raises StorageError where it cannot be written, CalibrationError where a picture is wanted and matplotlib is missing.
+        Raises StorageError if it cannot be written, CalibrationError if a picture is requested and matplotlib is missing.
         """
         folder = folder or self.explanation.session.own_folder("explain")
         with result_folder(folder):

@@ -92,7 +92,7 @@ class GimbalTurn(Protocol):
 
 
 def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.ndarray) -> np.ndarray:
-    """Angles, rates and accelerations of the gimbals after strokes.
+    """Angles, rates and accelerations of gimbals moved by strokes.
 
     start_rad (3,) rad, outer middle inner, before the first stroke; t_s (N,) s, increasing.
     Returns (3, 3, N): [0] angles rad, [1] rates rad/s, [2] accelerations rad/s^2, each outer, middle, inner.
@@ -212,7 +212,7 @@ def stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rn
 
 
 def not_faster(strokes: list[Stroke], limit_rps: float) -> list[Stroke]:
-    """The same movement, scaled down if it would exceed the limit.  The sum of the gimbals' rates bounds the body's rate."""
+    """The same movement, scaled down if it would exceed the limit.  The body's rate is at most the sum of the gimbals' rates."""
     start_s, stop_s = min(stroke.start_s for stroke in strokes), max(stroke.stop_s for stroke in strokes)
     rates = gimbal_angles(np.zeros(3), tuple(strokes), np.arange(start_s, stop_s, CHECK_S))[1]
     factor = limit_rps / np.abs(rates).sum(axis=0).max()

@@ -177,7 +177,7 @@ def command_line(options: SimulationOptions) -> str:
 # One unit of the sensor on one bench: the errors that a calibration estimates, drawn once.
 
 FREQ_FINE_STEP = 0.0015  #: of the nominal rate, per LSB of INTERNAL_FREQ_FINE (int8)
-ODR_SPREAD = 0.02  #: 1 sigma, from measured units
+ODR_SPREAD = 0.02  #: 1 sigma over observed units
 LARGEST_BIAS_DPS = 2.0
 #: Digits in session.toml.  The simulation uses the rounded numbers, so that the file is exact.
 MATRIX_DIGITS, BIAS_DIGITS, HEADING_DIGITS = 8, 7, 4

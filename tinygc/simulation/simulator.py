@@ -50,7 +50,7 @@ def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.ran
 
 # From the signal at a sensing element to the registers of the chip.
 
-ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its default setting, ODR/4 (asm330lhh_reg.h)
+ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its usual setting, ODR/4 (asm330lhh_reg.h)
 LOWEST_FINE_HZ = 1600.0  #: least rate of the grid for filters and effects: fast compared with tremor and filters
 LOWEST_OVERSAMPLING = 4
 RUN_UP_S = 0.2  #: time on the fine grid before the first sample: many times the slowest filter's memory

@@ -98,8 +98,8 @@ def flipped(data: bytes, probability: float, rng: np.random.Generator) -> bytes:
 
 # A guided session needs the table on its index mark before the closure run, with a still there.
 
-#: rest on the mark before the closure run: a fraction of the run's length, or a multiple of still_s, plus seconds; longer than a
-#: guided session requests
+#: rest on the mark before the closure run: a fraction of the run's length, or a multiple of still_s, plus seconds; longer than any
+#: still that a guided session requests there
 REST_PART, REST_STILLS, REST_MORE_S = 0.11, 4.0, 1.5
 
 
@@ -277,7 +277,7 @@ class VirtualBoard:
     lead_s: still time between the first reader and the session; tail_s: still time after it, then ``run`` returns; None: never
     returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes); clock: source of time.
 
-    Counts: sent (samples that were put on the wire, or lost to the faults), starts (of the device).
+    Counts: sent (samples that were put on the wire, or corrupted by the faults), starts (of the device).
     """
 
     source: BoardSource

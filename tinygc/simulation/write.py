@@ -29,7 +29,7 @@ from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simula
 STREAM = 6
 #: digits of a turn axis, as a user may have measured it
 AXIS_DIGITS = 4
-#: least useful turn
+#: smallest useful turn
 LEAST_RAD = 10 * DEG
 
 
@@ -146,7 +146,7 @@ def names_in(folder: Path, force: bool) -> set[str]:
 
 
 def _is_a_simulations(path: Path) -> bool:
-    """Whether a simulation may have written the file: a linked file belongs to others, and session.toml is marked."""
+    """Whether a simulation may have written the file: a linked file belongs to others, and session.toml of a simulation is marked."""
     if path.name == CONFIG and not path.is_symlink():
         return read_bytes(path, MOST_TOML).startswith(SIMULATED.encode())
     return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))

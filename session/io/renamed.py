@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
+from typing import Any, cast
 
 _EMULATED = "tinygc.annexes.emulated"
 #: old name -> new name
@@ -43,7 +44,7 @@ _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1,
 class _Finder:
     # Python asks a finder and a loader for these three methods; their abstract classes take longer to import than all else here.
     def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
-        return ModuleSpec(name, self, is_package=name in _PARENTS) if name in RENAMED or name in _PARENTS else None
+        return ModuleSpec(name, cast(Any, self), is_package=name in _PARENTS) if name in RENAMED or name in _PARENTS else None
 
     def create_module(self, spec: ModuleSpec) -> None:
         return None

@@ -102,8 +102,8 @@ ALL = {**MAKERS, **LAWS}
 
 @dataclass(frozen=True, eq=False)
 class AddedRate:
-    """At the recorded samples, after the chip's low-pass: the true movement, without noise and hidden rate effects; the rate (N, 3) added
-    by the law, zero where none is hidden, and by id that added by the catalogue's effects after it; rad/s."""
+    """Signals at the recorded samples, after the chip's low-pass.  movement: the true one, without noise and hidden rate effects;
+    law (N, 3): rate added by the law, zero where none is hidden; catalogue: by id, rate added by catalogue effects after it; rad/s."""
 
     movement: Movement
     law: np.ndarray
@@ -150,7 +150,7 @@ EFFECTS = "effects"
 
 
 def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> list[np.ndarray]:
-    """(N, 3) rad/s of each law of ``discovery.laws``; folder: the explain folder with their files, which are run as Python.
+    """Rate added by each law of ``discovery.laws``, (N, 3) rad/s; folder: the explain folder with their files, which are run as Python.
 
     Raises EffectError for a file that is missing or broken, or whose id or parameters differ from the answer.
     """
@@ -167,7 +167,7 @@ def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> lis
 
 
 def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | None:
-    """(N, 3) rad/s of all ``effects`` of ``tinygc-explain/1`` that change the rate, together; None where there is none."""
+    """Rate added by all ``effects`` of ``tinygc-explain/1`` together, (N, 3) rad/s; None where none changes the rate."""
     known = catalogue()
     curves = [
         added(known[each["id"]], each["parameters"], movement)
@@ -178,7 +178,7 @@ def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | 
 
 
 def added(effect: Effect, told: dict, movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s of an effect with parameters by their JSON names, in their units."""
+    """Rate added by an effect with parameters by their JSON names, in their units, (N, 3) rad/s."""
     if effect.scan is not None and effect.scan.name in told:
         effect = effect.at(float(np.ravel(told[effect.scan.name])[0]) * effect.scan.si)
     for form in (effect, effect.wider, effect.of_readings):

@@ -83,7 +83,7 @@ def correlation(true: AddedRate, truth: dict, said: np.ndarray) -> float:
 
 
 def _beyond(true: AddedRate, truth: dict, curve: np.ndarray) -> np.ndarray:
-    """(N, 3): least squares over all axes, by the normal equations of unit columns."""
+    """Residual (N, 3) of least squares over all axes, by the normal equations of unit columns."""
     known = np.column_stack([np.ones(len(curve)), true.movement.rate])
     blocks = [np.kron(np.eye(3), column[:, None]).reshape(3, -1, 3).transpose(1, 0, 2) for column in known.T]
     blocks += [one[:, :, None] for one in true.catalogue.values()]
@@ -95,7 +95,7 @@ def _beyond(true: AddedRate, truth: dict, curve: np.ndarray) -> np.ndarray:
 
 
 def _columns(name: str, parameters: dict, movement: Movement) -> np.ndarray | None:
-    """(N, 3, P) of an effect of the catalogue, at its true moment."""
+    """Columns (N, 3, P) of an effect of the catalogue, at its true moment."""
     effect = catalogue()[name]
     if effect.kind != "rate":
         return None

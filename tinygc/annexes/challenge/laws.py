@@ -38,22 +38,22 @@ def slope(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def next_axis(values: np.ndarray) -> np.ndarray:
-    """(N, 3): y, z, x."""
+    """The axes in the order y, z, x, (N, 3)."""
     return np.roll(values, -1, axis=1)
 
 
 def previous_axis(values: np.ndarray) -> np.ndarray:
-    """(N, 3): z, x, y."""
+    """The axes in the order z, x, y, (N, 3)."""
     return np.roll(values, 1, axis=1)
 
 
 def size_of(vectors: np.ndarray) -> np.ndarray:
-    """(N, 1) norms of vectors (N, 3)."""
+    """Norms (N, 1) of vectors (N, 3)."""
     return np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def energy(t: np.ndarray, shaken: Shaking) -> np.ndarray:
-    """(N,) g²: running mean square of the vibration itself, mean of the axes."""
+    """Running mean square of the vibration itself, mean of the axes, (N,) g²."""
     squares = np.mean((shaken.disturb(t, np.zeros((len(t), 3))) / G) ** 2, axis=1)
     return uniform_filter1d(squares, max(1, round(ENERGY_S / (t[1] - t[0]))), mode="nearest")
 
@@ -62,7 +62,7 @@ def energy(t: np.ndarray, shaken: Shaking) -> np.ndarray:
 
 
 def beyond_linear(rate: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """(N, 3): residual of ``added`` (N, 3) after regression on a constant and the rate (N, 3), or further columns, axis by axis."""
+    """Residual (N, 3) of ``added`` (N, 3) after regression on a constant and the rate (N, 3), or further columns, axis by axis."""
     known = np.column_stack([np.ones(len(rate)), rate])
     # Normal equations, as there are a few columns of similar size and hundreds of thousands of rows.
     scale = np.abs(known).max(axis=0)
@@ -136,7 +136,7 @@ def attitudes(t: np.ndarray, rate: np.ndarray, force: np.ndarray) -> Rotation:
 
 
 def seen_by_body(vector_w: np.ndarray, t: np.ndarray, rate: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """(N, 3) in b of a vector (3,) that is fixed in the world."""
+    """Body coordinates (N, 3) of a vector (3,) that is fixed in the world."""
     return attitudes(t, rate, force).inv().apply(vector_w)
 
 
@@ -192,12 +192,12 @@ def quantised(scene: Scene) -> Concealment:
 # Strong sizes, SI
 #: share of the response through a soft suspension, its frequency, Hz, and quality: a board on rubber feet, a die on soft glue
 SHARE, SUSPENSION_HZ, QUALITY = 0.15, (5.0, 12.0), (1.5, 5.0)
-#: of the sensitivity, where |omega| is the full scale: the Coriolis force of the other axes takes energy out of the drive
+#: share of the sensitivity, where |omega| is the full scale: the Coriolis force of the other axes takes energy out of the drive
 DROOP = 0.03
-#: of the sensitivity, at full scale: the drive's gain control (Acar & Shkel, MEMS Vibratory Gyroscopes, 2009) with a slow loop
+#: share of the sensitivity, at full scale: the drive's gain control (Acar & Shkel, MEMS Vibratory Gyroscopes, 2009) with a slow loop
 RECOVERY, GAIN_S = 0.15, (0.3, 3.0)
 DEAD_ZONE = 0.3 * DEG
-ROOT = 0.012  #: of the sensitivity, at full scale
+ROOT = 0.012  #: share of the sensitivity, at full scale
 LIMIT = 4.0  #: full scales, where the output saturates, L tanh(omega / L), at strength 1
 
 
@@ -414,14 +414,14 @@ def warm_square(scene: Scene) -> Concealment:
 # Products: of rates about several axes, of forces, of rate and force, of rate and vibration.
 
 # Strong sizes, SI
-#: of full scale, where both rates are at full scale: unequal inertias of the element, as anisoinertia of a spinning gyro (IEEE 1431)
+#: share of full scale, where both rates are at full scale: unequal inertias of the element, as anisoinertia of a spinning gyro (IEEE 1431)
 RATE_PRODUCT = 0.02
 RATE_SQUARES = 0.012  #: the same, of the squares about the two other axes: centrifugal softening of the sense mode
 CROSS_CUBE = 0.05  #: the same, of the next axis' rate cubed
 RECTIFIED_S = 1e-3  #: s: the size of the angular acceleration leaks through an unsymmetric demodulator
 ANISOELASTIC = 0.25 * DEG  #: rad/s per g²: unequal springs of a large element
-FORCE_SCALE = 0.006  #: of the sensitivity, per g: a pendulous mass detunes the modes
-VIBRATION_SCALE = 0.04  #: of the sensitivity, per g² of vibration
+FORCE_SCALE = 0.006  #: share of the sensitivity, per g: a pendulous mass detunes the modes
+VIBRATION_SCALE = 0.04  #: share of the sensitivity, per g² of vibration
 
 
 def rate_product(scene: Scene) -> Concealment:
@@ -491,7 +491,7 @@ def vibration_scale(scene: Scene) -> Concealment:
 SAG = 0.2 * DEG
 PERIOD_S, DUTY = (8.0, 30.0), (0.25, 0.6)
 SUPPLY_RECOVERY, RECOVERY_S = 0.5 * DEG, (15.0, 60.0)  #: rad/s at switch-on, and its time constant
-RATIOMETRIC = 0.01  #: of the sensitivity: 30 mV of 3 V
+RATIOMETRIC = 0.01  #: share of the sensitivity: 30 mV of 3 V
 
 
 def switched_load(scene: Scene) -> Concealment:

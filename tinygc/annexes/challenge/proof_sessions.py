@@ -319,7 +319,7 @@ def fitted(effect: Effect, injected: Injected) -> FittedProof:
 
 
 def explanation_of(found: FittedProof) -> Explanation:
-    """The result of ``explain`` for a model with this effect alone and no search for others."""
+    """The explanation of a session by this effect alone, without a search for others."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
     named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)]

@@ -177,7 +177,7 @@ WITHIN = 1e-9
 
 
 def live(trial: EffectTrial) -> str:
-    """Check sample by sample against the whole log, or a one-line refusal where it looks ahead; and the declared reach."""
+    """Check sample by sample against the whole log, or a one-line refusal where it needs later samples; and the declared reach."""
     if trial.effect.kind != "rate":
         raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
     samples, calibration = log(RATE_HZ, trial.at), Calibration(trial.model(), RATE_HZ)
@@ -287,7 +287,7 @@ def _samples(at: FoundAt) -> Samples:
 
 
 def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
-    """(N, 3) float32, sample after sample."""
+    """Output of the compiled C, sample after sample, (N, 3) float32."""
     files = source_files(chosen, None, "A check of an effect.", {})
     with tempfile.TemporaryDirectory() as folder:
         for name, text in files.items():

@@ -54,7 +54,7 @@ class Place(Protocol):
 
     @property
     def latitude_deg(self) -> float:
-        """North positive."""
+        """Latitude, north positive."""
 
 
 class Course(Protocol):

@@ -91,7 +91,7 @@ class HostRecording:
         return float(self.movements[-1].temp_c[-1]) - self.temperature_start_c if self.has_temperature else 0.0
 
     def force(self, log: int) -> np.ndarray:
-        """(N, 3) m/s^2, pre-calibrated."""
+        """Pre-calibrated specific force, (N, 3) m/s^2."""
         return self.movements[log].force_g * G
 
 

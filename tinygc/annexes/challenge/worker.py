@@ -40,7 +40,7 @@ def main(folder: Path, effects: list[Path], discover: bool = False) -> None:
 def discovered(explanation: Explanation) -> dict:
     """The result of the law search, with its files written into the session folder; ``discovery`` of ``tinygc-explain/1``.
 
-    This is the only dependency of the examination on the search.
+    Nothing else in the blind test depends on the search.
     """
     from tinygc.annexes.discovery.engine import discover
     from tinygc.annexes.discovery.report import DiscoveryReport

@@ -132,7 +132,7 @@ class ByAxis:
     theta: np.ndarray
 
     def added(self, movements: Sequence[Movement]) -> np.ndarray:
-        """(N, 3) rad/s over all logs concatenated, as ``equivalence.added``."""
+        """Added rate (N, 3) rad/s over all logs concatenated, as ``equivalence.added``."""
         thetas = (np.where(self.axes == axis, self.theta, 0.0) for axis in range(3))
         return np.sum([added(as_effect(form), theta, movements) for form, theta in zip(self.forms, thetas, strict=True)], axis=0)
 
@@ -150,7 +150,7 @@ def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list
 
 
 def linear_coefficients(columns: np.ndarray, projection: Projection) -> np.ndarray:
-    """(P,) of stacked columns (n, P), by linear least squares against a hypothesis."""
+    """Coefficients (P,) of stacked columns (n, P), by linear least squares against a hypothesis."""
     return np.linalg.lstsq(projection.seen(columns), projection.residual, rcond=None)[0]
 
 

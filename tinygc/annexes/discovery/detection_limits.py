@@ -44,8 +44,8 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
     """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
     A law is found where the best of all forms is the law, or correlates with its added rate to 0.99, and noise alone does as well in no
-    more than the share ``chance`` of searches.  Linear, in the last projection; whiten: the noise where the law is reported, which without
-    the report absorbs the law.  The form has the price of those screened forms that differ from it by constants alone.
+    more than the share ``chance`` of searches.  Linear, in the last projection; whiten: the noise estimated with the law in the fit, as
+    otherwise it absorbs the law.  The form has the price of those screened forms that differ from it by constants alone.
     """
     responses, projection = screening.all_responses, screening.all_projections[-1]
     projection = projection if whiten is None else projection.with_noise(whiten)
@@ -61,9 +61,9 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
 
 
 def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
-    """Of each quantity, the size from which a plain law of it would be found in 95 % of all cases (as ``learnable_from``) and gain at least
-    ``least`` chi-square: rad/s rms of its rate after a calibration.  None: at no plausible size, or the quantity is missing.  The law is
-    the most visible function of one quantity, the same for each axis (``probes``)."""
+    """Detection limit of a plain law of each quantity, rad/s rms of its rate after a calibration; None: at no plausible size, or the
+    quantity is missing.  From there the law is found in 95 % of all cases (as ``learnable_from``) and gains at least ``least`` chi-square.
+    The law is the most visible function of the quantity, the same for each axis (``probes``)."""
     found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
     responses, projection = screening.responses, screening.projections[-1]
     near = [_rivals(screening, number) for number in range(len(screening.probes))]

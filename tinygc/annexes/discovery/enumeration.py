@@ -196,7 +196,7 @@ def _of_factor(quantity: str, function: str, constant: bool, lag: bool) -> float
 # constants.  Each comes in every pattern of axes that its factors allow.  Algebraic duplicates are skipped while building where one line
 # of code can recognise them; ``distinct_forms`` finds the rest and keeps the form of fewest bits.
 
-#: seed of the movement that tells forms apart: of a dozen tried, one that distinguishes every form that any of the others does
+#: seed of the movement that distinguishes forms: of a dozen tried, one that distinguishes every form that any of the others does
 SEED = 10
 #: numbers of one axis that a product may have: more would give a dozen coefficients
 MOST_EACH = 2

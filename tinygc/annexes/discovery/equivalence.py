@@ -126,7 +126,7 @@ class FactorValues:
         self._values: dict[Factor, np.ndarray] = {}
 
     def of(self, factor: Factor) -> np.ndarray:
-        """(components, N)."""
+        """Values of a factor, (components, N)."""
         if factor not in self._values:
             self._values[factor] = np.ascontiguousarray(factor.values(self.movement).T)
         return self._values[factor]
@@ -194,7 +194,7 @@ PLAUSIBLE_RPS = 5 * DEG
 
 
 def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
-    """(N, 3, P): the rate added by one rad/s of each coefficient."""
+    """Rate added by one rad/s of each coefficient, (N, 3, P)."""
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
     found = np.zeros((len(movement.rate), 3, len(terms)))
@@ -207,7 +207,7 @@ def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
 
 
 def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarray:
-    """(N, 3) rad/s: the rate with the law; as ``columns_of`` times theta (P,), without the zeros."""
+    """Rate with the law, (N, 3) rad/s; as ``columns_of`` times theta (P,), without the zeros."""
     values = {factor: factor.values(movement) for factor in form.factors}
     found = movement.rate.copy()
     for term, coefficient in zip(form.terms(), theta, strict=True):
@@ -219,7 +219,7 @@ def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarra
 
 
 def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """(N, 3) rad/s that an effect adds to the rate over all logs concatenated."""
+    """Rate added by an effect, (N, 3) rad/s over all logs concatenated."""
     return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
 
 

@@ -132,7 +132,7 @@ class Factor:
         return self.of.directions * self.through.phases
 
     def values(self, movement: Movement, known: np.ndarray | None = None) -> np.ndarray:
-        """(N, components); known: the values of its quantity, where already computed."""
+        """Values in a movement, (N, components); known: the values of its quantity, where already computed."""
         known = self.of.of(movement) if known is None else known
         found = self.through.of(known, self.constant or 1.0).reshape(len(known), -1)
         return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.t_s)

@@ -86,7 +86,7 @@ def has_curve(form: LawForm) -> bool:
 
 
 def values_of(factor: Factor, movement: Movement, component: int) -> np.ndarray:
-    """(N,) of its quantity in SI, or in its own unit, without the function."""
+    """Values (N,) of a factor's quantity in SI, or in its own unit, without the function."""
     values = factor.of.of(movement)
     return values[:, min(component, values.shape[1] - 1)]
 
@@ -249,5 +249,5 @@ def best_trial(own: Fitted, other: Fitted) -> tuple[CandidateTurn, float] | None
 
 
 def _corrected(by: Fitted, movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s, to first order: the rate corrected by the fit's calibration and effect."""
+    """Rate corrected by the fit's calibration and effect, to first order, (N, 3) rad/s."""
     return by.fit.state.model(movement.rate) - by.effect.columns(by.effect.shown(movement)) @ by.theta

@@ -1,4 +1,4 @@
-"""Project the channels beside a hypothesis, and find forms that are the same there."""
+"""Project the channels orthogonally to a hypothesis, and find forms that are the same there."""
 
 from __future__ import annotations
 
@@ -65,19 +65,19 @@ class Projection:
         return np.concatenate([turned[len(turned) - self.free :], turned[: len(turned) - self.free]], dtype=np.float32, casting="same_kind")
 
     def free_of(self, whitened: np.ndarray) -> np.ndarray:
-        """(free, …) of whitened channels (n, …), orthogonal to the nuisance."""
+        """Project whitened channels (n, …) orthogonally to the nuisance, (free, …)."""
         return self._turned(whitened)[len(whitened) - self.free :]
 
     def seen(self, stacked: np.ndarray) -> np.ndarray:
-        """(free, …) of stacked channels (n, …)."""
+        """Whiten and project stacked channels (n, …), (free, …)."""
         return self.free_of(self.whitened(stacked))
 
     def whitened(self, stacked: np.ndarray) -> np.ndarray:
-        """(n, …) of stacked channels (n, …)."""
+        """Whiten stacked channels (n, …)."""
         return self._own.own(stacked)
 
     def _turned(self, whitened: np.ndarray) -> np.ndarray:
-        """(n, …) of whitened channels (n, …): first along the nuisance, then orthogonal to it."""
+        """Rotate whitened channels (n, …): first the rows along the nuisance, then those orthogonal to it."""
         from scipy.linalg.lapack import dormqr
 
         factored, tau = self._reflections
@@ -92,7 +92,7 @@ class Projection:
         return whitened - self.q @ (self.q.T @ whitened)
 
     def scatters(self, whitened: np.ndarray) -> np.ndarray:
-        """(…,) sums of squares of residuals (n, …) over the rows that determine the noise's scale, as ``Selection`` takes them."""
+        """Sums of squares (…,) of residuals (n, …) over the rows that determine the noise's scale, as ``Selection`` takes them."""
         left = (whitened - self._wide @ (self._wide.T @ whitened))[self._scale_rows]
         return np.sum(left**2, axis=0)
 
@@ -172,7 +172,7 @@ AT_ONCE, MOST_CLOSE = 1024, 400
 
 
 def leaders(marks: np.ndarray, rank: np.ndarray, bits: np.ndarray) -> np.ndarray:
-    """(F,) the simplest form near each form; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
+    """Number (F,) of the simplest form near each form; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
     found = np.full(len(marks), -1)
     for own_rank in np.unique(rank[rank > 0]):
         members = np.flatnonzero(rank == own_rank)
@@ -198,18 +198,18 @@ def leaders(marks: np.ndarray, rank: np.ndarray, bits: np.ndarray) -> np.ndarray
 
 
 def _distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(A, B) mean squares of the differences of rows."""
+    """Mean squares (A, B) of the differences of rows."""
     squares = np.sum(one**2, axis=1)[:, None] + np.sum(other**2, axis=1)
     return (squares - 2 * one @ other.T) / one.shape[1]
 
 
 def basis_of(form: LawForm, responses: Responses, projection: Projection) -> np.ndarray:
-    """(m, r) orthonormal: the span of a form in a projection."""
+    """Orthonormal basis (m, r) of a form's span in a projection."""
     return seen_basis(responses.columns(form), projection)
 
 
 def seen_basis(columns: np.ndarray, projection: Projection) -> np.ndarray:
-    """(m, r) orthonormal, of stacked columns (n, P)."""
+    """Orthonormal basis (m, r) of the projected span of stacked columns (n, P)."""
     whitened = projection.whitened(columns)
     length = np.linalg.norm(whitened, axis=0)
     return orthonormal(projection.free_of(whitened[:, length > 0] / length[length > 0]), FAINT, scaled=False)

@@ -216,7 +216,7 @@ class SignalQuantity:
         return eval(f"lambda m: {self.source}", dict(_NAMES))
 
     def of(self, movement: Movement) -> np.ndarray:
-        """(N, components)."""
+        """Values in a movement, (N, components)."""
         return self._values(movement).reshape(len(movement.rate), -1)
 
     @property

@@ -130,7 +130,7 @@ class SessionValues:
         self._quantities: dict[str, list[np.ndarray]] = {}
 
     def quantity(self, name: str) -> list[np.ndarray]:
-        """(N, components) of each log."""
+        """Values of a quantity in each log, (N, components)."""
         if name not in self._quantities:
             self._quantities[name] = [QUANTITIES[name].of(movement) for movement in self.movements]
         return self._quantities[name]
@@ -142,14 +142,14 @@ class SessionValues:
         return np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))[0]
 
     def of(self, factor: Factor | None) -> np.ndarray:
-        """(components, N), float64, as ``Factor.values``; ones for ``ONE``."""
+        """Values of a factor, (components, N) float64, as ``Factor.values``; ones for ``ONE``."""
         if factor is None:
             return np.ones((1, self.samples))
         logs = zip(self.movements, self.quantity(factor.quantity), strict=True)
         return np.concatenate([factor.values(movement, known) for movement, known in logs]).T
 
     def single(self, factor: Factor | None) -> tuple[np.ndarray, float]:
-        """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or it is not finite."""
+        """Values (components, N) float32 as shares of the largest, and the largest: 0, and zeros, where it is 0 or not finite."""
         values = self.of(factor)
         largest = float(np.abs(values).max(initial=0.0))
         if not np.isfinite(largest) or largest == 0:
@@ -220,7 +220,7 @@ class Responses:
         return ResponseBlock(closure.reshape(-1, self.angles, 3, len(hub), len(partners)), still)
 
     def columns(self, form: LawForm) -> np.ndarray:
-        """(n, P) stacked, in double precision, of one form."""
+        """Stacked columns (n, P) of one form, in double precision."""
         plan = planned([form])
         (wiring,) = plan.wirings
         block = self.block(*(self.values.of(plan.factors[which[0]]) for which in (plan.hub, plan.partner)))

@@ -51,7 +51,7 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
 
 
 def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) -> float:
-    """rad/s rms over samples and axes: the rate added by a law of coefficients theta (P,), less its regression on a bias and a matrix."""
+    """Rate added by a law of coefficients theta (P,), less its regression on a bias and a matrix: rad/s rms over samples and axes."""
     found = {factor: values.of(factor) for factor in form.factors}
     added = np.zeros((3, values.samples))
     for term, size in zip(form.terms(), theta, strict=True):
@@ -338,7 +338,7 @@ class Screening:
 
     @cached_property
     def tested(self) -> np.ndarray:
-        """(F,) the largest studentised promise over the projections, to which ``chance`` refers."""
+        """Largest studentised promise (F,) over the projections, to which ``chance`` refers."""
         return self._tested.max(axis=0)
 
     @property
@@ -348,12 +348,12 @@ class Screening:
 
     @cached_property
     def drawn(self) -> np.ndarray:
-        """(D,) the largest studentised promise of each draw of noise alone."""
+        """Largest studentised promise (D,) of each draw of noise alone."""
         return self._best.max(axis=0)
 
     @cached_property
     def order(self) -> np.ndarray:
-        """(F,) numbers of the forms, the most promising first, each by its best projection."""
+        """Numbers (F,) of the forms, the most promising first, each by its best projection."""
         return np.argsort(-self.promise.max(axis=0), kind="stable")
 
     @cached_property

@@ -222,7 +222,7 @@ class Unseen:
         self._left_out = np.array([(log, still.start) not in in_seen for log, still in whole.stills], dtype=bool)
 
     def sigma(self, noise: SessionNoise) -> np.ndarray:
-        """(n,) of all rows, for noise that was estimated from a part of them."""
+        """Sigmas (n,) of all rows, for noise that was estimated from a part of them."""
         s = np.array([noise.size(component.name) for component in self._first.components])
         return self.white.with_more(replace(self._first, s=s).covariance).sigma
 
@@ -244,12 +244,12 @@ class Unseen:
         return HeldOut(rms[0], rms[1], floor, removed, p_value, self._noise_p(after.stacked(), held), len(held), recording)
 
     def _noise_p(self, after: np.ndarray, held: np.ndarray) -> float:
-        """Under white noise and the sensor's bias instability only, so that what the law leaves does not raise the noise."""
+        """Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise."""
         closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
         return chi_square_above(float(np.sum(closure**2)), closure.size)
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
-        """(S,) of rows (n,) in sigmas: of each segment, and of the still at its beginning where that was held out, too."""
+        """Sums of squares (S,) of rows (n,) in sigmas: of each segment, with the still at its beginning where that was held out."""
         closure, still, length = (rows[part] ** 2 for part in self.white.parts.values())
         of_stills = (still.reshape(-1, 3).sum(axis=1) + length) * self._left_out
         return closure.reshape(len(self.whole.segments), -1).sum(axis=1) + of_stills[self.whole.first]
@@ -305,7 +305,7 @@ class SearchState:
         return screening.chance_p(max(promised_beside(screening, form, projection) for form in on_grid))
 
     def projection_without(self, law: Effect) -> Projection:
-        """Projection beside the best hypothesis without one law, in the noise estimated with all."""
+        """Projection orthogonal to the best hypothesis without one law, in the noise estimated with all."""
         whiten = self.best.whiten
         return Projection(self.evidence.twin, whiten, rewhitened(self.without(law), whiten))
 
@@ -410,7 +410,7 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
 
 
 def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
-    """(N, 3) rad/s that all effects of a hypothesis add to the rate, beyond a calibration."""
+    """Rate added by all effects of a hypothesis, beyond a calibration, (N, 3) rad/s."""
     movements = twin.movements
     total = np.zeros((sum(len(movement.t_s) for movement in movements), 3))
     for claim in hypothesis.fit.state.claims:

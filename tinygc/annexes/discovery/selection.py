@@ -148,7 +148,7 @@ class Constants:
         return tuple((np.sqrt(np.diag(self.covariance)) * form.constants).tolist())
 
     def widened(self, covariance: np.ndarray) -> np.ndarray:
-        """(p, p) of the fit's parameters, with the constants free."""
+        """Covariance (p, p) of the fit's parameters, with the constants free."""
         return covariance + self.along @ self.covariance @ self.along.T
 
 
@@ -185,7 +185,7 @@ def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, step: np.nda
 
 
 def _moves(twin: Twin, have: Hypothesis, law: Effect, form: LawForm, replay: Replay) -> np.ndarray:
-    """(n, K) derivatives of the stacked residuals with respect to ln of each constant."""
+    """Derivatives (n, K) of the stacked residuals with respect to ln of each constant."""
     claim = next(claim for claim in have.fit.state.claims if claim.effect is law)
     state, found = have.fit.state, []
     for number in range(len(form.constants)):
@@ -294,7 +294,7 @@ def _first_of_each_shape(forms: Sequence[LawForm], promise: np.ndarray, takes_ca
 
 
 def _best_of_each_shape(evidence: FormEvidence, trials: list[Trial]) -> list[Trial]:
-    """Of sorted trials, the first of those that differ by their constants or their base alone."""
+    """The first of the sorted trials that differ by their constants or their base alone."""
     found: dict[LawForm, Trial] = {}
     for trial in trials:
         found.setdefault(evidence.forms[trial[1].id].shape, trial)

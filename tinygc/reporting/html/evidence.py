@@ -122,7 +122,7 @@ def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> li
 
 # Which calibration a report states: the linear one, or the one with physics if ``explain`` named effects and it closes better.
 
-#: p-values of the residuals after model selection, by channel (tinygc.explain)
+#: names of the two calibrations
 LINEAR, PHYSICS = "least_squares", "physics"
 
 

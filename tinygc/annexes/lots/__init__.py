@@ -1,1 +1,1 @@
-"""Many units of one kind: spread, drift, repeatability, and what that tells of the next one."""
+"""Many units of one kind: spread, drift, repeatability, and the prior they give for the next unit."""

@@ -16,7 +16,7 @@ from session.io.results import shown
 from session.io.toml import read_toml
 from tinygc.annexes.lots.lot import SENSOR_ERRORS
 
-# Limits of a lot's numbers, from a person's TOML file: lower and upper, in the units that people see (docs/lots.md).
+# Limits of a lot's numbers, from the user's TOML file: lower and upper, in the displayed units (docs/lots.md).
 
 SCHEMA = "tinygc-limits/1"
 #: a section may name all components of one kind: ``gyro_bias_mdps``
@@ -26,16 +26,16 @@ _SIDES = ("lower", "upper")
 
 
 def read_limits(path: Path | str) -> dict[str, tuple[float, float]]:
-    """(lower, upper) of each number that has limits, by its key; infinite where only one side is given.
+    """Return (lower, upper) of each number that has limits, by its key; infinite where only one side is given.
 
-    Raises FormatError, in one line, for a key that is none, a limit that is no number, and a lower one that is not below the upper.
+    Raises FormatError, in one line, for an unknown key, a limit that is no number, and a lower one that is not below the upper.
     """
     table = read_toml(Path(path))
     if table.get("schema") != SCHEMA:
         raise FormatError(f'{path}: no limits of a lot, expected schema = "{SCHEMA}" at the top')
     found: dict[str, tuple[float, float]] = {}
     sections = {name: value for name, value in table.items() if name != "schema"}
-    # What names one component wins over what names all of its kind.
+    # a key of one component overrides the key of its kind
     for name in sorted(sections, key=lambda each: each in KEYS):
         if name not in KEYS and name not in GROUPS:
             near = difflib.get_close_matches(name, [*GROUPS, *KEYS], 1)
@@ -69,23 +69,23 @@ def _number(value: Any, where: str) -> float:
     return float(value)
 
 
-# Capability of a lot against limits: Cp, Cpk within, Pp, Ppk overall, parts per million outside, and what measurement noise does to them.
+# Capability of a lot against limits: Cp, Cpk within, Pp, Ppk overall, parts per million outside, and the effect of measurement noise.
 #
 #     Cp = (upper - lower) / 6 sigma_within      Cpk = min(upper - mean, mean - lower) / 3 sigma_within
 #     Pp, Ppk: the same with sigma_overall
 #
-# Within is the short-term sigma of the control chart, overall the lot's spread.  Both are given as seen, with measurement noise, and with
-# it taken out, which is what the sensors do.  Source: AIAG, Statistical Process Control, 2nd edition; interval of Cpk: A. F. Bissell,
-# Applied Statistics 39, 1990; guard band: ISO 14253-1.
+# Within is the short-term sigma of the control chart, overall the lot's spread. Both are given as observed, with measurement noise, and
+# with the noise removed, which describes the sensors. Source: AIAG, Statistical Process Control, 2nd edition; interval of Cpk: A. F.
+# Bissell, Applied Statistics 39, 1990; guard band: ISO 14253-1.
 
 CONFIDENCE = 0.95
-#: of a unit at its limit that is accepted by a reading within the guarded limits: ISO 14253-1's one-sided 95 %
+#: probability that a unit at its limit is accepted by a reading within the guarded limits: ISO 14253-1's one-sided 95 %
 GUARD_SIGMAS = float(ndtri(0.95))
 
 
 @dataclass(frozen=True)
 class Indices:
-    """spread index (Cp or Pp) and the one that looks where the mean is (Cpk or Ppk), with their intervals; NaN with one limit only."""
+    """Spread index (Cp or Pp) and the index that includes the mean (Cpk or Ppk), with their intervals; NaN with one limit only."""
 
     index: float
     index_interval: tuple[float, float]
@@ -95,13 +95,13 @@ class Indices:
 
 @dataclass(frozen=True)
 class Capability:
-    """One number against its limits, all in its unit.
+    """Capability of one number against its limits, all in its unit.
 
     lower, upper: -inf or inf where there is none; mean; sigma: overall, without measurement noise, and seen_sigma with it; within and
-    overall, their indices without noise; seen, the overall ones with it; ppm_normal and ppm_tails: outside, by a normal distribution and
-    by the lot's tails; found_outside: of how many units the reading is; false_accept_ppm, units outside that a reading accepts;
-    false_reject_ppm, the reverse; guard_band: by how much limits must be drawn in for a unit at its limit to be accepted at most once in
-    twenty, and what is falsely accepted and rejected then.
+    overall, their indices without noise; seen, the overall ones with it; ppm_normal and ppm_tails: outside, by a normal distribution and by
+    the lot's tails; found_outside: number of units with a reading outside; false_accept_ppm, units outside that a reading accepts;
+    false_reject_ppm, the reverse; guard_band: tightening of the limits with which a unit at its limit is accepted at most once in twenty,
+    and the false accepts and rejects with it.
     """
 
     lower: float
@@ -124,7 +124,7 @@ class Capability:
 
 
 def indices(lower: float, upper: float, mean: float, sigma: float, freedom: float, units: int) -> Indices:
-    """Of a sigma that is known with so many degrees of freedom, and a mean of so many units."""
+    """Compute the indices for a sigma with these degrees of freedom, and a mean of this many units."""
     nan = (float("nan"), float("nan"))
     if not sigma > 0:
         return Indices(float("nan"), nan, float("nan"), nan)
@@ -139,7 +139,7 @@ def indices(lower: float, upper: float, mean: float, sigma: float, freedom: floa
 
 
 def outside_ppm(lower: float, upper: float, mean: float, sigma: float, tails: float = np.inf) -> float:
-    """Parts per million beyond the limits, of a normal distribution or of Student's t with that sigma."""
+    """Return the parts per million beyond the limits, for a normal distribution or Student's t with that sigma."""
     if not sigma > 0:
         return 1e6 * float(not lower <= mean <= upper)
     scale = sigma * np.sqrt((tails - 2) / tails) if np.isfinite(tails) else sigma
@@ -148,10 +148,11 @@ def outside_ppm(lower: float, upper: float, mean: float, sigma: float, tails: fl
 
 
 def risks(lower: float, upper: float, mean: float, sigma: float, noise: float, guard: float = 0.0) -> tuple[float, float]:
-    """ppm: units outside that are accepted by a reading within the limits less the guard; units inside that are rejected."""
+    """Return ppm of units outside that are accepted by a reading within the limits less the guard, and of units inside that are
+    rejected."""
     if not (sigma > 0 and noise > 0):
         return 0.0, 0.0
-    # Nodes over the units, as fine as the noise where a limit is near.
+    # quadrature nodes over the units, as fine as the noise near a limit
     edges = [edge + noise * np.linspace(-7, 7, 801) for edge in (lower, upper) if np.isfinite(edge)]
     x = np.unique(np.concatenate([mean + sigma * np.linspace(-9, 9, 2001), *edges]))
     middle, width = (x[1:] + x[:-1]) / 2, np.diff(x)
@@ -172,8 +173,11 @@ def capability(
     tails: float,
     readings: np.ndarray,
 ) -> Capability:
-    """Of one number: mean and sigma of the lot without noise; noise of a session, one sigma, with what does not repeat; within: the
-    short-term sigma without noise; freedom of sigma; readings (U,) of the units, NaN where not told."""
+    """Compute the capability of one number.
+
+    mean and sigma of the lot without noise; noise of a session, one sigma, with its repeatability; within: the short-term sigma without
+    noise; freedom of sigma; readings (U,) of the units, NaN where unknown.
+    """
     lower, upper = limits
     units = int(np.isfinite(readings).sum())
     seen_sigma = float(np.hypot(sigma, noise))
@@ -201,47 +205,47 @@ def capability(
     )
 
 
-# Control charts of one number by production order: individuals and moving range, EWMA, and the rules that say that chance ends here.
+# Control charts of one number by production order: individuals and moving range, EWMA, and the run rules.
 #
-# Every point has its own limits, since each session knows its own measurement noise: the process's short-term variance, from moving ranges,
-# less the mean noise, plus the point's own.  Points are turned into normal scores, with the lot's tails, so that one rule fits all.
-# A rule that looks at every point of 21 charts is sure to ring in a long lot.  So the limits for a single point are those of the whole lot
-# (one false alarm in a hundred lots), and of the classical rules the count is held against what chance gives.
+# Every point has its own limits, since each session has its own measurement noise: the process's short-term variance, from moving ranges,
+# less the mean noise, plus the point's own. Points are converted to normal scores, with the lot's tails, so that one rule fits all. A rule
+# applied to every point of 21 charts is sure to trigger in a long lot. So the limits for a single point are family-wise over the whole lot
+# (one false alarm in a hundred lots), and the counts of the classical rules are compared with their expectation by chance.
 #
 # Source: Western Electric, Statistical Quality Control Handbook, 1956; L. S. Nelson, J. Quality Technology 16(4), 1984; J. M. Lucas,
 # M. S. Saccucci, Technometrics 32(1), 1990.
 
-#: false alarms of all charts of a lot together, by chance, in so many lots
+#: one false alarm of all charts together in this many lots
 FAMILY_P = 0.01
-#: of two normal draws, their mean distance in sigmas
+#: mean distance of two normal draws, in sigmas
 D2 = 2 / np.sqrt(np.pi)
-#: of the newest point in the moving average: what finds steps of a half to one sigma soonest, of those that limits of a lot can find
+#: weight of the newest point in the moving average: detects steps of a half to one sigma soonest, of those that a lot's limits can detect
 EWMA_WEIGHT = 0.05
-#: points of the moving average that are as likely to leave its limits as an independent one, for each point and weight
+#: number of independent points, for each point and weight, as likely to leave the limits as the moving average is
 EWMA_POINTS = 4.0
-#: degrees of freedom of a sigma from moving ranges, for each point: of their median, and of their mean (simulated, benchmarks/lot.py)
+#: degrees of freedom, for each point, of a sigma from moving ranges: of their median, and of their mean (simulated, benchmarks/lot.py)
 MEDIAN_FREEDOM, MEAN_FREEDOM = 0.31, 0.63
-#: score beyond which a point says no more of a drift
+#: limit of a score in the moving average
 WILD = 3.0
-#: chance of each rule at a point in control, of independent normal points
+#: chance of each rule at a point in control, for independent normal points
 RULES = {
     "beyond 3 sigma": float(2 * ndtr(-3)),
     "2 of 3 beyond 2 sigma": float(2 * bdtrc(1, 3, ndtr(-2))),
     "4 of 5 beyond 1 sigma": float(2 * bdtrc(3, 5, ndtr(-1))),
     "9 on one side": 2 * 0.5**9,
 }
-#: a count above what chance gives this seldom is said, over all rules and charts
+#: significance of a rule's count, over all rules and charts
 COUNT_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class ControlChart:
-    """One number's charts, in its unit.
+    """Control charts of one number, in its unit.
 
     place (N,) in production, y (N,), sigma (N,) short-term and the point's own noise; centre; short_term: one sigma of the process without
-    measurement noise; moving_range (N,), first NaN; range_limit; score (N,); ewma (N,) of scores and its limit; limit: of a score, over
-    all charts; alarms and ewma_alarms: numbers of points; counts and chance: of each rule, found and by chance; broken: rules that
-    ring more often than chance.
+    measurement noise; moving_range (N,), first NaN; range_limit; score (N,); ewma (N,) of scores and its limit; limit: of a score, over all
+    charts; alarms and ewma_alarms: numbers of points; counts and chance: of each rule, observed and expected; broken: rules that trigger
+    significantly more often than by chance.
     """
 
     place: np.ndarray
@@ -263,8 +267,10 @@ class ControlChart:
 
 
 def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1, place: np.ndarray | None = None) -> ControlChart:
-    """Of points y (N,) in production order with one sigma of noise each (N,), a unit each; tails: degrees of freedom of the units'
-    distribution; charts: how many the lot has in all; place (N,): which unit made, from 0.
+    """Chart points y (N,) in production order, one for each unit, with one sigma of noise each (N,).
+
+    tails: degrees of freedom of the units' distribution; charts: number of charts of the lot; place (N,): production index of the unit,
+    from 0.
 
     Raises ValueError for fewer than 3 points.
     """
@@ -273,11 +279,11 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
         raise ValueError(f"a control chart needs 3 points, got {n}")
     centre = float(np.median(y)) if n > 20 else float(np.mean(y))
     moving = np.concatenate([[np.nan], np.abs(np.diff(y))])
-    # The mean moving range is not robust: a wild point enters it twice.  The median of normal ranges is 0.954 sigma.
+    # The mean moving range is not robust: an outlier enters it twice. The median of normal ranges is 0.954 sigma.
     whole = float(np.nanmedian(moving)) / (np.sqrt(2) * ndtri(0.75)) if n > 20 else float(np.nanmean(moving)) / D2
     short = float(np.sqrt(max(whole**2 - np.mean(noise**2), 0.0)))
     sigma = np.sqrt(short**2 + noise**2)
-    # Sigma itself is known from so many degrees of freedom, which tails have to count as well.
+    # the scores' distribution includes the uncertainty of sigma
     known = (MEDIAN_FREEDOM if n > 20 else MEAN_FREEDOM) * (n - 1)
     score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
     limit = float(-ndtri(FAMILY_P / 2 / (n * charts) / 2))
@@ -285,7 +291,7 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     counts = {name: int(hits.sum()) for name, hits in _rung(score).items()}
     chance = {name: rate * n for name, rate in RULES.items()}
     seldom = COUNT_P / (len(RULES) * charts)
-    # Hits of a rule come in runs: a run of up to so many counts as one draw of chance.
+    # hits of a rule come in runs; a run of up to this length counts as one draw
     runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
     rung = [name for name in RULES if counts[name]]
     broken = tuple(name for name in rung if pdtrc((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
@@ -310,17 +316,17 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
 
 
 def _scores(z: np.ndarray, freedom: float, tails: float) -> np.ndarray:
-    """Normal scores of Student's t; tails: of the lot, by whose variance z was scaled."""
+    """Return normal scores of Student's t; tails: of the lot, whose variance has scaled z."""
     t = np.abs(z) * (np.sqrt(tails / (tails - 2)) if np.isfinite(tails) else 1.0)
     return np.sign(z) * -ndtri(np.maximum(stdtr(freedom, -t), 1e-300))
 
 
 def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
-    """In sigmas of its own at each point, and the limit over all points of all charts."""
+    """Return the moving average at each point, in sigmas of its own, and its limit over all points of all charts."""
     from scipy.signal import lfilter
 
     w = EWMA_WEIGHT
-    # One wild point is no drift: it has a rule of its own, and counts here as what is still of this process.
+    # An outlier is no drift: it has its own rule, and is clipped here.
     found = lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
     own = np.sqrt(w / (2 - w) * (1 - (1 - w) ** (2 * np.arange(1, len(score) + 1))))
     independent = max(len(score) * w * EWMA_POINTS, 1.0) * charts
@@ -328,7 +334,7 @@ def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
 
 
 def _rung(score: np.ndarray) -> dict[str, np.ndarray]:
-    """(N,) bool of each rule: whether it rings at a point."""
+    """Return (N,) bool for each rule: whether it triggers at a point."""
 
     def of(span: int, least: int, beyond: float) -> np.ndarray:
         hits = np.zeros(len(score), dtype=bool)

@@ -8,12 +8,12 @@ from tinygc.cli.arguments import file_written, path_read
 from tinygc.cli.results import output, verdict, write_json
 
 SUMMARY = "statistics of a lot of sensors: spread, drift, repeatability, outliers"
-#: the table in the folder that ``fleet`` writes
+#: the table in the output folder of ``fleet``
 TABLE = "fleet.sqlite"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's own arguments."""
     command.add_argument("table", type=path_read, metavar="FLEET", help="the folder that fleet wrote, or its fleet.sqlite")
     command.add_argument("--out", type=file_written, metavar="FILE", help="write the lot's file, for fit --lot")
     command.add_argument("--html", type=file_written, metavar="FILE", help="write a page with control charts")

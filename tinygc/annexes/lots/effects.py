@@ -1,4 +1,4 @@
-"""Effects of a lot: one that is weak in each of many units, found by pooling them (random effects)."""
+"""Effects of a lot, found by pooling weak estimates of many units (random effects)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from scipy import stats
 
 from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
 
-# What the units of a lot say of each effect, as arrays: a row for each unit.
+# Estimates of each effect over the units of a lot, as arrays with a row for each unit.
 
-#: units that are pooled: what is weaker than so many tell is worth nothing in any of them
+#: most units that are pooled: an effect too weak for this many is negligible in any unit
 MOST_UNITS = 2000
-#: of a unit's estimates, m times the median sigma of the lot: such a unit has not seen the number
+#: limit of a unit's sigma, in median sigmas of the lot; beyond it, the unit does not determine the number
 UNSEEN = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """One effect over the lot: names of its numbers (P,), x and sigma (N, P), NaN where a unit does not tell."""
+    """One effect over the lot: names of its numbers (P,), x and sigma (N, P), NaN where a unit does not determine it."""
 
     id: str
     names: tuple[str, ...]
@@ -29,12 +29,12 @@ class Estimates:
 
     @property
     def told(self) -> np.ndarray:
-        """(N,) units with all numbers."""
+        """Return (N,): which units have all numbers."""
         return np.isfinite(self.x).all(axis=1)
 
 
 def estimates_of(units: Iterable[UnitResult], seed: int = 0) -> list[Estimates]:
-    """Of each effect that any unit tells of, in the order of their ids."""
+    """Collect the estimates of each effect that any unit has, in the order of their ids."""
     by_unit = _drawn(units, seed)
     names: dict[str, tuple[str, ...]] = {}
     for sessions in by_unit.values():
@@ -49,7 +49,7 @@ def estimates_of(units: Iterable[UnitResult], seed: int = 0) -> list[Estimates]:
         usual = np.array([np.nanmedian(column) if there else np.nan for column, there in zip(sigma.T, told, strict=True)])
         blind = ~(sigma <= UNSEEN * usual)
         x[blind], sigma[blind] = np.nan, np.nan
-        kept = np.isfinite(x).mean(axis=0) > 0.5  # a number that most units do not tell
+        kept = np.isfinite(x).mean(axis=0) > 0.5  # drops a number that most units do not determine
         if kept.any():
             parts = tuple(name for name, keep in zip(parts, kept, strict=True) if keep)
             found.append(Estimates(effect, parts, x[:, kept], sigma[:, kept]))
@@ -57,7 +57,7 @@ def estimates_of(units: Iterable[UnitResult], seed: int = 0) -> list[Estimates]:
 
 
 def _drawn(units: Iterable[UnitResult], seed: int) -> dict[str, list[Mapping[str, Weighed]]]:
-    """The sessions' effects by unit, of so many units: each as probable as any other (Vitter 1985, algorithm R), in one pass."""
+    """Draw this many units with equal probability (Vitter 1985, algorithm R), in one pass, and return their sessions' effects by unit."""
     rng, found = np.random.default_rng(seed), dict[str, list[Mapping[str, Weighed]]]()
     seen, places = dict[str, bool](), list[str]()
     for number, unit in enumerate(units):
@@ -77,7 +77,7 @@ def _drawn(units: Iterable[UnitResult], seed: int) -> dict[str, list[Mapping[str
 
 
 def _of_unit(sessions: list[Weighed], parts: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) twice: the mean of a unit's sessions by their sigmas, and its sigma."""
+    """Return the weighted mean (P,) of a unit's sessions, and its sigma (P,)."""
     told = [(each.estimates, each.sigmas) for each in sessions if tuple(each.estimates) == parts]
     if not told:
         return np.full(len(parts), np.nan), np.full(len(parts), np.nan)
@@ -90,35 +90,38 @@ def _of_unit(sessions: list[Weighed], parts: tuple[str, ...]) -> tuple[np.ndarra
 
 # Effects of a lot: one that is weak in each of many units, found by pooling them (random effects).
 #
-# Each unit's session gives an estimate of every effect of the catalogue, with its sigma and without selection (``Weighed``).  If no unit
-# has an effect its estimates are as probable with the other sign, all effects of a unit at once: so a mean is tested against that same lot
-# with its units' signs drawn, which holds whatever the sigmas are worth and however effects are correlated, and the largest of all effects
-# is compared with the largest of each draw, so that the level is that of the catalogue (Westfall & Young 1993).  The mean must be more
-# than the stated sigmas leave, too: what all units have in common within them may be the table's, or the method's.  An effect that units
-# have with either sign has no mean; its estimates spread more than those of the catalogue at large, which is tested by itself.
+# Each unit's session gives an estimate of every effect of the catalogue, with its sigma and without selection (``Weighed``). Without an
+# effect, the estimates of a unit have a symmetric distribution, jointly for all effects. So a mean is tested against the same lot with
+# random signs of its units, which holds whatever the errors of the sigmas and the correlations of effects; the largest of all effects is
+# compared with the largest of each draw, so that the level is that of the catalogue (Westfall & Young 1993). The mean must also be
+# significant by the stated sigmas: a smaller common part may be the table's, or the method's. An effect with either sign has no mean; the
+# spread of its estimates is tested against that of the whole catalogue.
 #
-# What one effect leaves in another's columns follows it from unit to unit: beside an effect that is named, another is tested for what is
-# there where a unit has none of the first.
+# An effect leaks into the columns of another in each unit. So after one effect is reported, another is tested for what remains in a unit
+# without the first.
 
-#: of the catalogue, for one lot (benchmarks/lot_effects.py: how often a lot with nothing in it names something)
+#: level of the catalogue, for one lot (benchmarks/lot_effects.py: how often a lot without effects reports one)
 FAMILY_WISE = 0.05
-#: draws of the units' signs
+#: random draws of the units' signs
 DRAWS = 4000
-#: sigmas beyond which a unit counts no more than that: one odd board must not speak for the lot
+#: sigmas at which a unit's estimate is clipped, so that one outlier does not dominate the lot
 MOST_SIGMAS = 3.0
-#: units, below which signs hardly tell anything: 2^-N of them is the smallest p-value
+#: fewest units: with N units the smallest p-value is 2^-N
 FEWEST = 8
-#: -2 log likelihood within which an effect may stand in for another (Kass & Raftery 1995: "very strong" beyond)
+#: -2 log likelihood within which an effect is equivalent to another (Kass & Raftery 1995: "very strong" beyond)
 STAND_IN = 10.0
-#: shares and spreads that are tried for the mixture
+#: grid of shares and spreads for the mixture
 GRID = 41
-#: log likelihood within which all units are said to have an effect, beside a share of them: half of chi-square's 5 %, of one more number
+#: log likelihood within which all units are taken to have an effect, rather than a share of them: half of chi-square's 5 %, for one more
+#: number
 ALIKE = 1.92
 
 
 def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect]:
-    """The effects that a lot has, by id; none where none is more than chance.  Several sessions of a unit count as one; of more than
-    ``MOST_UNITS`` units so many are drawn."""
+    """Return the effects that a lot has, by id; none where none is significant.
+
+    Several sessions of a unit count as one; of more than ``MOST_UNITS`` units that many are drawn.
+    """
     effects = [each for each in estimates_of(units, seed) if each.told.sum() >= FEWEST]
     if not effects:
         return {}
@@ -141,7 +144,7 @@ def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect
         del left[best.id]
         leaders.append(best)
         found[best.id] = _pooled(best, max(p_values[best.id], p_value))
-    for name in left:  # what the named ones explain: it may as well be the cause where the estimates cannot tell
+    for name in left:  # effects explained by the reported ones are equivalent where the estimates cannot separate them
         for leader in leaders:
             if strength[name] > strength[leader.id] - STAND_IN:
                 found[leader.id] = replace(found[leader.id], equivalent=(*found[leader.id].equivalent, name))
@@ -149,7 +152,7 @@ def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect
 
 
 def _scores(effect: Estimates) -> np.ndarray:
-    """(N, P): each unit's pull on the mean, odd in its sign, bounded; nothing of a unit that does not tell."""
+    """Return (N, P): each unit's contribution to the mean, odd in its sign, bounded; zero for a unit that does not determine it."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
     wide = np.hypot(sigma, np.sqrt(_spread_about(x, sigma, 0.0)))
     found = np.zeros(effect.x.shape)
@@ -158,13 +161,13 @@ def _scores(effect: Estimates) -> np.ndarray:
 
 
 def _spread_about(x: np.ndarray, sigma: np.ndarray, mean: np.ndarray | float) -> np.ndarray:
-    """(P,) variance between units about a mean, by the median of squares: what makes half of them lie within 0.67 sigmas."""
+    """Return (P,) variance between units about a mean, by the median of squares: half of the units lie within 0.67 sigmas."""
     excess = (x - mean) ** 2 / stats.chi2.ppf(0.5, 1) - sigma**2
     return np.maximum(np.median(excess, axis=0), 0.0)
 
 
 def _tested(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> list[tuple[float, float]]:
-    """Of each effect the p-value, of the catalogue's, that no unit has it, and the logarithm of its own."""
+    """Return for each effect the p-value that no unit has it, corrected for the catalogue, and the logarithm of its own."""
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (DRAWS, len(scores[0])))
     drawn = np.array([_log_p(score, signs) for score in scores])
     lowest = np.sort(drawn.min(axis=0))
@@ -173,7 +176,7 @@ def _tested(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> li
     for each, score, wide in zip(effects, scores, spread, strict=True):
         mean = float(_log_p(score, np.ones((1, len(score))))[0])
         chance = float((1 + np.searchsorted(lowest, mean, side="right")) / (DRAWS + 1))
-        if chance <= 2 / (DRAWS + 1):  # beyond what was drawn: as of so many independent tests (Sidak)
+        if chance <= 2 / (DRAWS + 1):  # below the resolution of the draws: corrected as for this many independent tests (Sidak)
             tests = np.log1p(-0.1) / np.log1p(-np.exp(lowest[DRAWS // 10]))
             chance = min(chance, float(-np.expm1(tests * np.log1p(-np.exp(max(mean, -700.0))))))
         chance = max(chance, min(1.0, len(effects) * _stated_p(each)))
@@ -183,30 +186,29 @@ def _tested(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> li
 
 
 def _stated_p(effect: Estimates) -> float:
-    """Of so large a mean in one of its numbers by chance, as the stated sigmas have it."""
+    """Return the p-value of so large a mean in one of its numbers, by the stated sigmas."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
     z = np.sum(x / sigma**2, axis=0) / np.sqrt(np.sum(sigma**-2.0, axis=0))
     return min(1.0, len(effect.names) * float(2 * stats.norm.sf(np.abs(z).max())))
 
 
 def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
-    """(draws,) logarithm of the probability of so large a mean: Hotelling's square with the scores' own second moment, which no sign
-    changes."""
+    """Return (draws,) log probability of so large a mean: Hotelling's square with the scores' second moment, which signs do not change."""
     moment = score.T @ score
     size, axes = np.linalg.eigh(moment)
     seen = size > 1e-6 * max(float(size[-1]), 1e-300)
-    if not seen.any():  # no unit shows anything
+    if not seen.any():  # no unit has an estimate
         return np.zeros(len(signs))
     means = signs @ (score @ (axes[:, seen] / np.sqrt(size[seen])))
     return np.asarray(stats.chi2.logsf(np.sum(means**2, axis=1), int(seen.sum())))
 
 
 def _spread_log_p(effects: list[Estimates]) -> list[float]:
-    """Of each effect: whether its squares are larger than the catalogue's are at large, beside their own scatter over the units."""
+    """Test for each effect whether its mean square exceeds the whole catalogue's, relative to its own scatter over the units."""
     squares = []
     for each in effects:
         z = np.clip(each.x[each.told] / each.sigma[each.told], -MOST_SIGMAS, MOST_SIGMAS)
-        squares.append(np.mean(z**2, axis=1))  # a unit's numbers together: they are correlated
+        squares.append(np.mean(z**2, axis=1))  # a unit's numbers are averaged, since they are correlated
     usual = max(float(np.median([np.mean(each) for each in squares])), stats.chi2.mean(1) * _BOUNDED)
     found = []
     for each in squares:
@@ -221,7 +223,7 @@ _BOUNDED = float(stats.norm.expect(lambda z: min(z * z, MOST_SIGMAS**2)))
 
 
 def _along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """share (N,) of the lot's mean that each unit has, its sigma (N,), and the mean (P,)."""
+    """Return each unit's share (N,) of the lot's mean, its sigma (N,), and the mean (P,)."""
     told = effect.told
     x, sigma = effect.x[told], effect.sigma[told]
     mean = _mean(x, sigma)
@@ -237,14 +239,14 @@ def _along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _correlation(z: np.ndarray) -> np.ndarray:
-    """(P, P) of the estimates' errors, over the units, drawn to none as far as so few units leave it open."""
+    """Return (P, P), the correlation of the estimates' errors over the units, shrunk towards zero for few units."""
     raw = np.atleast_2d(np.corrcoef(z.T)) if z.shape[1] > 1 else np.eye(1)
     keep = len(z) / (len(z) + 4.0 * z.shape[1])
     return np.asarray(keep * np.nan_to_num(raw) + (1 - keep) * np.eye(z.shape[1]))
 
 
 def _mean(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """(P,): by weights of sigma and spread; single units that lie far off count as if they lay at the bar (Huber)."""
+    """Return (P,), the mean weighted by sigma and spread; outlying units are clipped (Huber)."""
     mean = np.median(x, axis=0)
     for _ in range(20):
         wide = np.hypot(sigma, np.sqrt(_spread_about(x, sigma, mean)))
@@ -255,7 +257,7 @@ def _mean(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def _beside(effect: Estimates, leaders: list[Estimates]) -> float:
-    """p-value of there being nothing of an effect in a unit that has nothing of the leaders: the intercept of a regression on them."""
+    """Return the p-value of no effect in a unit without the leaders: the intercept of a regression on them."""
     shares = [_along(leader)[0] for leader in leaders]
     told = effect.told & np.isfinite(shares).all(axis=0)
     design = np.column_stack([np.ones(told.sum()), *(np.clip(share[told], -9, 9) for share in shares)])
@@ -276,32 +278,32 @@ def _beside(effect: Estimates, leaders: list[Estimates]) -> float:
 
 
 def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
-    """Share of the units, mean and spread among those, by the mixture that is likeliest: a unit has nothing, or its part of the mean."""
+    """Estimate the share of units, and mean and spread among them, by a maximum-likelihood mixture: zero, or a part of the mean."""
     told = effect.told
     share, of_share, mean = _along(effect)
     y, s = share[told], of_share[told]
     x, sigma = effect.x[told], effect.sigma[told]
-    # Units that have it with either sign have no mean that they could have a part of.
+    # an effect of either sign has no mean to take a part of
     of_units, about, wide = _mixture(y, s) if _stated_p(effect) <= FAMILY_WISE else (1.0, 1.0, 0.0)
     among = np.sqrt(_spread_about(x, sigma, mean))
     found = mean * about
-    if of_units < 1:  # what units that have nothing add to the spread is none of those that have it
+    if of_units < 1:  # units without the effect do not add to the spread of those with it
         among = np.minimum(among, np.hypot(np.abs(found) * wide, among * of_units))
     of = lambda values: dict(zip(effect.names, map(float, values), strict=True))  # noqa: E731
     return PooledEffect(float(of_units), of(found), of(among), p_value, int(told.sum()))
 
 
 def _mixture(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
-    """Share of units with a part y of the mean that is normal about ``about`` with ``wide`` times it, the others with nothing.
+    """Return the share of units with a part y of the mean that is normal about ``about`` with ``wide`` times it; the others have zero.
 
-    Where the lot hardly tells whether it is all of them (chi-square of 5 %), all are said to have it: that units are alike is the simplest.
+    Where the share is not significantly below one (chi-square of 5 %), all units are taken to have it, as the simplest model.
     """
     shares = np.linspace(1 / GRID, 1, GRID)
     best: list[tuple[float, float, float, float]] = []
     with_none = stats.norm.logpdf(y, 0.0, s)
     for part in shares:
         for wide in (0.0, 0.2, 0.5, 1.0):
-            about = 1 / part  # the mean over all units is one
+            about = 1 / part  # normalises the mean over all units to one
             with_it = stats.norm.logpdf(y, about, np.hypot(s, wide * about))
             with np.errstate(divide="ignore"):
                 each = np.logaddexp(np.log(part) + with_it, np.log1p(-part) + with_none if part < 1 else -np.inf)

@@ -1,4 +1,4 @@
-"""A lot and one unit's effects: what the lot knows of them, what a session tells the lot, and what the coach may take from it."""
+"""A lot and one unit's effects: the lot's prior for them, a session's estimates for the lot, and the lot's prior for the coach."""
 
 from __future__ import annotations
 
@@ -25,22 +25,25 @@ from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.planning.coach import BoardPrior
 
-# What the lot knows of a unit's effects: whether this one has them, how large they are in it, and what they are worth.
+# The lot's prior for a unit's effects: probability and size of each in this unit.
 #
-# An effect that pooling found in many units is in this one with the odds that the lot gives, times what its own recording says of a size
-# like theirs: linear, beside the calibration and the other names.
+# The prior odds of an effect that pooling found in many units are the lot's; the likelihood ratio is from the unit's own recording, for a
+# size like theirs: linear, together with the calibration and the other reported effects.
 
-#: of a lot's share, as a unit's probability before its recording is looked at: no lot is so uniform, none so foreign
+#: bounds of a lot's share, as prior probability of a unit: no lot is entirely uniform
 LEAST, MOST = 0.02, 0.95
-#: of a size that the lot knows, beside its mean: units differ by something, however few they were
+#: least spread relative to a size known from the lot: units always differ somewhat
 LEAST_SPREAD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class LotEffect:
-    """One effect of the lot in this unit.  share of the lot's units that have it; probability that this one has; theta (P,) SI and its
-    covariance, of lot and recording together, if it has; sigmas: how far the closure and the stills would be off without it; closure_rad:
-    rms tilt that it leaves at the ends of these turns, after the calibration has taken what it can."""
+    """One effect of the lot in this unit.
+
+    share of the lot's units that have it; probability that this one has; theta (P,) SI and its covariance, of lot and recording together,
+    if it has; sigmas: error of the closure and the stills without it; closure_rad: rms tilt that it leaves at the ends of these turns,
+    after the calibration has absorbed its part.
+    """
 
     effect: Effect
     share: float
@@ -52,7 +55,7 @@ class LotEffect:
     equivalent: tuple[str, ...] = ()
 
     def to_json(self) -> dict:
-        """One of ``lot.effects`` of ``tinygc-explain/1``."""
+        """Return one of ``lot.effects`` of ``tinygc-explain/1``."""
         _, parameters, std = readable(AppliedEffect(self.effect, self.theta), self.covariance)
         return {
             "id": self.effect.id,
@@ -67,7 +70,7 @@ class LotEffect:
 
     @property
     def words(self) -> str:
-        """One line."""
+        """Return one line of text."""
         as_well = f"; could as well be {', '.join(self.equivalent)}" if self.equivalent else ""
         return (
             f"{self.effect.id}: {self.share:.0%} of the lot have it, this unit with probability {self.probability:.2g}; worth "
@@ -77,25 +80,25 @@ class LotEffect:
 
 @dataclass(frozen=True, eq=False)
 class LotEffects:
-    """The effects of a lot's units, as ``explain`` takes them (``KnownEffects`` of ``tinygc.explanation.engine``)."""
+    """Effects of a lot's units, in the form ``explain`` takes (``KnownEffects`` of ``tinygc.explanation.engine``)."""
 
     lot: Lot
 
     @property
     def odds(self) -> dict[str, float]:
-        """Prior odds that a unit has each of the lot's effects, by id."""
+        """Return the prior odds that a unit has each of the lot's effects, by id."""
         shares = {name: float(np.clip(pooled.share, LEAST, MOST)) for name, pooled in self.lot.effects.items()}
         return {name: share / (1 - share) for name, share in shares.items()}
 
     def in_unit(self, twin: Twin, whiten: Whitener, fit: Refit) -> list[LotEffect]:
-        """Beside a fit: the lot's effects that the catalogue knows and whose numbers the lot has, the most probable first."""
+        """Return the lot's effects that are in the catalogue with all their numbers, given a fit; the most probable first."""
         known = catalogue()
         found = [_in_unit(twin, whiten, fit, known[name], pooled) for name, pooled in self.lot.effects.items() if name in known]
         return sorted((each for each in found if each is not None), key=lambda each: -each.probability)
 
 
 def known_effects(lot: Lot | Path | str, sensor: str) -> LotEffects:
-    """Those of a lot, or of its file.  Raises what ``read_lot`` raises, and CalibrationError for a lot of another sensor."""
+    """Return the effects of a lot, or of its file.  Raises the errors of ``read_lot``, and CalibrationError for a lot of another sensor."""
     lot = lot if isinstance(lot, Lot) else read_lot(lot)
     if lot.sensor != sensor:
         raise CalibrationError(f"a lot of {lot.sensor}, and the session's sensor is {sensor}; give the lot of its own model")
@@ -112,7 +115,7 @@ def _in_unit(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, pooled: P
     stacked = Replay(twin, fit).columns(effect).stacked()
     theta, own = linear_estimate(beside.r, beside.J, whiten(stacked), effect.parameter.plausible)
     before = np.diag(spread**2 + (LEAST_SPREAD * np.abs(mean).max()) ** 2)
-    # Has it as the lot does: normal about its mean; has nothing; or has something of its own, of its own size.
+    # three hypotheses: normal about the lot's mean; zero; or an effect of its own, of its own size
     share = float(np.clip(pooled.share, LEAST, MOST))
     size = np.eye(len(theta)) * max(float(np.mean(theta**2)), float(np.mean(mean**2)))
     chances = np.array(
@@ -145,28 +148,28 @@ def _log_normal(x: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def _beside_the_fit(closure: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(n,) of it that no column of the fit takes up."""
+    """Return the part (n,) that no column of the fit absorbs."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return np.asarray(closure - scaled @ np.linalg.lstsq(scaled, closure, rcond=None)[0])
 
 
-# What a session says of every effect of the catalogue, named or not, as a lot pools it (docs/lots.md).
+# A session's estimate of every effect of the catalogue, reported or not, for pooling over a lot (docs/lots.md).
 #
-# An effect that is weak in each of many units is named in none of them; the estimate is there all the same.  It is that of the effect's
-# columns beside the calibration and the other names, linear around the fit: no selection, so that many of them average to the truth.
+# An effect that is weak in each of many units is reported in none of them, but its estimate exists: the effect's columns are fitted
+# linearly together with the calibration and the other reported effects. There is no selection, so the average of many is unbiased.
 
-#: of that prior's sigma, above which a number is not told
+#: limit of a sigma relative to the prior's; above it, a number is undetermined
 SENSOR_ERRORS = 0.3
 CLOCKS = "timing.gyro_accel_offset"
 
 
 def effects_of(explanation: Explanation) -> dict[str, Weighed]:
-    """Effect id -> what this session says of it, SI; NaN for numbers that it does not tell.
+    """Return effect id -> this session's estimate, SI; NaN for numbers that it does not determine.
 
-    What is repaired before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what the axes differ
-    by.  An effect whose shape is searched for (the moment of a step) is taken in the middle of what is tried: where it takes up most its
-    estimate would be a chosen one.  The delay between gyro and accelerometer is what is beyond the filters' own.  chi_square is that of
-    all its numbers together.
+    Effects that data repair removes before any fit (lost samples, glitches) have no columns and are not included.  Only differences of
+    delays between axes are estimated.  An effect with a searched shape (the moment of a step) is taken in the middle of the search range:
+    its best fit would be a selected estimate. The delay between gyro and accelerometer is that beyond the filters' own.  chi_square is that
+    of all its numbers together.
     """
     twin, fit, whiten = explanation.twin, explanation.naming.fit, explanation.whiten
     claims = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
@@ -198,7 +201,7 @@ def effects_of(explanation: Explanation) -> dict[str, Weighed]:
 
 
 def _told(effect: Effect) -> np.ndarray:
-    """(P, P): the projection on what a closure tells of theta: of delays, what the axes differ by, not what they share."""
+    """Return (P, P): the projection on the part of theta that a closure determines: of delays, the differences between axes."""
     told = np.eye(effect.parameter.size)
     if effect.gauge is not None and effect.gauge.delays:
         told[np.ix_(effect.gauge.delays, effect.gauge.delays)] -= 1 / len(effect.gauge.delays)
@@ -211,24 +214,24 @@ def _weighed(effect: Effect, theta: np.ndarray, sigma: np.ndarray, chi_square: f
     return Weighed(values, sigmas, chi_square, named, probability)
 
 
-# What a lot tells the coach of the board on the table, and whether the board belongs to it, by the turns so far.
+# The lot's prior for the board on the table, and whether the board belongs to the lot, by the turns so far.
 #
-# Linear, as everything that the coach knows: the closure that the lot's mean leaves on each turn, its bias taken from the stills.
+# Linear, as all of the coach: the closure error that the lot's mean leaves on each turn, with its bias taken from the stills.
 
-#: of a bias that a still shows, beside the Earth's rate, whose direction the coach does not know
+#: sigma of a bias from a still, due to the Earth's rate, whose direction is unknown to the coach
 STILL_BIAS_RPS = EARTH_RATE_RPS
-#: probability of belonging below which the lot tells the coach nothing, as ``fit`` has it for what is open
+#: probability of belonging below which the coach does not use the lot; the same as for ``fit``
 BELONGS = 0.95
 
 
 def board_prior(
     lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, noise: np.ndarray, directions: np.ndarray, by_turns: bool = True
 ) -> BoardPrior:
-    """What the lot tells of a board by its turns: columns (S, 2, 12) and noise (S, 2, 2) of each; directions (S, 2, 4): attitudes of its
-    ends.
+    """Return the lot's prior for a board given its turns.
 
-    Where the lot has no mean for a number, that is as open as without it.  by_turns: whether the turns' closure is asked, too: beside an
-    accelerometer that nobody has calibrated it would show that one's errors, and the stills' rates alone say whether the board belongs.
+    columns (S, 2, 12) and noise (S, 2, 2) of each; directions (S, 2, 4): attitudes of its ends. Where the lot has no mean for a number,
+    that is as open as without it.  by_turns: whether the turns' closure is used, too: with an uncalibrated accelerometer it would show that
+    one's errors, and only the stills' rates decide whether the board belongs.
     """
     stills = np.array([still.gyro_mean for turn in turns for still in turn.segment.stills])
     bias = stills.mean(axis=0)
@@ -259,7 +262,7 @@ def _words(lot: Lot, found: Belonging, vector: np.ndarray, covariance: np.ndarra
 
 
 def _angles(turn: AcceptedTurn, model: LinearModel, ends: np.ndarray) -> np.ndarray:
-    """(2,) rad: what the lot's mean leaves of a turn's tilt, the bias of its own stills taken off."""
+    """Return (2,) rad: tilt error of a turn with the lot's mean, after subtraction of the bias of its own stills."""
     measured = turn.samples.gyro[None]
     bias = (turn.segment.stills[0].gyro_mean + turn.segment.stills[1].gyro_mean) / 2
     batch = Batch(measured - bias, turn.samples.dt_s[None], np.zeros_like(measured), ends[:1], ends[1:], yaw_known=False)

@@ -17,11 +17,11 @@ from tinygc.annexes.lots.lot import NAMES, Lot, PooledEffect
 from tinygc.annexes.lots.outliers import Outlier
 from tinygc.annexes.lots.report import LotQuantity, LotReport
 
-# A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for what no session told.
+# A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for unknown values.
 
 SCHEMA = "tinygc-lot/1"
 _AGAIN = "make the lot again, or correct the file"
-#: of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: what rounding to JSON leaves, and no more
+#: tolerance of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: the rounding of JSON
 _ROUNDING = 1e-9
 _COUNT = Number(low=1, whole=True)
 _SHARE = Number(low=0, high=1)
@@ -54,7 +54,7 @@ LOT = Keys(
 
 
 def lot_table(lot: Lot, **more: Any) -> dict:
-    """JSON-ready; ``more`` is added as it is, and no reader of a lot needs it."""
+    """Return a JSON-ready table; ``more`` is added unchanged, and readers of a lot do not need it."""
     return {
         "schema": SCHEMA,
         "version": VERSION,
@@ -73,17 +73,17 @@ def lot_table(lot: Lot, **more: Any) -> dict:
 
 
 def write_lot(path: Path | str, lot: Lot, **more: Any) -> None:
-    """The lot's file, whole or not at all; what is not finite becomes null.  Raises StorageError for a full disk."""
+    """Write the lot's file atomically; non-finite values become null.  Raises StorageError for a full disk."""
     write_whole(Path(path), lot_table(lot, **more))
 
 
 def read_lot(path: Path | str) -> Lot:
-    """The lot of a file, in SI.  Raises FormatError for what is no lot, in one line with the key and what was expected."""
+    """Read a lot from a file, in SI.  Raises FormatError for an invalid lot, in one line with the key and the expected value."""
     return lot_of_table(read_json(Path(path)), str(path))
 
 
 def lot_of_table(table: Any, where: str) -> Lot:
-    """The lot of what JSON holds; where: its file's name.  Raises FormatError as ``read_lot``."""
+    """Build the lot from parsed JSON; where: its file's name.  Raises FormatError as ``read_lot``."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no lot of this tool, expected "schema": "{SCHEMA}"; make it with calibrate.py lot or fleet')
     require(table, LOT, where, _AGAIN)
@@ -120,7 +120,7 @@ def _known(values: dict[str, float | None]) -> dict[str, float]:
 
 
 def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
-    """(21,) or (21, 21), NaN for null."""
+    """Return (21,) or (21, 21), NaN for null."""
     rows, size = table[key], len(NAMES)
     lengths = [len(rows)] + ([len(row) for row in rows] if dimensions == 2 else [])
     for at, length in enumerate(lengths):
@@ -131,7 +131,7 @@ def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
 
 
 def _covariance(table: dict, key: str, where: str) -> np.ndarray:
-    """(21, 21), symmetric and of no negative variance where it is told, NaN in whole rows and columns where it is not."""
+    """Return (21, 21), symmetric and without negative variances where known, NaN in whole rows and columns where not."""
     matrix = _array(table, key, where, 2)
     unknown = np.isnan(np.diag(matrix))
     for i, j in np.argwhere(np.isnan(matrix) != (unknown[:, None] | unknown)):
@@ -152,14 +152,14 @@ def _covariance(table: dict, key: str, where: str) -> np.ndarray:
     return matrix
 
 
-# A lot's report as JSON: the file that ``fit --lot`` reads, with the other figures of the report (docs/formats.md).
+# A lot's report as JSON: the file that ``fit --lot`` reads, with the report's other figures (docs/formats.md).
 
-#: alarms and outliers that a file holds; how many there are stands beside them
+#: most alarms and outliers in a file; their total number is also given
 MOST_ALARMS, MOST_OUTLIERS = 20, 1000
 
 
 def to_json(report: LotReport) -> dict:
-    """``tinygc-lot/1``."""
+    """Return ``tinygc-lot/1``."""
     drift = report.hierarchy
     return lot_table(
         report.lot,
@@ -179,7 +179,7 @@ def to_json(report: LotReport) -> dict:
 
 
 def save(report: LotReport, path: Path | str) -> None:
-    """Write it, whole or not at all.  Raises StorageError for a full disk."""
+    """Write the report atomically.  Raises StorageError for a full disk."""
     write_whole(Path(path), to_json(report))
 
 

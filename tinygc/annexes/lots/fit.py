@@ -1,4 +1,4 @@
-"""Least squares with a lot as prior: whether the unit belongs to it, and what the fit then has from it (docs/lots.md)."""
+"""Least squares with a lot as prior: the probability that the unit belongs, and the lot's share in the fit (docs/lots.md)."""
 
 from __future__ import annotations
 
@@ -23,20 +23,23 @@ from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness, stated_noise
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, bias_only
 
-#: probability of belonging from which on a unit is said to belong, and up to which the lot's prior is not used at all
-#: (benchmarks/lot_prior.py: coverage).  Between SURE and FOREIGN the answer is the mean of both, and as uncertain; of so few turns that
-#: they tell nothing by themselves, between BELONGS and FOREIGN
+#: probability of belonging from which a unit is reported as belonging, and up to which the lot's prior is not used
+#: (benchmarks/lot_prior.py: coverage). Between SURE and FOREIGN the result is the mean of both, with the mixture's covariance; with turns
+#: too few to determine the unit alone, between BELONGS and FOREIGN
 BELONGS, FOREIGN, SURE = 0.95, 0.05, 0.9999
-#: a share of the lot in a parameter that is worth a word
+#: least share of the lot in a parameter that is reported
 SAID_SHARE = 0.05
 MOST_SAID = 6
 
 
 @dataclass(frozen=True, eq=False)
 class LotUse:
-    """What a fit had from a lot.  file and hash of it; units it was made of; belonging of this one; used: ``yes``, ``no``, or ``partly``
-    where it is open whether the unit belongs; share (12,) of the lot's mean in each parameter; off: the parameter that is farthest from
-    the lot, and by how many of its sigmas; more (12, 12): what the prior, or not knowing whether to use it, adds to the covariance."""
+    """Use of a lot in a fit.
+
+    file and hash of it; units it was made of; belonging of this one; used: ``yes``, ``no``, or ``partly`` where belonging is undecided;
+    share (12,) of the lot's mean in each parameter; off: the parameter that is farthest from the lot, and by how many of its sigmas; more
+    (12, 12): covariance added by the prior, or by the undecided belonging.
+    """
 
     file: str
     hash: str
@@ -48,7 +51,7 @@ class LotUse:
     off: tuple[str, float] | None = None
 
     def to_json(self) -> dict:
-        """``lot`` of ``tinygc-fit/1``."""
+        """Return ``lot`` of ``tinygc-fit/1``."""
         found = self.belonging
         return {
             "file": self.file,
@@ -65,7 +68,7 @@ class LotUse:
 
     @property
     def words(self) -> str:
-        """One line."""
+        """Return one line of text."""
         found = self.belonging
         far = f"{found.distance:.1f} sigmas from its mean in {found.freedom} directions, p = {found.p_value:.2g}"
         off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
@@ -91,24 +94,24 @@ class LotFile:
     hash: str
 
     def prior(self, start: np.ndarray) -> GaussianPrior:
-        """Of a unit that belongs to the lot; start (12,): the centre of what the lot does not tell."""
+        """Return the prior of a unit that belongs to the lot; start (12,): the centre of numbers unknown to the lot."""
         return prior_of(self.lot, start)
 
     def prior_beside(self, problem: Problem) -> tuple[GaussianPrior | None, LotUse]:
-        """What the lot knows of a problem's unit, None where the unit does not belong to it or that is open; and what was decided."""
+        """Return the lot's prior for a problem's unit, None where the unit does not belong or that is undecided; and the decision."""
         *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), self, stated_noise(problem))
         return (prior_of(self.lot, problem.first.vector) if use.used == "yes" else None), use
 
 
 def lot_for(path: Path, sensor: str) -> LotFile:
-    """Read the lot that units with this sensor are of.  Raises what ``read_lot`` and ``require_usable`` raise."""
+    """Read the lot for units with this sensor.  Raises the errors of ``read_lot`` and ``require_usable``."""
     lot = read_lot(path)
     require_usable(lot, sensor, file_key(path))
     return LotFile(lot, file_key(path), sha256_of(path))
 
 
 def require_possible(options: FitOptions) -> None:
-    """Raises CalibrationError for options that know nothing of a lot."""
+    """Raise CalibrationError for options that cannot use a lot."""
     for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "--bias-per-log")):
         if idle:
             raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
@@ -117,9 +120,9 @@ def require_possible(options: FitOptions) -> None:
 def fit_with_lot(
     problem: Problem, options: FitOptions, given: LotFile, noise: StatedNoise | None
 ) -> tuple[BiasChoice, Problem, MethodFit, LotUse]:
-    """The choice of the bias, the problem with it and with the prior that was used, its least squares, and what came from the lot.
+    """Return the choice of the bias, the problem with it and with the prior used, its least squares, and the use of the lot.
 
-    Raises what ``choose`` raises.
+    Raises the errors of ``choose``.
     """
     lot, still = given.lot, problem.still_rates.rate
     start = bias_only(still[0] if len(still) else -problem.first.B).vector
@@ -127,7 +130,7 @@ def fit_with_lot(
     prior = prior.weighed(_noise_factor(problem, noise))
     bias_from, level, linear = choose(problem.changed(prior=prior), options)
     found, share, _ = _judged(level, linear, noise, options, lot)
-    if found.probability > FOREIGN and abs(found.weight - 1) > 1e-6:  # by its tails a unit farther out is one of a wider part of the lot
+    if found.probability > FOREIGN and abs(found.weight - 1) > 1e-6:  # with tails, a unit farther out belongs to a wider part of the lot
         prior = prior.scaled(1 / found.weight)
         bias_from, level, linear = choose(problem.changed(prior=prior), options)
         _, share, _ = _judged(level, linear, noise, options, lot)
@@ -137,7 +140,7 @@ def fit_with_lot(
     if found.probability >= (BELONGS if few else SURE):
         more = share @ weighed.covariance @ share.T
         return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
-    # Of a few turns the unit's own numbers are hardly known at all, and are said to be.
+    # with few turns the unit's own numbers are hardly determined, and the report states so
     own_prior = vague(start).weighed(weighed.weight) if few else None
     free = level.changed(prior=own_prior)
     alone = run_method("least_squares", free, options)
@@ -152,7 +155,7 @@ def fit_with_lot(
     if found.probability <= FOREIGN:
         bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
         return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
-    # Neither: the mean of both, weighed by their probabilities, and the covariance of that mixture.
+    # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
     p, own = found.probability, _model(linear).vector
     apart = own - _model(alone).vector
     vector = own - (1 - p) * apart
@@ -168,7 +171,7 @@ def fit_with_lot(
 def _judged(
     level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions, lot: Lot
 ) -> tuple[Belonging, np.ndarray, np.ndarray]:
-    """Whether the unit belongs; K (12, 12) of ``prior_share``; the noise's covariance (12, 12)."""
+    """Return the belonging of the unit; K (12, 12) of ``prior_share``; the noise's covariance (12, 12)."""
     prior, model = level.prior, _model(linear)
     assert prior is not None
     share = prior_share(level, model, options.still_rates)
@@ -177,7 +180,7 @@ def _judged(
 
 
 def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:
-    """(12, 12) by the session's own noise, widened."""
+    """Return (12, 12) by the session's own noise, widened."""
     model = _model(linear)
     if noise is None:
         rates = level.still_rates if options.still_rates else None
@@ -188,7 +191,7 @@ def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | No
 
 
 def _noise_factor(problem: Problem, noise: StatedNoise | None) -> float:
-    """By how much the noise's variance is beyond the floor that the fit weighs its segments by."""
+    """Return the ratio of the noise's variance to the floor that the fit weights its segments by."""
     if noise is None:
         return goodness(problem.batch, problem.floor, problem.first, problem.wander).excess
     wide = stated_goodness(problem, problem.first, noise)[1]
@@ -196,5 +199,5 @@ def _noise_factor(problem: Problem, noise: StatedNoise | None) -> float:
 
 
 def _model(fit: MethodFit) -> LinearModel:
-    assert isinstance(fit.model, LinearModel)  # that is what least squares fits
+    assert isinstance(fit.model, LinearModel)  # least squares fits a linear model
     return fit.model

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_run import Tally
 
 
-# How far a fleet is: done, failed, reused, how many a second, how long still; a bar on a terminal, else a line now and then.
+# Progress of a fleet: done, failed, reused, rate and time left; a bar on a terminal, else a line now and then.
 
-#: s between two looks, on a terminal and elsewhere
+#: s between two updates, on a terminal and elsewhere
 OFTEN_S, SELDOM_S = 0.2, 30.0
 
 
 class Meter:
-    """A context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait for the last."""
+    """Progress display as a context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait."""
 
     def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
         self._quiet, self._folders = quiet, folders
@@ -49,7 +49,7 @@ class Meter:
         self._stack.close()
 
     def __call__(self, tally: Tally) -> None:
-        """Show it, unless that was done just now."""
+        """Show the tally, at most once per interval."""
         now = time.monotonic()
         if now - self._last < self._every_s:
             return
@@ -57,7 +57,7 @@ class Meter:
         self._show(self.words(tally, now - self._began), tally.folders, max(self._found, tally.folders, 1))
 
     def words(self, tally: Tally, elapsed_s: float) -> str:
-        """``812 done, 1 failed, 90 reused, 7.2/s, 20 min left``: the rate is that of what was computed."""
+        """Return ``812 done, 1 failed, 90 reused, 7.2/s, 20 min left``; the rate counts computed sessions only."""
         computed = tally.done + tally.failed
         rate = computed / elapsed_s if elapsed_s > 0 else 0.0
         said = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {rate:.3g}/s"
@@ -74,7 +74,7 @@ class Meter:
                 if self._ended:
                     return
             self._counted = True
-        except Exception:  # the work meets the same, and says it
+        except Exception:  # the run meets the same error and reports it
             return
 
 
@@ -88,7 +88,7 @@ PAGE, LOT = "fleet.html", "lot.json"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The command's own arguments."""
+    """Add the command's own arguments."""
     command.add_argument("folders", type=path_read, nargs="*", metavar="DIR", help="where session folders lie, at any depth")
     command.add_argument(
         "--from", dest="listed", type=path_read, metavar="FILE", help="a list of session folders, one a line (- for standard input)"
@@ -113,7 +113,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def steps(text: str) -> tuple[str, ...]:
-    """Names of steps, with commas."""
+    """Parse names of steps, separated by commas."""
     chosen = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not chosen or not set(chosen) <= set(STEPS):
         raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(STEPS)}")
@@ -121,7 +121,7 @@ def steps(text: str) -> tuple[str, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compute what is not known yet; then tell what the table holds."""
+    """Compute the missing sessions, then print a summary of the table."""
     from tinygc.annexes.lots.files import save as save_lot
     from tinygc.annexes.lots.fleet_page import save
     from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise
@@ -153,7 +153,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
-    """The run; CalibrationError where there is no session at all."""
+    """Run the fleet; raises CalibrationError where there is no session at all."""
     from tinygc.annexes.lots.fleet_row import FleetOptions
     from tinygc.annexes.lots.fleet_run import Cluster, Processes, run_fleet
     from tinygc.annexes.lots.fleet_table import open_table
@@ -161,9 +161,9 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
     chosen = tuple(step for step in args.only if step not in args.without)
     if not chosen:
         raise CalibrationError("--only and --without leave no step; leave one of them out")
-    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may stand elsewhere
+    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may have another working directory
     options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
-    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # what a pipe gives is read once
+    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
     with open_table(args.out) as table, Meter(args.quiet, count) as meter:
         executor = Cluster(args.scheduler) if args.scheduler else Processes(args.jobs or _cores())
         try:
@@ -177,7 +177,7 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
 
 
 def _folders(args: argparse.Namespace) -> Iterator[Path]:
-    """Of the folders, then of the list, one after the other."""
+    """Yield the sessions of the folders, then those of the list."""
     from session.io.files import open_file
     from tinygc.annexes.lots.fleet_run import listed_folders, session_folders
 
@@ -192,7 +192,7 @@ def _folders(args: argparse.Namespace) -> Iterator[Path]:
 
 
 def _cores() -> int:
-    """That this process may use."""
+    """Return the number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

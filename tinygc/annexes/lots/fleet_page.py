@@ -1,4 +1,4 @@
-"""A fleet's table as one page: how many, what closed and what did not, distributions, failures.  Small, however many sessions there are."""
+"""Page of a fleet's table: counts, closures, distributions, failures.  Its size does not grow with the number of sessions."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from tinygc.reporting.html.chart import Axis, Chart
 from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, significant, table
 from tinygc.reporting.html.page import document
 
-#: columns of closures, with what they are
+#: columns of closures, with their titles
 CLOSURES = {
     "held_out_deg": "Held-out tilt of the turns",
     "floor_deg": "Noise floor of the turns",
     "run_rmse_deg": "Worst closure run, RMSE",
 }
-#: px: height of a chart; width of those that stand side by side
+#: px: height of a chart; width of charts side by side
 HEIGHT, SMALL = 170, 410
 
 
 def page(summary: Summary, more: Sequence[Section] = ()) -> str:
-    """The page; more: sections of what the sessions are together (lot statistics), between parameters and failures."""
+    """Build the page; more: sections on the sessions as a whole (lot statistics), between parameters and failures."""
     made = [_counts(summary), _closures(summary), _verdicts(summary), _parameters(summary), *more, _failures(summary), _slowest(summary)]
     head = (
         '<header><p class="kicker">Fleet of sessions</p>'
@@ -40,7 +40,7 @@ def page(summary: Summary, more: Sequence[Section] = ()) -> str:
 
 
 def save(summary: Summary, path: Path, more: Sequence[Section] = ()) -> Path:
-    """Write the page, whole or not at all; returns its path."""
+    """Write the page atomically; return its path."""
     with result_folder(path.parent):
         write_text_whole(path, page(summary, more))
     return path
@@ -109,7 +109,7 @@ def _slowest(summary: Summary) -> Section | None:
 
 
 def _unit(name: str) -> tuple[str, float]:
-    """In which a person reads a parameter, and its size in SI."""
+    """Return a parameter's displayed unit, and its size in SI."""
     if name in VALUES[BIAS]:
         return "dps", DEG
     return ("mg", MG) if name.startswith("accel_bias") else ("", 1.0)

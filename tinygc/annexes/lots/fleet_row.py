@@ -1,4 +1,4 @@
-"""A row of the fleet's table: what one session gave, and the key that it is kept under."""
+"""A row of the fleet's table: the result of one session, and its key."""
 
 from __future__ import annotations
 
@@ -26,33 +26,36 @@ from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult
 from tinygc.models import linear
 
-# Lists and tables in one cell of a fleet's table: JSON on one line, as the tool tells it to itself.
+# Lists and tables in one cell of a fleet's table: JSON on one line.
 
 
 def cell_of(table: list | dict) -> str:
-    """JSON as ``session.io.results`` writes it, on one line, its keys in order."""
+    """Return JSON as ``session.io.results`` writes it, on one line, with sorted keys."""
     return json.dumps(json.loads(json_text(table)), separators=(",", ":"), ensure_ascii=False, sort_keys=True)
 
 
 def told_by(cell: str) -> Any:
-    """What it holds.  ValueError for what is no JSON: another program has written it."""
+    """Return the parsed cell.  Raises ValueError for invalid JSON, which another program must have written."""
     try:
         return json.loads(cell)
     except RecursionError:
         raise ValueError("nested too deeply") from None
 
 
-# What decides a fleet's numbers: part of every key, so that another choice is computed anew and never mixed with what is there.
+# Options of a fleet that affect its numbers. They are part of every key, so that results of other options are computed separately.
 
-#: in their order; fit and explain begin with what check does, so that leaving it out only leaves its findings out
+#: in order; fit and explain include the work of check, so omitting check omits only its findings
 STEPS = ("check", "fit", "explain")
 
 
 @dataclass(frozen=True)
 class FleetOptions:
-    """steps: some of ``STEPS``; seed: of the fit's swarm and of explain's critical values; earth: whether the Earth's rotation is taken
-    off; accelerometer: as of ``FitOptions``; effects: folders with further effects, and effects_sha256: of all files in them.
-    CalibrationError for what cannot be."""
+    """Options of a fleet.
+
+    steps: some of ``STEPS``; seed: of the fit's swarm and of explain's critical values; earth: whether the Earth's rotation is removed;
+    accelerometer: as in ``FitOptions``; effects: folders with further effects, and effects_sha256: of all files in them. Raises
+    CalibrationError for invalid values.
+    """
 
     steps: tuple[str, ...] = STEPS
     seed: int = 0
@@ -73,12 +76,12 @@ class FleetOptions:
 
     @property
     def of_fit(self) -> FitOptions:
-        """Least squares alone: nothing is trained."""
+        """Return the options of a fit by least squares, without training."""
         return FitOptions(methods=("least_squares",), seed=self.seed, earth=self.earth, accelerometer=self.accelerometer)
 
     @property
     def text(self) -> str:
-        """All that numbers follow from, in one line, as the key has it; where the folders of effects lie is not part of it."""
+        """Return all options that affect numbers, in one line, as used in the key; the location of the effect folders is not included."""
         table = {
             "steps": self.steps,
             "seed": self.seed,
@@ -90,7 +93,7 @@ class FleetOptions:
 
 
 def effects_hash(folders: tuple[str, ...]) -> str:
-    """SHA-256 over the Python files of folders with effects, those in folders of their own as well, by name and content."""
+    """Return the SHA-256 over the Python files of folders with effects and of their subfolders, by name and content."""
     digest = hashlib.sha256()
     for folder in folders:
         for path in sorted(Path(folder).rglob("*.py")):
@@ -99,18 +102,18 @@ def effects_hash(folders: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
-# The key of a result: SHA-256 over everything that it follows from.  A folder that was moved or copied has the key that it had.
+# Key of a result: SHA-256 over all its inputs. It does not depend on the folder's location.
 
-#: names of files that a session is read from, on any system; truth.json, raw.bin and what commands derived are not among them
+#: names of a session's input files, on any system, without truth.json, raw.bin and outputs of commands
 INPUTS = re.compile(r"session\.toml|raw\.times|attitudes\.csv|turns\.csv|(log|closure|rest|truth).*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
-#: how a key is made
+#: version of the key's format
 KEY = "fleet key 1"
 
 
 def key_of(folder: Path, options: FleetOptions) -> str:
-    """In hexadecimal: of the format of keys, the tool's version, the options, and name and SHA-256 of each input, by name.
+    """Return the hexadecimal key: of the format of keys, the tool's version, the options, and name and SHA-256 of each input, by name.
 
-    FormatError for a folder or a file that cannot be read: without it nobody knows what a result would be of.
+    Raises FormatError for a folder or a file that cannot be read, whose inputs are therefore unknown.
     """
     digest = hashlib.sha256(f"{KEY}\n{VERSION}\n{options.text}\n".encode())
     for path in input_paths(folder):
@@ -119,24 +122,24 @@ def key_of(folder: Path, options: FleetOptions) -> str:
 
 
 def input_paths(folder: Path) -> list[Path]:
-    """By name.  FormatError where the folder cannot be looked into, or holds none."""
+    """Return the input files by name.  Raises FormatError where the folder cannot be read, or holds none."""
     try:
         names = sorted(name for name in os.listdir(folder) if INPUTS.fullmatch(name))
     except OSError as error:
         raise FormatError(f"{folder}: {error.strerror}; expected a session folder") from None
-    except ValueError:  # a list may have any bytes in it
+    except ValueError:  # a list may contain arbitrary bytes
         raise FormatError(f"{folder}: is no name of a folder; expected a session folder") from None
     if not names:
         raise FormatError(f"{folder}: holds neither session.toml nor a log; expected a session folder")
     return [folder / name for name in names]
 
 
-# A row of the table: what one session gave.  Numbers of people's units have them in their names; values and sigmas are SI.
+# A row of the table: the result of one session. Names of numbers in displayed units include the unit; values and sigmas are SI.
 
-#: of a row: it came to its end; a step of it refused; the process that computed it ended, twice
+#: status of a row: completed; a step failed; its process died, twice
 DONE, FAILED, DIED = "done", "failed", "died"
 TEXT, INTEGER, REAL, BLOB = "TEXT", "INTEGER", "REAL", "BLOB"
-#: SQL name -> type, beside the key and the 42 columns of parameters (docs/formats.md, table of a fleet)
+#: SQL name -> type, in addition to the key and the 42 columns of parameters (docs/formats.md, table of a fleet)
 FIGURES = {
     "status": TEXT,
     "step": TEXT,
@@ -155,12 +158,12 @@ FIGURES = {
     "verdict": TEXT,
     "p_value": REAL,
 }
-#: the same of what is long, which stands at the end of a row: who asks for a figure need not read past it
+#: long columns, at the end of a row, so that a query of a number need not read past them
 LONG = {"effects": TEXT, "findings": TEXT, "covariance": BLOB, "weighed": TEXT}
-#: names of parameters as columns, and of their sigmas
+#: column names of parameters, and of their sigmas
 VALUES = NAMES
 SIGMAS = tuple(f"sigma_{name}" for name in NAMES)
-#: all columns but the key, in their order
+#: all columns but the key, in order
 COLUMNS = {**FIGURES, **dict.fromkeys((*VALUES, *SIGMAS), REAL), **LONG}
 COUNT = len(NAMES)
 TRIANGLE = np.triu_indices(COUNT)
@@ -169,17 +172,17 @@ Row = dict[str, Any]
 
 
 def empty() -> Row:
-    """With nothing known."""
+    """Return a row of unknown values."""
     return dict.fromkeys(COLUMNS)
 
 
 def packed(covariance: np.ndarray) -> bytes:
-    """The upper triangle of (21, 21), row by row, little-endian float64; NaN where the session did not tell."""
+    """Pack the upper triangle of (21, 21), row by row, little-endian float64; NaN where unknown."""
     return np.ascontiguousarray(covariance[TRIANGLE], dtype="<f8").tobytes()
 
 
 def unpacked(blob: bytes | None) -> np.ndarray:
-    """(21, 21); of nothing, NaN."""
+    """Unpack (21, 21); NaN for None."""
     covariance = np.full((COUNT, COUNT), np.nan)
     if blob is not None:
         covariance[TRIANGLE] = np.frombuffer(blob, dtype="<f8")
@@ -188,18 +191,18 @@ def unpacked(blob: bytes | None) -> np.ndarray:
 
 
 def number(value: float | None) -> float | None:
-    """As SQLite keeps it: NaN, of which it makes NULL by itself, is None already here, so that rows compare."""
+    """Return the value as SQLite stores it: SQLite makes NaN NULL, so it is None already here and rows compare equal."""
     return None if value is None or not np.isfinite(value) else float(value)
 
 
-# What a fit gives a row: closure, floor, which model to use, and the 21 numbers of ``tinygc.annexes.lots.lot`` with their covariance.
+# A fit's part of a row: closure, floor, recommended model, and the 21 numbers of ``tinygc.annexes.lots.lot`` with their covariance.
 
 LEAST_SQUARES = "least_squares"
 GYRO, ACCEL = slice(0, linear.PARAMETERS), slice(linear.PARAMETERS, COUNT)
 
 
 def fitted(result: FitResult) -> Row:
-    """Part of a row."""
+    """Return the fit's part of a row."""
     values, covariance = numbers_of(result)
     sigmas = np.sqrt(np.diag(covariance))
     runs = [run_figures(errors[LEAST_SQUARES])["rmse_deg"] for errors in result.run_errors]
@@ -215,12 +218,12 @@ def fitted(result: FitResult) -> Row:
 
 
 def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
-    """(21,) and (21, 21) in the order of ``unit_result.NAMES``; NaN where the session did not tell."""
+    """Return (21,) and (21, 21) in the order of ``tinygc.annexes.lots.lot.NAMES``; NaN where unknown."""
     values, covariance = np.full(COUNT, np.nan), np.full((COUNT, COUNT), np.nan)
     accelerometer, joint = result.accelerometer, result.joint_covariance
     values[GYRO], covariance[GYRO, GYRO] = result.linear.model.vector, result.covariance  # type: ignore[attr-defined]
     if joint is not None:
-        # A joint covariance is of the accelerometer's correction and then of the gyroscope; the triad's numbers follow the correction.
+        # A joint covariance is of the accelerometer's correction, then of the gyroscope; the triad's numbers follow the correction.
         whole = np.eye(COUNT)
         own = COUNT - linear.PARAMETERS
         whole[:own, :own] = accelerometer.jacobian

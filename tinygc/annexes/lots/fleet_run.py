@@ -1,4 +1,4 @@
-"""Hand out the sessions that are not known yet, to processes here or to a cluster, and keep what comes back."""
+"""Distribute the sessions without a result to local processes or a cluster, and store the results."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from tinygc.annexes.lots.fleet_row import DIED, DONE, FleetOptions, Row, empty, 
 from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
 from tinygc.annexes.lots.fleet_table import Table
 
-# Which folders are sessions, found one after the other as they are asked for: a hundred thousand of them are never held at once.
+# Session folders, found one by one on demand: a hundred thousand of them are never in memory at once.
 
 CONFIG = "session.toml"
-#: some systems name files in capitals, and may put a line end into a name
+#: some systems use capitals in file names, and allow a newline in a name
 LOG = re.compile(r"log.*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
 
 
 def session_folders(places: Iterable[Path]) -> Iterator[Path]:
-    """Every session folder in these, by name, at any depth; a session's own folders are not looked into.
+    """Yield every session folder in these, by name, at any depth; a session's own folders are not searched.
 
-    A folder that holds a log and no session.toml is one, too: it fails with its line instead of being passed over, and what is in it is
-    found besides, since the log may be somebody's notes.  Folders whose names begin with a dot are passed over, and so is what lies behind
-    a link, unless that is a session itself.  CalibrationError for a place that is not there.
+    A folder with a log but without session.toml counts as a session, so that it fails with a message; it is searched as well, since the log
+    may be an unrelated file.  Folders whose names begin with a dot are skipped, and so are links, unless they lead to a session.  Raises
+    CalibrationError for a missing place.
     """
     for place in places:
         if not place.is_dir():
@@ -49,7 +49,7 @@ def _inside(folder: str) -> Iterator[Path]:
     try:
         with os.scandir(folder) as found:
             entries = [(entry.name, _is_folder(entry), entry.is_symlink()) for entry in found]
-    except OSError:  # what nobody may look into is no session that anybody could read; those beside it are found
+    except OSError:  # an unreadable folder is skipped; its neighbours are found
         return
     names = [name for name, is_folder, _ in entries if not is_folder]
     if CONFIG in names or any(map(LOG.fullmatch, names)):
@@ -67,7 +67,7 @@ def _inside(folder: str) -> Iterator[Path]:
 
 
 def _is_folder(entry: os.DirEntry) -> bool:
-    """A link that leads to itself, or where nobody may look, is none, and no reason to pass over what lies beside it."""
+    """Return whether it is a folder; a circular or unreadable link is none, and does not hide its neighbours."""
     try:
         return entry.is_dir()
     except OSError:
@@ -75,18 +75,18 @@ def _is_folder(entry: os.DirEntry) -> bool:
 
 
 def listed_folders(lines: Iterable[str]) -> Iterator[Path]:
-    """Those of a list, one a line, as they stand; blank lines are passed over.  One that is not there fails with its line."""
+    """Yield the folders of a list, one a line, unchanged; blank lines are skipped.  A missing folder fails with its own message."""
     for line in lines:
         if name := line.rstrip("\r\n"):
             yield Path(name)
 
 
-# Who computes: what ``run.py`` asks of processes and clusters alike.
+# Interface to processes and clusters.
 
 
 @dataclass(frozen=True)
 class Finished:
-    """Of a job: its outcome; or None where the process that computed it ended, and died says how."""
+    """A finished job: its outcome; or None where its process died, and died describes how."""
 
     job: Job
     outcome: Outcome | None
@@ -94,32 +94,32 @@ class Finished:
 
 
 class Executor(Protocol):
-    """Takes ``capacity`` jobs at a time."""
+    """Runs ``capacity`` jobs at a time."""
 
     @property
     def capacity(self) -> int:
-        """How many jobs may be under way, so that nobody waits for work."""
+        """Return how many jobs may be in progress, so that no worker waits."""
 
     def submit(self, job: Job) -> None:
-        """Begin a job, or queue it."""
+        """Start a job, or queue it."""
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one of them has come to an end."""
+        """Wait until at least one job has finished."""
 
     def close(self) -> None:
-        """Stop whatever is under way."""
+        """Stop all jobs."""
 
 
-# Processes of this machine, each with one job at a time, so that it is known whose end cost which session.
+# Processes of this machine with one job at a time, so that the death of a process is attributed to its session.
 
 READY = "ready"
-#: jobs that wait beside each that is computed: the next begins at once
+#: queued jobs per running job, so that the next one starts at once
 AHEAD = 1
-#: s: for a process that was told to end, before it is made to
+#: s for a process to end on request before it is killed
 GRACE_S = 5.0
-#: exit code of a process for which there was no memory
+#: exit code of a process that was out of memory
 NO_MEMORY = 12
-#: matrices are small: threads that wait for one another cost more than they give, and sums must not depend on their number
+#: matrices are small: threads cost more than they gain, and sums must not depend on their number
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -132,9 +132,9 @@ class _Worker:
 
 
 class Processes:
-    """``count`` of them, started with the first job, and anew where one ends.
+    """A pool of ``count`` processes, started with the first job, and replaced when one dies.
 
-    Each is a fresh interpreter: what the parent holds open or has running is not its own.  It ends by itself when the parent has.
+    Each is a fresh interpreter, without the parent's open files and threads.  It ends by itself after the parent.
     """
 
     def __init__(self, count: int):
@@ -147,18 +147,18 @@ class Processes:
 
     @property
     def capacity(self) -> int:
-        """Those that are computed, and those that wait."""
+        """Return the number of jobs running and queued."""
         return self._count * (1 + AHEAD)
 
     def submit(self, job: Job) -> None:
-        """To who has nothing to do, else into the queue."""
+        """Give the job to an idle process, else queue it."""
         while len(self._workers) < self._count:
             self._workers.append(self._started())
         self._queue.append(job)
         self._hand_out()
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one job has come to an end."""
+        """Wait until at least one job has finished."""
         found: list[Finished] = []
         while not found:
             by_pipe = {worker.pipe: worker for worker in self._workers}
@@ -181,7 +181,7 @@ class Processes:
         return found
 
     def close(self) -> None:
-        """End them all; what they compute is lost."""
+        """End all processes; their current jobs are lost."""
         for worker in self._workers:
             worker.pipe.close()
             worker.process.terminate()
@@ -196,13 +196,13 @@ class Processes:
         for worker in self._workers:
             if self._queue and worker.ready and worker.job is None:
                 worker.job = self._queue.popleft()
-                with contextlib.suppress(OSError):  # it has ended: ``finished`` sees that next
+                with contextlib.suppress(OSError):  # the process has died; ``finished`` detects it next
                     worker.pipe.send(worker.job)
 
     def _started(self) -> _Worker:
         ours, its = self._context.Pipe()
         process = self._context.Process(target=_serve, args=(its,), daemon=True)
-        with _interrupts_ignored():  # from its first moment on: Ctrl-C reaches it, too, and is ours to answer
+        with _interrupts_ignored():  # from its start: Ctrl-C reaches it too, and the parent handles it
             process.start()
         its.close()
         return _Worker(process, ours)
@@ -218,7 +218,7 @@ class Processes:
 
 @contextlib.contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """A process that is started meanwhile ignores them as well."""
+    """Make processes started in this context ignore interrupts as well."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -230,7 +230,7 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def _how(code: int | None) -> str:
-    """In words: the signal that ended a process, or its exit code."""
+    """Describe the signal that ended a process, or its exit code."""
     if code is None or code >= 0:
         return "memory was short" if code == NO_MEMORY else f"exit code {code}"
     try:
@@ -240,7 +240,7 @@ def _how(code: int | None) -> str:
 
 
 def _serve(pipe: Connection) -> None:
-    """In the process: jobs in, outcomes out, until the parent has gone.  Ctrl-C is the parent's."""
+    """Run jobs in the process until the parent has gone.  Ctrl-C is handled by the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         pipe.send(READY)
@@ -255,21 +255,20 @@ def _serve(pipe: Connection) -> None:
         os._exit(NO_MEMORY)
 
 
-# A Dask cluster: its scheduler gives the same jobs to workers on other machines, which see the session folders under the same paths.
+# Dask cluster: its scheduler sends the same jobs to workers on other machines, which see the session folders under the same paths.
 
-#: jobs under way for each thread of the cluster, so that none waits for us
+#: jobs in progress for each thread of the cluster, so that none is idle
 CLUSTER_AHEAD = 2
-#: s between two looks at how many workers there are: they may come and go
+#: s between two counts of the workers, whose number may change
 OFTEN_S = 2.0
-#: s: for a scheduler to answer
+#: s, timeout of a scheduler's answer
 PATIENCE_S = 30
 
 
 class Cluster:
-    """A scheduler's workers.  CalibrationError where the package is missing, or no scheduler answers.
+    """Workers of a scheduler.  Raises CalibrationError where the package is missing, or no scheduler answers.
 
-    A job whose worker ends is given out again by the scheduler (``distributed.scheduler.allowed-failures`` times), and comes back as died
-    when that is used up.
+    A job whose worker dies is retried by the scheduler (``distributed.scheduler.allowed-failures`` times), and then returned as died.
     """
 
     def __init__(self, address: str):
@@ -291,27 +290,27 @@ class Cluster:
 
     @property
     def capacity(self) -> int:
-        """Of the workers that there are now; with none yet, one: it waits for the first."""
+        """Return the capacity of the current workers; one without any, which waits for the first."""
         if monotonic() - self._asked_s > OFTEN_S:
             self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
         return max(CLUSTER_AHEAD * self._threads, 1)
 
     def submit(self, job: Job) -> None:
-        """To whatever worker the scheduler chooses."""
+        """Send the job to a worker chosen by the scheduler."""
         future = self._client.submit(compute, job, pure=False)
         self._jobs[future] = job
         future.add_done_callback(self._over.put)
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one job has come to an end."""
+        """Wait until at least one job has finished."""
         over = [self._over.get()]
         while not self._over.empty():
             over.append(self._over.get())
         return [self._ended(future) for future in over]
 
     def close(self) -> None:
-        """Take back what is under way; the cluster goes on without us."""
-        with contextlib.suppress(Exception):  # a scheduler that has gone has nothing under way
+        """Cancel the jobs in progress; the cluster stays up."""
+        with contextlib.suppress(Exception):  # a stopped scheduler has no jobs in progress
             self._client.cancel(list(self._jobs), force=True)
         self._jobs.clear()
         with contextlib.suppress(Exception):
@@ -337,15 +336,18 @@ class Cluster:
             return Finished(job, None, f"{type(error).__name__}: {error}")
 
 
-# Hand out what is not known yet, keep what comes back: a hundred thousand folders go through a handful at a time.
+# Run of a fleet: distribute the sessions without a result and store the results, with only a few folders in memory at a time.
 
-#: a session whose process ends is given out so often; the first end may have been another's fault, as where memory was short
+#: attempts of a session whose process dies; another session may have caused the first death, as with short memory
 ATTEMPTS = 2
 
 
 @dataclass
 class Tally:
-    """Of a run, folders: done and failed now; reused: known before, by this or another folder; reused_failed: those of them that failed."""
+    """Counts of folders in a run.
+
+    done and failed now; reused: known before, by this or another folder; reused_failed: those of them that failed.
+    """
 
     done: int = 0
     failed: int = 0
@@ -354,7 +356,7 @@ class Tally:
 
     @property
     def folders(self) -> int:
-        """All that were dealt with."""
+        """Return the number of all folders handled."""
         return self.done + self.failed + self.reused
 
 
@@ -365,8 +367,8 @@ class _FleetRun:
         self.tally = Tally()
 
     def take(self, folder: Path) -> None:
-        """A folder: known, under way already, or given out."""
-        folder = Path(os.path.abspath(folder))  # the table is read from elsewhere, too
+        """Handle a folder: its result is known, in progress, or to be computed."""
+        folder = Path(os.path.abspath(folder))  # readers of the table may have another working directory
         try:
             key = key_of(folder, self._options)
         except CalibrationError as error:
@@ -387,13 +389,13 @@ class _FleetRun:
             self._executor.submit(Job(str(folder), key, self._options))
 
     def collect(self) -> None:
-        """Wait for something, and keep it."""
+        """Wait for a result, and store it."""
         for finished in self._executor.finished():
             self._keep(finished)
             self._progress(self.tally)
 
     def drain(self) -> None:
-        """Until nothing is under way."""
+        """Wait until no job is in progress."""
         while self._pending:
             self.collect()
 
@@ -434,10 +436,10 @@ def run_fleet(
     retry: bool = False,
     progress: Callable[[Tally], None] = lambda tally: None,
 ) -> Tally:
-    """Deal with each folder: a row in the table for what is in it, computed where it is not there yet.
+    """Make a row in the table for each folder, computed where it is missing.
 
-    retry: failures that are there are computed again.  progress is told after each folder.  Whatever ends this (an interrupt, a full disk)
-    leaves every finished row in the table.  StorageError and FormatError of the table.
+    retry: failed rows are computed again.  progress is called after each folder.  Finished rows stay in the table whatever ends the run (an
+    interrupt, a full disk).  Raises StorageError and FormatError of the table.
     """
     run = _FleetRun(table, executor, options, retry, progress)
     for folder in folders:

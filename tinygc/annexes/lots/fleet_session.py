@@ -1,4 +1,4 @@
-"""One session: check, fit and explain in one go, with everything shared, into a row.  Here, in another process or on another machine."""
+"""Check, fit and explain one session into a row, in this process, another one, or on another machine."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from tinygc.estimation.listing import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 
-#: a sentence of a failure, and findings in a row, are cut here: a hundred thousand of them are kept
+#: length limits of an error message, and of the findings in a row: a hundred thousand of them are stored
 MOST_ERROR, MOST_FINDINGS = 500, 20
-#: a cluster's worker may run several tasks side by side; the catalogue of effects and the memory are one for all of them
+#: a cluster's worker may run several tasks in parallel, which share the catalogue of effects and the memory
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @dataclass(frozen=True)
 class Job:
-    """folder of a session, as the computing process finds it; key of what was in it when it was given out; version that gave it out."""
+    """folder of a session, as the computing process finds it; key of its content when the job was made; version that made the job."""
 
     folder: str
     key: str
@@ -45,7 +45,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """key; row, None where nothing may be kept, and trouble then says why; cpu_s and wall_s that it took."""
+    """key; row, None where nothing may be stored, with the reason in trouble; cpu_s and wall_s of the job."""
 
     key: str
     row: Row | None
@@ -55,8 +55,11 @@ class Outcome:
 
 
 def compute(job: Job) -> Outcome:
-    """The outcome of a job; what is wrong with a session is in its row.  CalibrationError for what is wrong with the process: another
-    version than the job's, effects that it does not find, or of other files than the job's."""
+    """Compute a job's outcome; errors of a session are stored in its row.
+
+    Raises CalibrationError for errors of the process: another version than the job's, missing effects, or other effect files than the
+    job's.
+    """
     with _ONE_AT_A_TIME, using(job.options.effects):
         if job.version != VERSION:
             raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
@@ -104,27 +107,27 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
 
 @contextlib.contextmanager
 def _failing_at(step: str, row: Row, folder: Path) -> Iterator[None]:
-    """What a step raises is the row's one line; what was found before it stays."""
+    """Store a step's error as the row's one line; earlier results stay."""
     try:
         yield
     except MemoryError:
-        raise  # the process can no longer be trusted: whoever gave the job out takes it for dead
+        raise  # the process is in an unknown state: the parent treats it as dead
     except (CalibrationError, OSError) as error:
         said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
         row |= {"status": FAILED, "step": step, "error": _without_folder(said, folder)}
-    except Exception as error:  # one sensor of a hundred thousand must not end the run
+    except Exception as error:  # one session must not end a run of a hundred thousand
         row |= {"status": FAILED, "step": step, "error": _without_folder(f"internal error: {type(error).__name__}: {error}", folder)}
 
 
 def _without_folder(said: str, folder: Path) -> str:
-    """A line without the name of the folder, which another copy of the session has another of."""
+    """Remove the folder's name from a line, since copies of a session have other folders."""
     for where in sorted({str(folder), str(folder.resolve())}, key=len, reverse=True):
         said = said.replace(f"{where}/", "").replace(f"{where}: ", "").replace(where, "the session")
     return printable(said)[:MOST_ERROR]
 
 
 def _kept_config(row: Row, folder: Path, config: Config) -> None:
-    """What a session says of itself, also where its logs cannot be read."""
+    """Store a session's configuration, also where its logs cannot be read."""
     notes, sensor = config.notes, config.sensor
     recorded = _moment(date_of(folder, config)[0])
     row |= {"model": printable(sensor.model), "serial": printable(sensor.serial), "recorded": recorded}
@@ -132,7 +135,7 @@ def _kept_config(row: Row, folder: Path, config: Config) -> None:
 
 
 def _moment(text: str | None) -> str | None:
-    """As ISO 8601, in UTC where the zone is known, so that rows sort by time; None for words of a person that are no date."""
+    """Return ISO 8601, in UTC where the zone is known, so that rows sort by time; None for text that is no date."""
     try:
         found = datetime.fromisoformat(text or "")
     except ValueError:
@@ -143,7 +146,7 @@ def _moment(text: str | None) -> str | None:
 
 
 def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
-    """How serious the worst is, and all that is worth a word."""
+    """Store the highest severity, and all findings worth reporting."""
     name = printable(folder.resolve().name)
     worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
     told = [

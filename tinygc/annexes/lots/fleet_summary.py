@@ -1,4 +1,4 @@
-"""What a fleet's table says as a whole, and the lot that is made of it."""
+"""Summary of a fleet's table, and the lot made from it."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, read_table
 from tinygc.annexes.lots.lot import UnitResult, Weighed
 from tinygc.annexes.lots.report import LotReport, lot_of
 
-# Rows of a fleet's table as the records that a lot is made of, and as CSV.
+# Rows of a fleet's table as a lot's records, and as CSV.
 
-#: in the order of production: by time where that is known, then by name, in which s2 is before s10
+#: order of production: by time where known, then by name, with s2 before s10
 IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), folder"
-#: as bytes they are for programs, and weighed is as long as all the rest
+#: left out: bytes are for programs only, and weighed is as long as all other columns
 NOT_IN_CSV = ("covariance", "weighed")
 
 
 def unit_results(out: Path) -> Iterator[UnitResult]:
-    """Of OUT's table, each session that was fitted, in the order of production, one after the other; a copy counts once.
+    """Yield each fitted session of OUT's table, in the order of production; a copy counts once.
 
-    FormatError where there is no table.
+    Raises FormatError where there is no table.
     """
     with read_table(out) as table:
         yield from results_of(table)
 
 
 def results_of(table: Table) -> Iterator[UnitResult]:
-    """The same, of a table that is open."""
+    """Yield the fitted sessions of an open table, as ``unit_results``."""
     names = ("key", "folder", "serial", "recorded", "held_out_deg", "floor_deg", "operator", "station", "effects", "weighed", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
     for order, row in enumerate(table.each(sql)):
@@ -63,7 +63,7 @@ def results_of(table: Table) -> Iterator[UnitResult]:
 
 @contextlib.contextmanager
 def read_as_written(table: Table, folder: str) -> Iterator[None]:
-    """FormatError for what another program has put into a row."""
+    """Raise FormatError for values that another program has written into a row."""
     try:
         yield
     except (ValueError, TypeError, KeyError, AttributeError):
@@ -73,7 +73,7 @@ def read_as_written(table: Table, folder: str) -> Iterator[None]:
 
 
 def weighed_of(text: str | None) -> Mapping[str, Weighed]:
-    """What ``compute`` kept of each effect, by id; NaN for what JSON has no number for: it was not told."""
+    """Return the estimates that ``compute`` stored for each effect, by id; NaN for null, where unknown."""
     found = {}
     for name, each in told_by(text or "{}").items():
         for key in ("estimates", "sigmas"):
@@ -83,7 +83,7 @@ def weighed_of(text: str | None) -> Mapping[str, Weighed]:
 
 
 def write_csv(table: Table, file: TextIO) -> int:
-    """A header and a line for each folder, by name; returns how many.  Effects are their ids with spaces between; SI as in the table."""
+    """Write a header and a line for each folder, by name; return their number.  Effects are ids separated by spaces; SI as in the table."""
     columns = [name for name in COLUMNS if name not in NOT_IN_CSV]
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["folder", "key", *columns])
@@ -104,21 +104,21 @@ def write_csv(table: Table, file: TextIO) -> int:
     return count
 
 
-# What the table says as a whole: numbers and short lists, however many sessions it holds.
+# Summary of the table: numbers and short lists, for any number of sessions.
 
-#: lists are cut here: a page of a hundred thousand stays small
+#: length limit of lists, so that a page of a hundred thousand sessions stays small
 MOST_LISTED, MOST_SLOWEST, MOST_REASONS = 200, 10, 20
 BINS = 40
-#: as SQL has it: stands for what is not known on its way into an array
+#: SQL text for a value that is unknown, for conversion to an array
 INFINITE = "9e999"
-#: of a distribution, the shares that are told: the middle, one sigma of a normal one around it, and nearly all
+#: quantiles of a distribution: the median, one normal sigma around it, and nearly all
 SHARES = (0.005, 0.16, 0.5, 0.84, 0.995)
 
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """count: sessions that told; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
-    below, above: how many lie outside of that."""
+    """count: sessions with a value; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
+    below, above: number of values outside of it."""
 
     count: int
     quantiles: np.ndarray
@@ -130,13 +130,13 @@ class Distribution:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Of a table, of what a folder still has.
+    """Summary of a table, for folders that still exist.
 
-    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed and missed:
-    sessions whose calibration is of use, and is not (nothing closes better than the raw rates, or it is above limit_deg); units: serial
-    numbers; first_look and verdicts: how often which; effects: id -> sessions in which it is named; reasons: (step, reason, count) of
-    failures, the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; slowest: (folder, CPU s); cpu_s: of
-    all; distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
+    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed and missed: sessions
+    with a useful calibration, and without (nothing closes better than the raw rates, or it is above limit_deg); units: serial numbers;
+    first_look and verdicts: counts of each; effects: id -> sessions in which it is reported; reasons: (step, reason, count) of failures,
+    the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; slowest: (folder, CPU s); cpu_s: of all;
+    distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
     """
 
     folders: int
@@ -159,7 +159,7 @@ class Summary:
     distributions: dict[str, Distribution] = field(default_factory=dict)
 
     def to_json(self) -> dict:
-        """``tinygc-fleet/1`` (docs/formats.md), but for what the run itself was."""
+        """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
         return {
             **{name: value for name, value in vars(self).items() if name != "slowest"},
             "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
@@ -171,7 +171,7 @@ class Summary:
 
 
 def summarise(table: Table, limit_deg: float | None = None) -> Summary:
-    """Of a table that is open; of its rows only the figures are held, 20 MB of a hundred thousand."""
+    """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
     fine = "use IS NOT NULL" + ("" if limit_deg is None else " AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit")
     within = {} if limit_deg is None else {"limit": limit_deg}
@@ -204,7 +204,7 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
 
 
 def distribution(values: np.ndarray) -> Distribution | None:
-    """Of values (N,); None of none."""
+    """Return the distribution of values (N,); None if there are none."""
     if not len(values):
         return None
     quantiles = np.quantile(values, SHARES)
@@ -229,7 +229,7 @@ def _effects(table: Table) -> dict[str, int]:
 
 
 def reason_of(line: str) -> str:
-    """A failure's line without its own numbers and names, so that those of one cause are one."""
+    """Remove numbers and names from a failure's line, so that equal causes have equal lines."""
     words = [("…" if any(c.isdigit() for c in word) else word) for word in line.split()]
     return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
 
@@ -251,13 +251,15 @@ def _reasons(table: Table) -> list[tuple[str, str, int]]:
 # A fleet's table as a lot: sessions of sensors of one model.
 
 MOST_NAMED = 5
-#: serial numbers from which on fleet says what they are together
+#: fewest serial numbers for lot statistics on the page
 FEWEST_UNITS = 8
 
 
 def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
-    """Of an open table.  Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units
-    were fitted."""
+    """Compute the lot of an open table.
+
+    Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units were fitted.
+    """
     fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
     models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
     named = ", ".join(printable(name or "(no name)") for name in models[:MOST_NAMED]) + (", …" if len(models) > MOST_NAMED else "")
@@ -273,7 +275,7 @@ def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple
 
 
 def lot_if_any(table: Table, seed: int = 0) -> LotReport | None:
-    """Of a table that is open, where its fitted sensors are of one model and enough for a page; else None."""
+    """Compute the lot of an open table if its fitted sensors are of one model and enough for a page; else return None."""
     models, units = table.rows(
         f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
     )[0]

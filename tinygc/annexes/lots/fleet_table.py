@@ -1,7 +1,7 @@
-"""OUT/fleet.sqlite: a row for each key, and which folder has which key.  One process writes it; it survives that one's sudden end.
+"""OUT/fleet.sqlite: a row for each key, and the key of each folder.  One process writes it; the table survives its sudden end.
 
-The write-ahead log takes each row with a commit of its own, which no end of the process can take back; a loss of power may cost the last
-rows, and leaves the table whole.  Both are computed again.  Whoever reads it meanwhile (SQL, ``--csv``) sees whole rows.
+The write-ahead log commits each row separately, so that no end of the process can undo it; a loss of power may cost the last rows, and
+leaves the table consistent.  Lost rows are computed again.  Concurrent readers (SQL, ``--csv``) see whole rows.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tinygc.annexes.lots.fleet_row import COLUMNS, Row
 from tinygc.annexes.lots.fleet_session import Outcome
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
-#: that a file is ours (PRAGMA application_id, "TGCF"), and of which form (user_version)
+#: file format (PRAGMA application_id, "TGCF"), and its version (user_version)
 APPLICATION, VERSION = 0x54474346, 1
 SCHEMA = f"""
 CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
@@ -30,35 +30,35 @@ CREATE TABLE folders (folder TEXT PRIMARY KEY, key TEXT, error TEXT) WITHOUT ROW
 CREATE INDEX folders_of_key ON folders (key);
 CREATE TABLE durations (key TEXT PRIMARY KEY, cpu_s REAL, wall_s REAL) WITHOUT ROWID;
 """
-#: results of sessions that a folder still has, one for each key, with the first of its folders
+#: results of sessions whose folders still exist, one for each key, with the first of its folders
 EACH = "results JOIN (SELECT key, min(folder) AS folder, count(*) AS folders FROM folders GROUP BY key) USING (key)"
-#: SQL function of a text: by it, names sort as their numbers count
+#: SQL function for natural sorting of names
 COUNTED = "counted"
 FULL, LOCKED, READ_ONLY = "SQLITE_FULL", "SQLITE_BUSY", "SQLITE_READONLY"
 
 
 class Table:
-    """Of ``open_table`` and ``read_table``."""
+    """A fleet's table, from ``open_table`` or ``read_table``."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection):
         self.path, self._connection = path, connection
         connection.create_function(COUNTED, 1, _counted, deterministic=True)
 
     def has(self, key: str) -> bool:
-        """Whether its result is there."""
+        """Return whether the key has a result."""
         return bool(self.rows("SELECT 1 FROM results WHERE key = ?", (key,)))
 
     def status(self, key: str) -> str | None:
-        """Of its result; None where there is none."""
+        """Return the status of a key's result; None where there is none."""
         found = self.rows("SELECT status FROM results WHERE key = ?", (key,))
         return found[0][0] if found else None
 
     def put_folder(self, folder: Path, key: str | None, error: str | None = None) -> None:
-        """A folder's key, or why it has none; a folder of the same content that is there no more was moved here."""
+        """Store a folder's key, or the reason for having none; a missing folder of the same content was moved here."""
         row = (unicode_text(os.fspath(folder)), key, error)
         with named_errors(self.path):
             same = self._connection.execute("SELECT key, error FROM folders WHERE folder = ?", row[:1]).fetchone()
-            if same == row[1:]:  # a table that is only looked up is not written
+            if same == row[1:]:  # an unchanged row is not written
                 return
             others = [] if key is None else self.rows("SELECT folder FROM folders WHERE key = ? AND folder <> ?", (key, row[0]))
             moved = [each for each in others if not os.path.isdir(each[0])]
@@ -67,7 +67,7 @@ class Table:
                 self._connection.execute("INSERT OR REPLACE INTO folders VALUES (?, ?, ?)", row)
 
     def put(self, outcome: Outcome, row: Row, folders: Sequence[Path]) -> None:
-        """A result and the folders that it is of, together."""
+        """Store a result and its folders, in one transaction."""
         marks = ", ".join("?" * (len(COLUMNS) + 1))
         with named_errors(self.path), self._connection:
             values = (outcome.key, *(row[name] for name in COLUMNS))
@@ -79,26 +79,26 @@ class Table:
             )
 
     def rows(self, sql: str, values: Sequence[Any] = ()) -> list[tuple]:
-        """Of a question whose answer is short."""
+        """Return all rows of a short query."""
         with named_errors(self.path):
             return self._connection.execute(sql, values).fetchall()
 
     def each(self, sql: str, values: Sequence[Any] = ()) -> Iterator[tuple]:
-        """Of any question, one after the other."""
+        """Yield the rows of any query."""
         with named_errors(self.path):
             yield from self._connection.execute(sql, values)
 
     def one(self, sql: str, values: Sequence[Any] = ()) -> Any:
-        """A single number or text."""
+        """Return a single number or text."""
         return self.rows(sql, values)[0][0]
 
 
 @contextlib.contextmanager
 def open_table(out: Path) -> Iterator[Table]:
-    """The table of a folder, to write, made where there is none.
+    """Open a folder's table for writing, and create it if missing.
 
-    CalibrationError where another run writes it, FormatError for a file that is no such table or of another form, StorageError where
-    nothing can be written.
+    Raises CalibrationError where another run writes it, FormatError for a file that is no such table or of another version, StorageError
+    where writing fails.
     """
     path = out / NAME
     with result_folder(out), _alone(out):
@@ -115,13 +115,13 @@ def open_table(out: Path) -> Iterator[Table]:
             yield Table(path, connection)
         finally:
             with contextlib.suppress(sqlite3.Error):
-                connection.execute("PRAGMA journal_mode = DELETE")  # one file again, that any program reads; unless one reads it now
+                connection.execute("PRAGMA journal_mode = DELETE")  # one file again, which any program can read; fails if another reads
             connection.close()
 
 
 @contextlib.contextmanager
 def read_table(out: Path) -> Iterator[Table]:
-    """The table of a folder, only to read, also while another run writes it.  FormatError where there is none."""
+    """Open a folder's table read-only, also while another run writes it.  Raises FormatError where there is none."""
     path = out / NAME
     if not path.is_file():
         raise FormatError(f"{path}: not found; `calibrate.py fleet DIR --out {out}` makes it")
@@ -130,14 +130,14 @@ def read_table(out: Path) -> Iterator[Table]:
     try:
         with named_errors(path):
             _require_ours(path, connection)
-            connection.execute("BEGIN")  # every question sees the same rows, also while another run writes
+            connection.execute("BEGIN")  # all queries see the same rows, also while another run writes
         yield Table(path, connection)
     finally:
         connection.close()
 
 
 def _counted(name: str) -> str:
-    """Each number in it with its length before it: s2, s10 become s0001:2, s0002:10."""
+    """Insert the length before each number: s2, s10 become s0001:2, s0002:10."""
     return re.sub(r"0*([0-9]+)", lambda found: f"{len(found[1]):04d}:{found[1]}", name)
 
 
@@ -156,7 +156,7 @@ def _require_ours(path: Path, connection: sqlite3.Connection) -> None:
 
 @contextlib.contextmanager
 def _alone(out: Path) -> Iterator[None]:
-    """The lock goes with the process, however it ends."""
+    """Hold the lock, which ends with the process."""
     try:
         file = os.open(out / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as error:
@@ -171,7 +171,7 @@ def _alone(out: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def named_errors(path: Path) -> Iterator[None]:
-    """What SQLite raises, in one line."""
+    """Convert errors of SQLite to one line."""
     try:
         yield
     except sqlite3.Error as error:

@@ -1,4 +1,4 @@
-"""A lot: the numbers of its units, in SI and as people see them."""
+"""A lot: the numbers of its units, in SI and in displayed units."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from session.io.units import DEG, G
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX
 
-# A lot: what is known of the next unit of a kind before it is turned.
+# A lot: prior knowledge of the next unit of a kind.
 
 
 @dataclass(frozen=True, eq=False)
 class PooledEffect:
-    """An effect over a lot: share of the units that have it; mean and spread (one sigma between units that have it) of each of its
-    parameters, SI, by name; p_value: that no unit has it, of the whole catalogue; units: how many told; equivalent: what could as well be
-    the cause."""
+    """An effect over a lot.
+
+    share of the units that have it; mean and spread (one sigma between units that have it) of each of its parameters, SI, by name; p_value:
+    that no unit has it, corrected for the whole catalogue; units: how many have an estimate; equivalent: other effects that could be the
+    cause.
+    """
 
     share: float
     mean: Mapping[str, float]
@@ -30,12 +33,12 @@ class PooledEffect:
 
 @dataclass(frozen=True, eq=False)
 class Lot:
-    """The numbers of ``tinygc.annexes.lots.lot.NAMES`` over units of one kind.
+    """The numbers ``tinygc.annexes.lots.lot.NAMES`` over units of one kind.
 
     mean (21,) of the next unit, drift included; mean_covariance (21, 21) of that mean; spread (21, 21), the covariance between units,
-    measurement noise taken out; tails: degrees of freedom of the units' distribution (Student's t, infinity where it is normal);
-    repeatability (21, 21), the covariance of one unit from session to session beyond what a session states; units and sessions: how many
-    it was made of; sensor: their model.  Numbers of which no session told are NaN, in rows and columns, too.
+    without measurement noise; tails: degrees of freedom of the units' distribution (Student's t, infinity where it is normal);
+    repeatability (21, 21), the covariance of one unit from session to session beyond the stated one; units and sessions: how many it was
+    made of; sensor: their model.  Numbers unknown to all sessions are NaN, in rows and columns, too.
     """
 
     sensor: str
@@ -49,7 +52,7 @@ class Lot:
     effects: Mapping[str, PooledEffect] = field(default_factory=dict)
 
 
-# What one session told of one unit: the numbers that a lot is made of.
+# One session's results for one unit: the numbers a lot is made of.
 
 #: of the accelerometer's numbers in a lot: M's upper triangle less the identity (1), then the bias (m/s^2), of f = M (m - b)
 ACCELEROMETER_NAMES = (
@@ -69,8 +72,10 @@ NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
 
 @dataclass(frozen=True)
 class Weighed:
-    """What a session says of one effect of the catalogue, named or not: estimate and one sigma of each of its parameters in SI, by name;
-    chi_square: by how much the fit is better with it; named: whether explain has named it; probability that it is there, or None."""
+    """A session's estimate of one effect of the catalogue, reported or not: values and one sigma of its parameters in SI, by name.
+
+    chi_square: improvement of the fit with it; named: whether explain reported it; probability that it is present, or None.
+    """
 
     estimates: Mapping[str, float]
     sigmas: Mapping[str, float]
@@ -81,12 +86,13 @@ class Weighed:
 
 @dataclass(frozen=True, eq=False)
 class UnitResult:
-    """Of one session: key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; recorded, its time
-    as ISO 8601, or empty; order, its place in production (by time where that is known, else by name).
+    """Result of one session.
 
-    values (21,) in the order of ``NAMES``, NaN where the session did not tell (the accelerometer was given, an axis was not turned);
-    covariance (21, 21), NaN in those rows; closure_deg held out, and floor_deg; operator and station, where the notes name them;
-    effects by id.
+    key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; recorded, its time as ISO 8601, or
+    empty; order, its place in production (by time where that is known, else by name).
+
+    values (21,) in the order of ``NAMES``, NaN where unknown (the accelerometer was given, an axis was not turned); covariance (21, 21),
+    NaN in those rows; closure_deg held out, and floor_deg; operator and station, where the notes name them; effects by id.
     """
 
     key: str
@@ -104,18 +110,18 @@ class UnitResult:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """(21,)."""
+        """Return (21,) sigmas."""
         return np.sqrt(np.diag(self.covariance))
 
 
-# The 21 numbers of a lot as sensor errors, not as the correction that removes them.
+# The 21 numbers of a lot as sensor errors, rather than as the correction that removes them.
 #
 #     gyroscope      scale factor error (ppm), misalignment i to j (mrad), bias (mdps): of m = M omega + b with M = E^-1, b = -E^-1 B
 #     accelerometer  scale factor error (ppm), nonorthogonality (mrad), bias (mg): of m = M^-1 f + b
 #
-# The words are those of ``tinygc/models/linear.py``.
+# The terms are those of ``tinygc/models/linear.py``.
 
-#: where the accelerometer's numbers stand in a lot's vector: M's upper triangle less the identity, then the bias
+#: positions of the accelerometer's numbers in a lot's vector: M's upper triangle less the identity, then the bias
 TRIAD, FORCE_BIAS = slice(12, 18), slice(18, 21)
 _UPPER = np.triu_indices(3)
 _STEP = 1e-6
@@ -133,12 +139,12 @@ class SensorError:
 
     @property
     def name(self) -> str:
-        """``gyro scale factor error x``."""
+        """Return a name such as ``gyro scale factor error x``."""
         return f"{self.sensor} {self.word} {self.component}"
 
     @property
     def key(self) -> str:
-        """As files name it: ``gyro_scale_factor_error_x_ppm``."""
+        """Return the key used in files, such as ``gyro_scale_factor_error_x_ppm``."""
         return f"{self.name} {self.unit}".replace(" ", "_")
 
 
@@ -153,7 +159,7 @@ SENSOR_ERRORS = (
 )
 #: their units in SI (21,)
 UNITS = np.array([each.si for each in SENSOR_ERRORS])
-#: which number of a lot's vector each of them is, to first order
+#: index in a lot's vector of each error, to first order
 OWN = np.array(
     [
         *(NAMES.index(f"E_{axis}{axis}") for axis in "xyz"),
@@ -169,9 +175,9 @@ NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 
 
 def sensor_errors(values: np.ndarray) -> np.ndarray:
-    """(…, 21) sensor errors in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is unknown.
+    """Return (…, 21) sensor errors in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is unknown.
 
-    The others, which bend it by second order only, count as no error where they are not told.
+    The other numbers enter by second order only, and are taken as no error where unknown.
     """
     values = np.asarray(values, dtype=float)
     shape, filled = values.shape[:-1], np.where(np.isfinite(values), values, NO_ERROR)
@@ -191,14 +197,15 @@ def sensor_errors(values: np.ndarray) -> np.ndarray:
 
 
 def jacobian(values: np.ndarray) -> np.ndarray:
-    """(21, 21): of ``sensor_errors`` at values (21,), by central differences; what is not told counts as no error."""
+    """Return (21, 21), the derivative of ``sensor_errors`` at values (21,), by central differences; unknown numbers are taken as no
+    error."""
     at = np.where(np.isfinite(values), values, NO_ERROR)
     steps = np.eye(len(NAMES)) * _STEP
     return (sensor_errors(at + steps) - sensor_errors(at - steps)).T / (2 * _STEP)
 
 
 def error_covariance(covariance: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """(…, 21, 21) in people's units, of one in SI; NaN for what is not told."""
+    """Return (…, 21, 21) in displayed units from SI; NaN where unknown."""
     unknown = ~np.isfinite(np.einsum("...ii->...i", covariance))
     found = J @ np.where(unknown[..., :, None] | unknown[..., None, :], 0.0, covariance) @ J.T
     lost = unknown[..., OWN]

@@ -1,1 +1,1 @@
-"""The twin that predicts every channel, and the noise of a recording as variance components."""
+"""The digital twin, which predicts every channel, and the noise of a recording as variance components."""

@@ -1,4 +1,4 @@
-"""The twin's channels: how well each is predicted, scatter within stills, gravity during turns, the common delay."""
+"""Goodness of fit of the twin's channels, scatter within stills, gravity during turns, the common delay."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from tinygc.noise.refit import KNOWN, Refit, prior_sigmas
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
-# How well each channel is predicted, together with the others and by itself.
+# Goodness of fit of each channel, jointly and on its own.
 #
-# The fit sees all channels whitened together, with one calibration for all, so that a misfit of the closure is spread over the stills.
-# To say *where* a mismatch lives, each channel is whitened by its own covariance and may have the calibration that suits it best.
+# The fit whitens all channels jointly with one calibration, so a misfit of the closure spreads over the stills.  To locate a mismatch, each
+# channel is whitened by its own covariance and gets its own best calibration.
 
-#: by how much a channel's own E may differ from the one that all share: a data sheet's tolerance of sensitivity
+#: sigma of a channel's own E about the common one: a data sheet's tolerance of sensitivity
 OWN_E_SIGMA = 0.01
 
 
 def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.ndarray) -> dict[str, float]:
-    """Goodness of fit of each channel's rows under the one calibration that all share: whether anything is missing.
+    """P-value of each channel under the common calibration: a test for any mismatch.
 
-    r (n,), nuisance (n, p): whitened together, as a ``Refit`` has them.
+    r (n,), nuisance (n, p): jointly whitened, as in a ``Refit``.
     """
     q, _ = np.linalg.qr(nuisance / np.linalg.norm(nuisance, axis=0))
     taken = np.sum(q**2, axis=1)
@@ -36,13 +36,13 @@ def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.n
 
 
 def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
-    """Goodness of fit of each channel with the calibration that suits it best: where something is missing."""
+    """P-value of each channel with its own best calibration: a test for the place of a mismatch."""
     alone, taken = own_residuals(twin, whiten, fit)
     return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in whiten.parts.items()}
 
 
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
-    """Residuals (n,) of each channel by itself, unit variance, and how many parameters each has used up."""
+    """Residuals (n,) of each channel on its own, unit variance, and the parameters that each has used up."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
     prior[MATRIX] = OWN_E_SIGMA
     alone, columns = whiten.by_channel(fit.r), whiten.by_channel(fit.J * prior)
@@ -56,13 +56,13 @@ def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray,
 
 
 def unknown_rows(twin: Twin, name: str) -> int:
-    """How many rows of a channel hold no datum: angles of turns that no reference sees."""
+    """Number of rows of a channel without data: turn angles that no reference observes."""
     return int(np.sum(~twin.batch.known)) if name == "closure" else 0
 
 
 def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
-    """Against the measured noise, which is itself only known from so many blocks (Fisher's F)."""
-    from scipy.special import fdtrc  # a fit needs none of it
+    """P-value against the measured noise, itself estimated from a finite number of blocks (Fisher's F)."""
+    from scipy.special import fdtrc  # not needed by a fit
 
     noise_freedom = 3 * sum(still.duration_s for _, still in twin.stills) / 0.1 * 0.66
     freedom = max(len(r) - unknown - taken, 1.0)
@@ -70,13 +70,13 @@ def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
 
 
 def bonferroni(p: dict[str, float]) -> float:
-    """The smallest of several p-values, as one."""
+    """Combine p-values by Bonferroni's correction of the smallest."""
     return min(1.0, len(p) * min(p.values()))
 
 
-# What happens within each still: a constant rate with the measured noise is predicted, so no slope, and everywhere the same scatter.
+# Scatter within each still: the prediction is a constant rate with the measured noise, so no slope and the same scatter everywhere.
 
-#: s: longer than a gyro's low-pass of some 10 Hz and more remembers, short enough for ten and more in a still; as ``session.detect`` has it
+#: s: longer than the response of a gyro's low-pass of 10 Hz or more, short enough for ten blocks in a still; as in ``session.detect``
 WITHIN_BLOCK_S = 0.1
 #: variance of the mean square of first differences of white noise, times the number of differences, in that mean square squared
 DIFFERENCES = 3.0
@@ -84,7 +84,7 @@ DIFFERENCES = 3.0
 
 @dataclass(frozen=True, eq=False)
 class WithinStills:
-    """slope, scatter (Q, 3): recorded less predicted in sigmas of the noise, for each still and axis."""
+    """slope, scatter (Q, 3): recorded minus predicted in sigmas of the noise, for each still and axis."""
 
     slope: np.ndarray
     scatter: np.ndarray
@@ -95,7 +95,7 @@ class WithinStills:
 
 
 def within_stills(twin: Twin) -> WithinStills:
-    """Slope of the rate, and mean square of the differences of 0.1 s means, against the angle random walk of the log."""
+    """Test the slope of the rate and the mean square differences of 0.1 s means against the angle random walk of the log."""
     slopes, scatters = [], []
     logs = twin.problem.logs
     as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None and twin.stills]
@@ -115,27 +115,30 @@ def within_stills(twin: Twin) -> WithinStills:
     return WithinStills(np.array(slopes), np.array(scatters))
 
 
-# Gravity during the turns: what the gyro predicts for the accelerometer, with a fitted lever arm.
+# Gravity during the turns: the gyro's prediction of the accelerometer, with a fitted lever arm.
 #
 #     f(t) = -g R_bt(t) e_down + [alpha x] r + [omega x]^2 r,   read `offset` later by the accelerometer
 #
-# Lever arm r and offset are linear in the difference; the scatter from segment to segment is their uncertainty, because the hand shakes
-# the table by far more than the sensors' noise.
+# The difference is linear in lever arm r and offset.  Their sigmas come from the scatter between segments, because the hand shakes the
+# table by far more than the sensors' noise.
 
-#: rows of a fortieth of a second: at 200 dps gravity turns by 5 degrees within one
+#: s, length of a row: at 200 dps gravity rotates by 5 degrees within one
 BLOCK_S = 0.025
-#: the sensors' filters delay gyro and accelerometer differently by up to half a sample; more is not theirs
+#: samples by which the sensors' filters may delay gyro and accelerometer differently
 FILTERS_PERIODS = 0.5
-#: of a sandwich over some 40 segments, whose tails are Student's: once in 100 000
+#: sigmas with a false-alarm rate of 1e-5 for a sandwich estimate over some 40 segments (Student's tails)
 SIGMAS = 5.0
-#: as of every other claim (``verdict/veto.py``)
+#: largest p-value of the held-out improvement, as for every claim
 BORNE_OUT_P = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class TurnGravity:
-    """lever_m (3,); offset_s, positive where the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s; turns, how
-    many; held_out_p: chance that the offset improves turns that were left out as much (Wilcoxon's signed ranks)."""
+    """Fit of gravity during turns.
+
+    lever_m (3,); offset_s, positive if the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s; number of turns;
+    held_out_p: p-value of the offset's improvement of held-out turns (Wilcoxon signed-rank test).
+    """
 
     lever_m: np.ndarray
     offset_s: float
@@ -148,14 +151,13 @@ class TurnGravity:
 
     @property
     def is_offset(self) -> bool:
-        """Whether the two clocks differ by more than chance."""
+        """Whether the offset between the two clocks is significant."""
         return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
 
 
 @dataclass(frozen=True, eq=False)
 class TurnEquations:
-    """Normal equations of lever arm and offset, turn by turn: normal (S, 4, 4), right (S, 4), square (S,) of what they should explain,
-    from count (S,) values."""
+    """Normal equations of lever arm and offset per turn: normal (S, 4, 4), right (S, 4), square (S,) sum of squares, count (S,) values."""
 
     normal: np.ndarray
     right: np.ndarray
@@ -167,12 +169,12 @@ class TurnEquations:
         return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
 
     def left(self, solution: np.ndarray) -> np.ndarray:
-        """(S,) what a solution leaves of each square."""
+        """(S,) residual sum of squares of each turn under a solution."""
         left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
         return np.maximum(left, 0.0)
 
     def improvement_p(self) -> float:
-        """Probability that chance makes the offset improve each turn as much, lever arm and offset fitted to all others."""
+        """P-value of the offset's improvement of each turn, with lever arm and offset fitted to all others."""
         normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
         arm = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
         both = np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
@@ -180,19 +182,19 @@ class TurnEquations:
         return signed_ranks_above(gains) if len(gains) > 1 else 1.0
 
     def _left_each(self, solutions: np.ndarray) -> np.ndarray:
-        """(S,) what each turn's own solution (S, 4) leaves of its square."""
+        """(S,) residual sum of squares of each turn under its own solution (S, 4)."""
         squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
         return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
 
     def square_at(self, offset_s: float) -> np.ndarray:
-        """(S,) what is left with a given offset, the lever arm fitted to it."""
+        """(S,) residual sum of squares with a given offset and the lever arm fitted."""
         arm = self.normal.sum(axis=0)[:3]
         lever = np.linalg.solve(arm[:, :3], self.right.sum(axis=0)[:3] - offset_s * arm[:, 3])
         return self.left(np.append(lever, offset_s))
 
 
 def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
-    """What gravity in the turns says of lever arm and offset."""
+    """Build the normal equations of lever arm and offset from gravity during the turns."""
     state = fit.state
     batch = twin.batch_at(state)
     padded = twin.padded(twin.rates(state))
@@ -222,7 +224,7 @@ def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
     """Fit lever arm and offset to all turns."""
     equations = turn_equations(twin, fit)
     solution = equations.solve()
-    # Sandwich over the segments: each is one draw of the hand's shaking.
+    # Sandwich over the segments, in which the hand shakes independently.
     score = equations.right - equations.normal @ solution
     inverse = np.linalg.inv(equations.normal.sum(axis=0))
     covariance = inverse @ (score.T @ score) @ inverse
@@ -249,20 +251,20 @@ def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
     return np.stack(rows, axis=1)
 
 
-# What the closure cannot fix: a delay that all axes share.  Convention and gravity during the turns fix it instead.
+# A delay common to all axes is not observed by the closure.  It is fixed by convention and by gravity during the turns.
 
-#: values of a common lag that are tried between what the closure and what gravity says: the cost is a parabola, and the best of nine is
-#: within a sixteenth of the way
+#: grid of a common lag between the estimates from closure and gravity: the cost is a parabola, and the best of nine is within a sixteenth
+#: of the distance
 LAGS = 9
 
 
 def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """The same fit with what the closure cannot fix put where it belongs, as each effect's ``gauge`` declares.
+    """Fix the parameters that the closure does not observe, as each effect's ``gauge`` declares.
 
-    A convention settles it (skewed axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
-    diagonal is one plus differences) is the delay between gyro and accelerometer; that of a lag, as far as the closure lets it.
+    Some follow a convention (skews of axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
+    diagonal is one plus differences) is the delay between gyro and accelerometer; so is that of a lag, as far as the closure permits.
     """
-    if not twin.stills:  # between moments of truth, where turns begin and end in motion, the closure sees a common delay
+    if not twin.stills:  # between moments of truth turns begin and end in motion, so the closure observes a common delay
         return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge
@@ -274,10 +276,10 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
 
 
 def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """A delay that all axes share, and a truth whose clock nobody has given, are one column: the clock has it.
+    """Assign a common delay to the truth's unknown clock offset, from which the data do not separate it.
 
-    An effect keeps what its axes differ by: about their mean, or from the earliest of them where a delay is never negative.  Where the
-    clock is not among the claims, nothing is moved.
+    An effect keeps the differences between its axes: from their mean, or from the earliest axis if its delays are never negative.  Nothing
+    changes if the clock is not among the claims.
     """
     claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
     clock = next((number for number, claim in enumerate(claims) if claim.effect.kind == "truth"), None)
@@ -304,7 +306,7 @@ def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     state = replace(fit.state, claims=tuple(claims))
     r = whiten(twin.residuals(state).stacked())
     covariance = change @ fit.covariance @ change.T
-    for rows in moved:  # what is settled has no sigma of its own; a little keeps the matrix one that can be inverted
+    for rows in moved:  # a fixed parameter has no variance; a small one keeps the matrix invertible
         covariance[np.ix_(rows, rows)] += KNOWN**2
     return replace(fit, state=state, r=r, chi_square=float(r @ r), covariance=covariance)
 
@@ -318,23 +320,25 @@ def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np
 
 
 def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:
-    """A gyro that is late by s shows omega - s d omega/dt."""
+    """Set the common delay from gravity: a gyro late by s measures omega - s d omega/dt."""
     gravity = turn_gravity(twin, fit)
     fit = _with_theta(twin, whiten, fit, number, _moved(fit.state.claims[number].theta, gauge, gravity.offset_s))
     return replace(fit, covariance=_common_from_gravity(fit, number, gauge, gravity))
 
 
 def _moved(theta: np.ndarray, gauge: CommonDelay, by_s: float) -> np.ndarray:
-    """theta (P,) with its axes later by so many seconds."""
+    """theta (P,) with all axes delayed by ``by_s`` seconds."""
     theta = theta.copy()
     theta[list(gauge.delays)] += gauge.late * by_s
     return theta
 
 
 def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:
-    """A lag is never negative.  What all axes share of it shows in the closure by its square alone: the closure does not tell its sign, and
-    a small misfit leaves room for a large lag.  Where it is negative, or gravity contradicts it, it goes to where closure and gravity
-    together have least against it."""
+    """Constrain a common lag, which is never negative.
+
+    The closure depends only on its square, so it does not determine the sign, and a small misfit permits a large lag.  If the lag is
+    negative or contradicts gravity, it moves to the best joint fit of closure and gravity.
+    """
     gravity = turn_gravity(twin, fit)
     theta, entries = fit.state.claims[number].theta, list(gauge.delays)
     if not gravity.is_offset and (gauge.late * theta[entries]).min() >= 0:
@@ -351,11 +355,11 @@ def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, ga
 
 
 def _common_from_gravity(fit: Refit, number: int, gauge: CommonDelay, gravity: TurnGravity) -> np.ndarray:
-    """The covariance with these entries' mean taken from gravity."""
+    """The covariance with the mean of these entries taken from gravity."""
     rows = np.add(gauge.delays, claim_slice(fit.state.claims, number).start)
     change = np.eye(len(fit.covariance))
     change[np.ix_(rows, rows)] -= 1 / 3
     covariance = change @ fit.covariance @ change.T
-    # The filters' own relative delay is within the bar; three sigmas of it.
+    # The relative delay of the filters is within the bar, taken as three sigmas.
     covariance[np.ix_(rows, rows)] += gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2
     return covariance

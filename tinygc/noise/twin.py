@@ -1,4 +1,4 @@
-"""The digital twin: the recording's own movement, replayed through the present physics, predicts every channel."""
+"""The digital twin: it predicts every channel from the recorded motion and the current physical model."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.noise.thinned import StillMeans, movement_in, thinned
 
-# Where each parameter stands in ``State.vector``, and so in a ``Refit``'s columns and covariance.
+# Positions of the parameters in ``State.vector``, and so in the columns and covariance of a ``Refit``.
 #
-# The linear model's 12, the Earth's horizontal correction (2), the length of gravity, then each claim's theta in order.
+# The order is: 12 of the linear model, 2 of the Earth's horizontal correction, the length of gravity, then each claim's theta.
 
 LINEAR = slice(0, PARAMETERS)
 EARTH = slice(LINEAR.stop, LINEAR.stop + 2)
@@ -30,18 +30,18 @@ FIRST_CLAIM = GRAVITY + 1
 
 
 def claim_slice(claims: Sequence[AppliedEffect], number: int) -> slice:
-    """Where the theta of claim ``number`` stands.  IndexError where there is no such claim."""
+    """Position of the theta of claim ``number``.  Raises IndexError if there is no such claim."""
     start = FIRST_CLAIM + sum(len(claim.theta) for claim in claims[:number])
     return slice(start, start + len(claims[number].theta))
 
 
-# Where the physics of a twin stands, and the channels in which it is compared with the recording.
+# The state of a twin's physical model, and the channels in which it is compared with the recording.
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the physics stands: the linear model; horizontal (2,) rad/s, a correction of the Earth's horizontal rate along axes (2, 3):
-    as the heading's error moves it, and across; gravity_mps2; the claimed effects."""
+    """State of the physical model: the linear model; horizontal (2,) rad/s, a correction of the Earth's horizontal rate along axes (2, 3):
+    in the direction of a heading error, and across; gravity_mps2; the claimed effects."""
 
     model: LinearModel
     horizontal: np.ndarray
@@ -51,16 +51,16 @@ class State:
 
     @property
     def earth_t(self) -> np.ndarray:
-        """(3,) rad/s beyond the problem's own Earth."""
+        """(3,) rad/s correction of the problem's Earth rate."""
         return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
 
     def freed(self, force: np.ndarray) -> np.ndarray:
-        """Specific force (N, 3) m/s^2 without what the pre-calibration leaves."""
+        """Specific force (N, 3) m/s^2 without the residual errors of the pre-calibration."""
         return sum((-bent_by(claim.effect, force) @ claim.theta for claim in self.claims if claim.effect.kind == "force"), force)
 
     @property
     def bends(self) -> bool:
-        """Whether the pre-calibration leaves anything."""
+        """Whether the pre-calibration leaves residual errors."""
         return any(claim.theta.any() for claim in self.claims if claim.effect.kind == "force")
 
     def _claimed(self, kind: str) -> np.ndarray:
@@ -68,18 +68,18 @@ class State:
 
     @property
     def vector(self) -> np.ndarray:
-        """All parameters, as ``layout`` has them: 12 linear, 2 of the Earth, gravity, and each claim's, in order."""
+        """All parameters: 12 linear, 2 of the Earth, gravity, and those of each claim, in order."""
         return np.concatenate([self.model.vector, self.horizontal, [self.gravity_mps2], *(claim.theta for claim in self.claims)])
 
     def with_vector(self, vector: np.ndarray) -> State:
-        """The same claims with other parameters."""
+        """Replace the parameters and keep the claims."""
         claims = (replace(claim, theta=vector[claim_slice(self.claims, number)]) for number, claim in enumerate(self.claims))
         model = LinearModel.from_vector(vector[LINEAR])
         return State(model, vector[EARTH], float(vector[GRAVITY]), self.axes, tuple(claims))
 
 
 def bent_by(effect: Effect, force: np.ndarray) -> np.ndarray:
-    """(N, 3, P): what each number of an effect of kind "force" adds to specific force (N, 3) m/s^2."""
+    """(N, 3, P): contribution of each parameter of an effect of kind "force" to specific force (N, 3) m/s^2."""
     assert effect.bends is not None
     return effect.bends(force / G)
 
@@ -98,30 +98,29 @@ class Channels:
         return np.concatenate([self.closure.reshape(-1, *tail), self.still.reshape(-1, *tail), self.length])
 
 
-# The digital twin: the recording's own movement, replayed through the present physics, predicts every channel.
+# The digital twin predicts every channel from the recorded motion and the current physical model.
 #
-# Channels that are stacked here: the closure residual of each segment, the mean rate in each still, the length of gravity in each still.
-# What the recording has beyond the prediction are the residuals; each parameter and each effect contributes linear columns to all of
-# them, and exact residuals for refitting.
+# The stacked channels are the closure residual of each segment, and the mean rate and the length of gravity of each still.  Residuals are
+# recording minus prediction.  Each parameter and each effect contributes linear columns to all channels, and exact residuals for refitting.
 
-#: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
+#: step of the finite differences in a still's specific force: m/s^2; 1e-4 of g, with a nonlinearity of 1e-8 and rounding of 1e-12
 SMALL_FORCE = 1e-3
-#: of a parameter's plausible size, for the same reason
+#: the step as a share of a parameter's plausible size
 SMALL_SHARE = 1e-3
 
 
 class Twin:
-    """A problem, ready to be replayed."""
+    """A problem prepared for prediction."""
 
-    #: whether the reference has a clock of its own that nobody has given: what delays all axes alike is then its offset
+    #: whether the reference has a clock of unknown offset: a delay common to all axes is then this offset
     clock_free = False
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
         self.seen, self._thinnings = thinned(problem)
-        problem = self.seen  # in the rows that effects are given
+        problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
-        at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
+        at_rest = all(segment.first is not None for segment in self.segments)  # between moments of truth no still is a reference
         self.stills: list[tuple[int, Still]] = [
             (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
         ]
@@ -133,18 +132,18 @@ class Twin:
 
     @cached_property
     def movements(self) -> list[Movement]:
-        """What effects are given of each log."""
+        """Motion of each log, as passed to effects."""
         return [movement_in(self.problem, self.seen, self._thinnings, log) for log in range(len(self.problem.logs))]
 
     def rows(self, log: int, rows: slice) -> slice:
-        """Where rows of a turn are among those that effects are given."""
+        """Position of a turn's rows among the rows passed to effects."""
         if self._thinnings is None:
             return rows
         start = self._thinnings[log].row(rows.start)
         return slice(start, start + rows.stop - rows.start)
 
     def start(self) -> State:
-        """The present physics: the linear model alone."""
+        """The initial state: the linear model alone."""
         here = self.problem.session.config.site.expected_gravity_mps2
         length = float(np.median(np.linalg.norm(self.force, axis=1))) if self.stills else here
         north = self.problem.earth.rate_t * [1, 1, 0]
@@ -153,11 +152,11 @@ class Twin:
         return State(self.problem.first, np.zeros(2), length, np.stack([along, np.cross(along, [0, 0, 1])]))
 
     def rates(self, state: State) -> list[np.ndarray]:
-        """True rates (N, 3) of each log, as far as the state knows them: linear model and effects undone."""
+        """Estimated true rates (N, 3) of each log: linear model applied, effects removed."""
         return [self._undone(state, number, len(state.claims)) for number in range(len(self.problem.logs))]
 
     def _undone(self, state: State, log: int, count: int) -> np.ndarray:
-        """Rates (N, 3) of one log with the first ``count`` claims undone."""
+        """Rates (N, 3) of one log with the first ``count`` claims removed."""
         readings = np.asarray(self.seen.logs[log].samples.gyro)
         for claim in state.claims[:count]:
             if claim.effect.on_readings:
@@ -169,7 +168,7 @@ class Twin:
         return rate
 
     def residuals(self, state: State, rates: list[np.ndarray] | None = None) -> Channels:
-        """What the recording has beyond the prediction."""
+        """Residuals: recording minus prediction."""
         rates = self.rates(state) if rates is None else rates
         batch = self.batch_at(state)
         q_pred = closure.end_attitude(batch, self.padded(rates))
@@ -191,18 +190,18 @@ class Twin:
 
     @cached_property
     def _turns(self) -> np.ndarray:
-        """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
+        """(S, T, 3, 3) from body to table by the first linear fit, to within a degree, which is enough for the Earth's rate."""
         return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """(S, 3, 3) in the table frame: about which the closure is measured, as ``closure.directions``, by the first linear fit."""
+        """Axes (S, 3, 3) of the closure in the table frame, as ``closure.directions``, by the first linear fit."""
         return closure.directions(self.batch, closure.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
 
     @cached_property
     def level_axes(self) -> list[np.ndarray]:
-        """(N, 6) of each log: the table's x and y axes in the body at each sample, by the first linear fit; between segments the next
-        still's."""
+        """(N, 6) of each log: the table's x and y axes in the body at each sample, by the first linear fit; between segments those of the
+        next still."""
         found = []
         for log, movement in enumerate(self.movements):
             axes = np.full((len(movement.t_s), 6), np.nan)
@@ -213,18 +212,18 @@ class Twin:
                 if segment.log == log:
                     axes[segment.start : segment.stop] = turn[: segment.stop - segment.start, :2].reshape(-1, 6)
             known = np.isfinite(axes[:, 0])
-            if not known.any():  # of a log that is put away whole, nothing is used
+            if not known.any():  # no segment of this log is used
                 found.append(np.zeros_like(axes))
                 continue
             found.append(axes[known][np.searchsorted(np.flatnonzero(known), np.arange(len(axes))).clip(0, known.sum() - 1)])
         return found
 
     def _tilted(self, force: np.ndarray) -> np.ndarray:
-        """Attitudes (Q, 4) of the stills from forces (Q, 3) m/s^2 in them, each with the yaw that was carried to it."""
+        """Attitudes (Q, 4) of the stills from their forces (Q, 3) m/s^2, with the carried yaw."""
         return closure.nearest_yaw(self.q_tb, rotation.from_gravity(force))
 
     def padded(self, rates: list[np.ndarray]) -> np.ndarray:
-        """Rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
+        """Arrange rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
         padded = np.zeros_like(self.batch.rate)
         for row, segment in zip(padded, self.segments, strict=True):
             count = segment.stop - segment.start
@@ -232,7 +231,7 @@ class Twin:
         return padded
 
     def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
-        """(Q, …) of samples (N, …) of each log."""
+        """Means (Q, …) over the stills of samples (N, …) of each log."""
         return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
 
     @cached_property
@@ -241,16 +240,16 @@ class Twin:
         return [StillMeans([still for number, still in self.stills if number == log], self.counts(log)) for log in logs]
 
     def counts(self, log: int) -> np.ndarray | None:
-        """(N,) readings that each row of a log stands for, None where that is one."""
+        """(N,) number of readings averaged in each row of a log; None if it is one."""
         return None if self._thinnings is None else self._thinnings[log].counts
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
-        """(S, T, d, 3) s; every hypothesis keeps its own, so without the row that nobody looks at."""
+        """(S, T, d, 3) s: sensitivity of the closure; the row of an unobserved angle is omitted to save memory."""
         found = closure.sensitivity(self.batch_at(state), self.padded(rates))
         return found if self.batch.angles == 3 else found[:, :, : self.batch.angles].copy(order="K")
 
     def linear_columns(self, sensitivity: np.ndarray) -> Channels:
-        """Of the 12 linear parameters."""
+        """Columns of the 12 linear parameters."""
         design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
         still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
         mean = self._still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
@@ -260,30 +259,30 @@ class Twin:
         return Channels(design, still, np.zeros((len(self.stills), linear.PARAMETERS)))
 
     def earth_columns(self) -> Channels:
-        """Of the Earth's rate in table axes, (3,): it turns the prediction by -w times the segment's duration."""
+        """Columns of the Earth's rate in table axes, (3,): it rotates the prediction by -w times the segment's duration."""
         design = -self.batch.duration_s[:, None, None] * self.axes[:, : self.batch.angles]
         still = -rotation.matrix(self.q_tb).transpose(0, 2, 1)
         return Channels(design, still, np.zeros((len(self.stills), 3)))
 
     def gravity_columns(self) -> Channels:
-        """Of the length of gravity."""
+        """Columns of the length of gravity."""
         return Channels(
             np.zeros((len(self.segments), self.batch.angles, 1)), np.zeros((len(self.stills), 3, 1)), -np.ones((len(self.stills), 1))
         )
 
     def force_columns(self, effect: Effect, state: State, rates: list[np.ndarray]) -> Channels:
-        """Of an effect of kind "force"."""
+        """Columns of an effect of kind "force"."""
         return self._bending(state, rates, np.moveaxis(bent_by(effect, self.force), 2, 0))
 
     def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
-        """Of the accelerometer's bias (3) and matrix (9), all in m/s^2: the latter as an error at one g."""
+        """Columns of the accelerometer's bias (3) and matrix (9), all in m/s^2; the matrix as an error at one g."""
         down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
         bias = np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3))
         matrix = np.einsum("ai,qj->ajqi", np.eye(3), down).reshape(9, len(self.stills), 3)
         return self._bending(state, rates, np.concatenate([bias, matrix]))
 
     def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
-        """Columns of P patterns (P, Q, 3) of what is taken off the stills' force, by finite differences of the reference attitudes."""
+        """Columns of P patterns (P, Q, 3) subtracted from the stills' force, by finite differences of the reference attitudes."""
         padded, force, base = self.padded(rates), state.freed(self.force), self.batch_at(state)
 
         turned = closure.turned(base, padded)
@@ -303,10 +302,10 @@ class Twin:
         return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
 
     def _added(self, effect: Effect, state: State, rates: list[np.ndarray]) -> list[np.ndarray]:
-        """(N, 3, P) for each log: what an effect's parameters add to the rate, where the state is.
+        """(N, 3, P) for each log: derivative of the rate with respect to an effect's parameters, at a state.
 
-        An effect with a memory (a lag) that is claimed already is differentiated as it corrects: its linear columns, taken from the
-        corrected rate, are blind to what all axes have in common.
+        A claimed effect with memory (a lag) is differentiated through its correction: linear columns from the corrected rate would not
+        show the part common to all axes.
         """
         claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
         if claimed is None and effect.on_readings:
@@ -327,7 +326,7 @@ class Twin:
         return added
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
-        """Of an effect's parameters: how the residuals change when one is added to what the state corrects."""
+        """Columns of an effect's parameters: change of the residuals when each is added to the state's corrections."""
         if effect.kind == "force":
             return self.force_columns(effect, state, rates)
         if effect.kind == "earth":
@@ -344,7 +343,7 @@ class Twin:
         return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
     def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
-        """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
+        """``effect_columns`` of an effect with basis functions: each function is summed once for all axes."""
         assert effect.basis is not None
         by_log = [effect.basis(movement) for movement in self.movements]
         d, curves = self.batch.angles, by_log[0].shape[1]
@@ -362,17 +361,17 @@ class Twin:
 
 
 def _square(sensitivity: np.ndarray) -> np.ndarray:
-    """``linear.columns`` wants three rows; the third is not looked at where yaw is unknown."""
+    """Pad to the three rows that ``linear.columns`` needs; the third is not used if yaw is unknown."""
     missing = 3 - sensitivity.shape[2]
     return sensitivity if not missing else np.pad(sensitivity, ((0, 0), (0, 0), (0, missing), (0, 0)))
 
 
-# The variable along which an effect lives, of each sample, still and segment: one reading for the JSON, the page and the picture.
+# The variable of an effect for each sample, still and segment: the same for JSON, page and plot.
 #
 # Gravity along an axis is +1 g where that axis points down: the specific force with its sign reversed.
 
 X, Y, Z = range(3)
-#: what a movement knows of itself, (N,) or (N, 3) in people's units, and the unit
+#: quantities of a movement, (N,) or (N, 3) in display units, with the unit
 READ: dict[str, tuple[Callable[[Movement], np.ndarray], str]] = {
     "time": (lambda m: m.t_s, "s"),
     "temperature": (lambda m: m.temp_c, "°C"),
@@ -392,7 +391,7 @@ class Variable:
 
     @property
     def units(self) -> str:
-        """Its unit, in words."""
+        """Name of the unit."""
         return READ[self.variable][1]
 
     @property
@@ -403,7 +402,7 @@ class Variable:
         return f"gravity along {'xyz'[self.axis]}" if self.variable == "attitude" else f"{self.variable} about {'xyz'[self.axis]}"
 
     def of_samples(self, movement: Movement) -> np.ndarray:
-        """(N,) at each sample of a log."""
+        """(N,) value at each sample of a log."""
         values = READ[self.variable][0](movement)
         if values.ndim == 1:
             return values
@@ -415,15 +414,15 @@ class Variable:
         return np.array([values[log][still.start : still.stop].mean() for log, still in twin.stills])
 
     def of_segments(self, twin: Twin) -> np.ndarray:
-        """(S,) greatest in each segment."""
+        """(S,) maximum in each segment."""
         values = [self.of_samples(movement) for movement in twin.movements]
         return np.array([values[segment.log][segment.start : segment.stop].max() for segment in twin.segments])
 
 
 def variable_of(effect: Effect | None, theta: np.ndarray | None = None) -> Variable:
-    """Of an effect with parameters theta (P,): along the axis of the strongest column of a matrix, of the strongest entry of a vector.
+    """Variable of an effect with parameters theta (P,): its axis is that of a matrix's strongest column or a vector's strongest entry.
 
-    An effect that names a variable that a movement does not hold is drawn over time, and so is no effect.
+    Time is used for an effect whose variable a movement does not contain, and for None.
     """
     variable = effect.regime[0] if effect is not None and effect.regime else "time"
     if variable not in READ:

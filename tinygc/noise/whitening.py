@@ -15,12 +15,12 @@ from tinygc.attitude import rotation
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.twin import Twin
 
-# Covariances of which few elements are not zero: ``scipy.sparse`` has them as well, and takes longer to import than a fit takes.
+# Sparse covariances: importing ``scipy.sparse`` takes longer than a fit.
 
 
 @dataclass(frozen=True, eq=False)
 class Sparse:
-    """A matrix (n, n): ``values`` (m,) at ``rows`` and ``columns`` (m,), each place once; zero elsewhere."""
+    """Sparse matrix (n, n): ``values`` (m,) at ``rows`` and ``columns`` (m,), each position once; zero elsewhere."""
 
     size: int
     rows: np.ndarray
@@ -29,18 +29,18 @@ class Sparse:
 
     @classmethod
     def of(cls, dense: np.ndarray) -> Sparse:
-        """Of a matrix (n, n), without its zeros."""
+        """Convert a dense matrix (n, n)."""
         rows, columns = np.nonzero(dense)
         return cls(len(dense), rows, columns, dense[rows, columns])
 
     @classmethod
     def of_diagonal(cls, diagonal: np.ndarray) -> Sparse:
-        """Of one whose diagonal (n,) alone is not zero."""
+        """Build a diagonal matrix from its diagonal (n,)."""
         at = np.flatnonzero(diagonal)
         return cls(len(diagonal), at, at, diagonal[at])
 
     def block(self, of: np.ndarray) -> np.ndarray:
-        """Some rows and the same columns, by number (k,), as (k, k)."""
+        """Dense block (k, k) of the rows and columns with these numbers (k,)."""
         place = np.full(self.size, -1)
         place[of] = np.arange(len(of))
         row, column = place[self.rows], place[self.columns]
@@ -50,19 +50,19 @@ class Sparse:
         return dense
 
     def dense(self) -> np.ndarray:
-        """(n, n)."""
+        """Convert to a dense matrix (n, n)."""
         return self.block(np.arange(self.size))
 
 
 # The covariance of all channels together, and whitening with it.
 #
-# Gyro and accelerometer noise are measured in the stills' own short-time scatter.  The segments contain part of the stills at their ends,
-# so their gyro noise is shared.  What white noise does not cover comes as further covariance (``explanation/noise``).
+# Gyro and accelerometer noise are measured in the short-time scatter of the stills.  The segments contain part of the stills at their ends,
+# so they share gyro noise.  Non-white noise is added as further covariance (``tinygc/noise/components.py``).
 
-#: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
-#: better than it allows in benchmarks/null_sessions.py, so that it raises no alarm
+#: drift of a MEMS accelerometer of this class within minutes; it limits the information in the length of gravity.  It is conservative:
+#: lengths scatter less in benchmarks/null_sessions.py, so it causes no false alarm
 ACCEL_INSTABILITY_MPS2 = 0.03 * MG
-#: what a pre-calibration is good for, at zero g and at one g: the zero-g level alone moves by 0.1 mg per degC (data sheet)
+#: sigma of a pre-calibration, at zero g and at one g: the zero-g level alone changes by 0.1 mg per degC (data sheet)
 PRECALIBRATION_MPS2 = 0.1 * MG
 #: groups of columns that are whitened at once (benchmarks/explain_speed.py)
 TOGETHER = 64
@@ -71,7 +71,7 @@ TOGETHER = 64
 class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
 
-    white (n, n): white noise and the pre-calibration's allowance alone; more (n, n): what comes on top of it.
+    white (n, n): white noise and the pre-calibration's allowance; more (n, n): further covariance.
     """
 
     def __init__(self, twin: Twin, more: np.ndarray | None = None):
@@ -85,7 +85,7 @@ class Whitener:
 
     def _set(self, covariance: np.ndarray) -> None:
         self._factor = np.linalg.cholesky(covariance)
-        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
+        #: (n, m) whitened: directions in which the covariance is larger than most recordings need
         self.allowances = self(self._allowances)
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
@@ -93,19 +93,19 @@ class Whitener:
         return self.own(stacked[self._rows])
 
     def own(self, rows: np.ndarray) -> np.ndarray:
-        """The same of the rows that are looked at, alone (``only``)."""
+        """Whiten the selected rows alone (``only``)."""
         return solve_lower(self._factor, rows)
 
     def matrix(self) -> np.ndarray:
-        """(n, n) ``own`` as a matrix: lower triangular, made anew each time."""
+        """(n, n) ``own`` as a lower triangular matrix, recomputed on each call."""
         return inverse_lower(self._factor)
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
-        """The stacked channels (n,) or (n, m) that are whitened so."""
+        """Undo the whitening of stacked channels (n,) or (n, m)."""
         return self._factor @ whitened
 
     def with_more(self, more: np.ndarray) -> Whitener:
-        """The same channels with other covariance (n, n) on top of white noise."""
+        """Replace the covariance (n, n) added to white noise."""
         other = copy(self)
         for name in ("_own_factors", "precision"):
             other.__dict__.pop(name, None)
@@ -113,7 +113,7 @@ class Whitener:
         return other
 
     def each(self, columns: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-        """Whitened columns (n, P) of each, many at once: several times faster."""
+        """Whiten columns (n, P) in groups, which is several times faster than one by one."""
         groups = iter(columns)
         while some := list(islice(groups, TOGETHER)):
             edges = np.cumsum([each.shape[1] for each in some])[:-1]
@@ -121,7 +121,7 @@ class Whitener:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(n, n) of the stacked channels."""
+        """(n, n) covariance of the stacked channels."""
         return self._factor @ self._factor.T
 
     @cached_property
@@ -133,13 +133,13 @@ class Whitener:
         return np.tril(lower) + np.tril(lower, -1).T
 
     def pulled(self, whitened: np.ndarray) -> np.ndarray:
-        """The precision times the stacked channels (n,) or (n, m) that are whitened so."""
+        """The precision times stacked channels, from the whitened ones (n,) or (n, m)."""
         from scipy.linalg import solve_triangular
 
         return solve_triangular(self._factor, whitened, lower=True, trans="T", check_finite=False)
 
     def by_channel(self, whitened: np.ndarray) -> np.ndarray:
-        """Rows (n,) or (n, m), whitened together, as each channel's own covariance alone would whiten them."""
+        """Convert rows (n,) or (n, m) from joint whitening to whitening by each channel's own covariance."""
         stacked = self.back(whitened)
         alone = np.empty_like(stacked)
         for name, part in self.parts.items():
@@ -152,7 +152,7 @@ class Whitener:
         return {name: np.linalg.cholesky(covariance[part, part]) for name, part in self.parts.items()}
 
     def only(self, rows: np.ndarray) -> Whitener:
-        """A whitener of some of the rows (n,) bool alone: the others, correlated with them, are not looked at."""
+        """A whitener of the selected rows (n,) bool alone; the others are marginalised."""
         part = copy(self)
         part._rows = rows
         part._factor = np.linalg.cholesky(self._factor[rows] @ self._factor[rows].T)
@@ -193,7 +193,7 @@ def _covariance(twin: Twin) -> np.ndarray:
 
 
 def _precalibration(twin: Twin) -> np.ndarray:
-    """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
+    """(n, 12) effect of one sigma each of the accelerometer's bias and matrix errors, constant over the session."""
     start = twin.start()
     if not twin.stills:
         return np.zeros((len(twin.segments) * twin.batch.angles, 0))

@@ -1,1 +1,1 @@
-"""Rotations, their integration over time, and the Earth that turns below."""
+"""Rotations, their integration over time, and the Earth's rotation."""

@@ -1,8 +1,8 @@
-"""The Earth's rotation as the table sees it: Omega (cos lat, 0, -sin lat) in north-east-down.
+"""The Earth's rotation in the table frame: Omega (cos lat, 0, -sin lat) in north-east-down.
 
 The vertical part needs only gravity's direction.  The horizontal part needs the heading of the table: given, or estimated from the
-rates in the stills, whose attitudes differ.  Its length, Omega cos(lat), is known, so one angle is sought; with its posterior p(h)
-the best horizontal vector is the mean over p(h), which shrinks to nothing by itself where the heading cannot be known.
+rates in stills of different attitude.  Its length, Omega cos(lat), is known, so one angle h is estimated.  The horizontal vector is the
+mean over its posterior p(h), which vanishes if the heading is not observed.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 
 _HEADINGS = np.arange(0, 360, 0.5) * DEG
-#: a heading less certain than this says nothing of use: it is reported as unknown
+#: a heading less certain than this is reported as unknown
 UNKNOWN_ABOVE_RAD = 60 * DEG
 
 
 @dataclass(frozen=True, eq=False)
 class EarthRate:
-    """rate_t (3,) rad/s in table axes; heading_rad of the table's x axis from true north, or None; its sigma; how it is known.
+    """rate_t (3,) rad/s in table axes; heading_rad of the table's x axis from true north, or None; its sigma; its source.
 
     ``source`` is "none" (no latitude), "given", "estimated" or "unknown" (latitude alone: only the vertical part is used).
     """
@@ -37,26 +37,26 @@ class EarthRate:
 
 
 def no_earth() -> EarthRate:
-    """Without a latitude the Earth's rotation cannot be predicted."""
+    """Zero rate, for a session without a latitude."""
     return EarthRate(np.zeros(3), None, np.inf, "none")
 
 
 def vertical_only(latitude_deg: float) -> EarthRate:
-    """What gravity's direction alone tells: the part (0, 0, -Omega sin lat) rad/s in table axes; the heading stays unknown."""
+    """Vertical part (0, 0, -Omega sin lat) rad/s in table axes; the heading is unknown."""
     return EarthRate(np.array([0, 0, _down(latitude_deg)]), None, np.inf, "unknown")
 
 
 def with_heading(latitude_deg: float, heading_deg: float) -> EarthRate:
-    """The table's x axis points ``heading_deg`` east of true north."""
+    """Earth's rate for a table whose x axis points ``heading_deg`` east of true north."""
     heading = heading_deg * DEG
     return EarthRate(_north(latitude_deg) * _direction(heading) + [0, 0, _down(latitude_deg)], heading, 0.0, "given")
 
 
 def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> EarthRate:
-    """From Q stills: attitudes q_tb (Q, 4), calibrated rates (Q, 3) but for a common bias, sigma (Q, 3) rad/s.
+    """Estimate the heading from Q stills: attitudes q_tb (Q, 4), rates (Q, 3) calibrated up to a common bias, sigma (Q, 3) rad/s.
 
-    Solves rate = b + R_bt w for the bias and the horizontal part of w, the vertical being known.  The noise is scaled up to what
-    the stills really scatter, so that a bias that wanders makes the heading less certain and not wrong.
+    Solves rate = b + R_bt w for the bias and the horizontal part of w; the vertical part is known.  The noise is scaled up to the
+    observed scatter of the stills, so that bias drift widens the heading's sigma.
     """
     turn = rotation.matrix(q_tb)
     known = turn[:, 2, :] * _down(latitude_deg)
@@ -82,10 +82,10 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
 
 
 def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[float, float] | None:
-    """Rate about down, rad/s, and its sigma, that Q stills show: attitudes q_tb (Q, 4), calibrated rates (Q, 3) but for a common bias,
-    sigma (Q, 3) rad/s.  None where their attitudes do not tell it from the bias.
+    """Estimate the rate about down, rad/s, and its sigma from Q stills: attitudes q_tb (Q, 4), rates (Q, 3) calibrated up to a common bias,
+    sigma (Q, 3) rad/s.  None if their attitudes do not separate it from the bias.
 
-    All three components are free; the noise is scaled up to what the stills scatter, as for the heading.
+    All three components are free; the noise is scaled up to the observed scatter, as for the heading.
     """
     turn = rotation.matrix(q_tb)
     count = len(rate)
@@ -101,7 +101,7 @@ def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tupl
 
 
 def contradicts(estimate: EarthRate, given: EarthRate) -> bool:
-    """Whether a heading that the stills show well differs from the one that was given by more than three sigmas."""
+    """Whether the heading estimated from the stills differs significantly, by more than three sigmas, from the given one."""
     if estimate.source != "estimated" or estimate.heading_rad is None or given.heading_rad is None:
         return False
     apart = np.angle(np.exp(1j * (estimate.heading_rad - given.heading_rad)))

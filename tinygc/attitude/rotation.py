@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions (..., 4), scalar first, and their integration from rates; NumPy and torch alike."""
+"""Rotations as unit quaternions (..., 4), scalar first, and their integration from rates, for NumPy and torch."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 #: a and b (...), complex
 Pairs = tuple[np.ndarray, np.ndarray]
 
-#: of powers of h^2, h half the angle: cos h and sin h / 2 h; below ``SERIES_BELOW`` the next term is below 1e-18
+#: coefficients of powers of h^2, h half the angle: cos h and sin h / 2 h; below ``SERIES_BELOW`` the next term is below 1e-18
 COSINE = (-1 / 3628800, 1 / 40320, -1 / 720, 1 / 24, -1 / 2, 1.0)
 HALF_SINC = (-1 / 79833600, 1 / 725760, -1 / 10080, 1 / 240, -1 / 12, 1 / 2)
 SERIES_BELOW = 1e-2
 
 
 def of(q: np.ndarray) -> Pairs:
-    """Of quaternions (..., 4)."""
+    """Convert quaternions (..., 4) to pairs."""
     a, b = np.empty(q.shape[:-1], dtype=complex), np.empty(q.shape[:-1], dtype=complex)
     a.real, a.imag, b.real, b.imag = (q[..., i] for i in range(4))
     return a, b
 
 
 def quaternions(pairs: Pairs) -> np.ndarray:
-    """(..., 4), each component contiguous in memory."""
+    """Convert pairs to quaternions (..., 4), each component contiguous in memory."""
     a, b = pairs
     q = np.empty((4, *a.shape))
     q[0], q[1], q[2], q[3] = a.real, a.imag, b.real, b.imag
@@ -43,7 +43,7 @@ def quaternions(pairs: Pairs) -> np.ndarray:
 
 
 def exp_small(vector: np.ndarray, into: Pairs) -> bool:
-    """Rotation vectors (..., 3) rad, none longer than 0.2 rad, into pairs; False, and nothing done, where one is longer."""
+    """Convert rotation vectors (..., 3) of at most 0.2 rad to pairs; return False, without a change, if one is longer."""
     x, y, z = (vector[..., i] for i in range(3))
     h2, term = x * x, y * y
     h2 += term
@@ -62,7 +62,7 @@ def exp_small(vector: np.ndarray, into: Pairs) -> bool:
 
 
 def _polynomial(coefficients: tuple[float, ...], of: np.ndarray, into: np.ndarray) -> np.ndarray:
-    """Horner's scheme, the highest power first."""
+    """Evaluate a polynomial by Horner's scheme, highest power first."""
     np.multiply(of, coefficients[0], out=into)
     for coefficient in coefficients[1:-1]:
         into += coefficient
@@ -72,7 +72,7 @@ def _polynomial(coefficients: tuple[float, ...], of: np.ndarray, into: np.ndarra
 
 
 def multiply_pairs(p: Pairs, q: Pairs) -> Pairs:
-    """Hamilton product of as many p as q: first q, then p."""
+    """Hamilton product of p and q of the same shape: first q, then p."""
     (a, b), (c, d) = p, q
     first, term = a * c, np.conjugate(d)
     term *= b
@@ -98,7 +98,7 @@ def compose_pairs(steps: Pairs) -> Pairs:
 
 
 def accumulate_pairs(steps: Pairs) -> Pairs:
-    """``rotation.accumulate`` of steps (..., T), in their own memory: all partial products (..., T)."""
+    """``rotation.accumulate`` of steps (..., T), in place: all partial products (..., T)."""
     count = steps[0].shape[-1]
     if count < 2:
         return steps
@@ -112,7 +112,7 @@ def accumulate_pairs(steps: Pairs) -> Pairs:
 
 
 def matrices_into(found: np.ndarray, pairs: Pairs, weight: np.ndarray) -> None:
-    """found (..., 3, 3, T): the rotation matrices of pairs (..., T), each times its weight (..., T)."""
+    """Write the rotation matrices of pairs (..., T), each times its weight (..., T), into found (..., 3, 3, T)."""
     a, b = pairs
     doubled = b + b
     across, along = a * doubled, a * np.conjugate(doubled)  # 2 a b, 2 a b*
@@ -147,10 +147,10 @@ def _every_second(pairs: Pairs, first: int, stop: int) -> Pairs:
 
 # Rotations as unit quaternions (..., 4), scalar first; the same code for NumPy arrays and torch tensors.
 #
-# ``q_ab`` takes vectors in b to a.  Products of many rotations need no loop over time: neighbours are multiplied, halving the
-# length each time.  Every function here is smooth at zero and, for tensors, differentiable.
+# ``q_ab`` maps vectors in b to a.  Products of many rotations need no loop over time: neighbours are multiplied, halving the length each
+# time.  Every function here is smooth at zero and, for tensors, differentiable.
 
-#: a NumPy array or a torch tensor, of one library throughout a call
+#: a NumPy array or a torch tensor; all arguments of a call are of one library
 Array = TypeVar("Array", np.ndarray, "Tensor")
 
 #: below this squared half-angle the series is exact to double precision (its next term is below 1e-18)
@@ -158,13 +158,13 @@ _SERIES_BELOW = 1e-2
 
 
 def namespace(array: object) -> ModuleType:
-    """The library an array belongs to, numpy or torch, without importing torch for those who have none."""
+    """The library of an array, numpy or torch; torch is not imported for NumPy arrays."""
     torch = sys.modules.get("torch")
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
 def join(parts: Sequence[Array]) -> Array:
-    """Components (...) as one array (..., n), each contiguous in memory: twice as fast to compute with as interleaved ones."""
+    """Join components (...) to an array (..., n), each contiguous in memory, which is twice as fast as interleaved components."""
     if isinstance(parts[0], np.ndarray):
         whole = _components(len(parts), parts[0])
         for i, part in enumerate(parts):
@@ -175,13 +175,13 @@ def join(parts: Sequence[Array]) -> Array:
 
 
 def _components(count: int, like: np.ndarray) -> np.ndarray:
-    """Empty (..., count), each component contiguous in memory."""
+    """Empty array (..., count), each component contiguous in memory."""
     whole = np.empty((count, *like.shape))
     return whole.transpose(*range(1, whole.ndim), 0)
 
 
 def split(q: Array) -> tuple[Array, ...]:
-    """The components of (..., n), each (...).  For tensors in one step, whose derivative is one step as well."""
+    """Split (..., n) into components (...); for tensors in one operation, as is its derivative."""
     return tuple(q[..., i] for i in range(q.shape[-1])) if isinstance(q, np.ndarray) else q.unbind(-1)
 
 
@@ -202,7 +202,7 @@ def multiply(p: Array, q: Array) -> Array:
 
 
 def _multiplied(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """``multiply`` without a new array for every term: most of a fit's time goes here."""
+    """``multiply`` without temporary arrays, since most of a fit's time is spent here."""
     (pw, px, py, pz), (qw, qx, qy, qz) = split(p), split(q)
     term = np.empty(np.broadcast_shapes(pw.shape, qw.shape))
     product = _components(4, term)
@@ -229,7 +229,7 @@ def conjugate(q: Array) -> Array:
 
 
 def mapped(matrix: Array, vectors: Array) -> Array:
-    """matrix (n, m) times each of the vectors (..., m): (..., n), each component contiguous in memory where they are arrays."""
+    """Product (..., n) of a matrix (n, m) with vectors (..., m); for NumPy, each component contiguous in memory."""
     if not isinstance(vectors, np.ndarray):
         return vectors @ matrix.T
     components = np.moveaxis(vectors, -1, 0)
@@ -245,7 +245,7 @@ def exp(vector: Array) -> Array:
     sinc = 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42 * (1 - h2 / 72 * (1 - h2 / 110))))
     small = h2 < _SERIES_BELOW
     if not bool(small.all()):
-        # Steps from sample to sample never come here; whole turns do.
+        # Whole turns take this branch, steps between samples never do.
         h = xp.sqrt(xp.where(small, xp.ones_like(h2), h2))
         cos, sinc = xp.where(small, cos, xp.cos(h)), xp.where(small, sinc, xp.sin(h) / h)
     half_sinc = sinc / 2
@@ -253,7 +253,7 @@ def exp(vector: Array) -> Array:
 
 
 def log(q: np.ndarray) -> np.ndarray:
-    """Rotation vector (..., 3) rad of the shorter way, |vector| <= pi, of unit quaternions (NumPy only)."""
+    """Shortest rotation vector (..., 3) rad, |vector| <= pi, of unit quaternions (NumPy only)."""
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     angle = 2 * np.arctan2(sine, q[..., 0])
@@ -294,7 +294,7 @@ def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndar
 
 
 def from_gravity(accel: np.ndarray) -> np.ndarray:
-    """Attitude q_nb (..., 4) with yaw 0 of a still body whose specific force is accel (..., 3): docs/formats.md, frames and signs."""
+    """Attitude q_nb (..., 4) with yaw 0 of a body at rest with specific force accel (..., 3): docs/formats.md, frames and signs."""
     x, y, z = (accel[..., i] for i in range(3))
     return from_euler(np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z)), 0.0)
 
@@ -313,7 +313,7 @@ def compose(steps: Array) -> Array:
 
 
 def _neighbours(steps: Array, even: int) -> tuple[Array, Array]:
-    """Every second of the first ``even`` steps, and the ones after them."""
+    """The steps with even and with odd index among the first ``even``."""
     if isinstance(steps, np.ndarray):
         return steps[..., 0:even:2, :], steps[..., 1:even:2, :]
     first, second = steps[..., :even, :].unflatten(-2, (even // 2, 2)).unbind(-2)
@@ -329,7 +329,7 @@ def accumulate(steps: Array) -> Array:
     if count < 2:
         return steps
     even = count // 2 * 2
-    pairs = accumulate(multiply(*_neighbours(steps, even)))  # the partial products that end at an odd place
+    pairs = accumulate(multiply(*_neighbours(steps, even)))  # the partial products that end at an odd index
     later = multiply(pairs[..., : (count - 1) // 2, :], steps[..., 2::2, :])
     if isinstance(steps, np.ndarray):
         whole = _components(4, steps[..., 0])
@@ -342,19 +342,19 @@ def accumulate(steps: Array) -> Array:
 
 # From rates to rotation steps.
 #
-# The step's rotation vector is the mean rate times dt plus a coning term, c dt^2 w_k x w_k+1.  Were the rate straight between two
-# samples, c = 1/12 (Savage 1998, part 1; Bortz's equation for a linear rate).  It is curved, and the trapezoid misses dt^3/12 w'' a step;
+# The step's rotation vector is the mean rate times dt plus a coning term, c dt^2 w_k x w_k+1.  For a rate linear between two samples,
+# c = 1/12 (Savage 1998, part 1; Bortz's equation for a linear rate).  For a curved rate the trapezoid omits dt^3/12 w'' per step;
 # summed over a movement from rest to rest, by parts, sum R w'' dt = -sum R (w x w') dt: one more coning term of the same size.  So
-# c = 1/6, and what remains is of fourth order: 6e-7 deg instead of 8e-4 deg per hand turn at 208 Hz.
+# c = 1/6, and the remaining error is of fourth order: 6e-7 deg instead of 8e-4 deg per hand turn at 208 Hz.
 #
-# The paper's step is the first-order quaternion [1, w dt/2], renormalised: it turns by theta - theta^3/12 and is kept to show that error.
+# The paper's step is the first-order quaternion [1, w dt/2], renormalised: it turns by theta - theta^3/12 and serves to show that error.
 
 CONING = 1 / 6
 INTEGRATORS = ("exact", "first-order")
 
 
 def steps(rate: Array, dt: Array, integrator: str = "exact") -> Array:
-    """Quaternions (..., T-1, 4) that turn the body from each sample to the next; rate (..., T, 3) rad/s, dt (..., T-1) s."""
+    """Rotations (..., T-1, 4) of the body from each sample to the next; rate (..., T, 3) rad/s, dt (..., T-1) s."""
     if integrator == "exact":
         return exp(step_vectors(rate, dt))
     if integrator == "first-order":
@@ -376,13 +376,13 @@ def step_vectors(rate: Array, dt: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector product (..., 3), for arrays and tensors alike."""
+    """Vector product (..., 3), for arrays and tensors."""
     ax, ay, az = split(a)
     bx, by, bz = split(b)
     return join([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def sample_weights(dt: np.ndarray) -> np.ndarray:
-    """Trapezoidal weights (..., T) s: how long each sample acts."""
+    """Trapezoidal weights (..., T) s of the samples."""
     pad = np.zeros_like(dt[..., :1])
     return (np.concatenate([dt, pad], -1) + np.concatenate([pad, dt], -1)) / 2

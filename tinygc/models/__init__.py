@@ -1,4 +1,4 @@
-"""Models: a map from measured rates to calibrated ones, and the file that each kind is kept in."""
+"""Models: maps from measured rates to calibrated ones, and the files of each kind."""
 
 from tinygc.models.files import from_dict, load, load_with_table, to_dict
 

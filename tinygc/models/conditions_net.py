@@ -18,23 +18,23 @@ from tinygc.models.model import FACTOR, BaseModel
 from tinygc.models.nets import TIES, CalibrationNet
 from tinygc.models.physics import CONDITIONS_TABLE, known_of
 
-# TinyGC-Net with conditions: temperature, and specific force, as inputs that move its biases and its gains (the paper's future work).
+# TinyGC-Net with conditions: temperature and specific force are inputs that change its biases and gains (the paper's future work).
 #
 #     omega = net(m) + (bias c) + m * (gain c)          c the K conditions: temperature less T0, in degC; specific force, in g
 #
-# ``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
-# identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
+# ``bias`` (3, K) and ``gain`` (3, K) add to the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
+# identity.  Conditions and kinks are used only if they improve the closure of held-out segments.
 #
-# What `explain` names has an equation and a place in front of the net (``CarriedNet``).  This is for what has no name yet: the net finds by
-# itself how its conditions matter, linearly, and no more.
+# Effects identified by `explain` have an equation and act in front of the net (``CarriedNet``).  This net is for unidentified effects: it
+# learns a linear dependence on its conditions.
 
-#: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
+#: condition -> number of inputs, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}
 
 
 @dataclass(frozen=True, eq=False)
 class ConditionsNet:
-    """net; bias and gain (3, K); names of the conditions, in their order.  It is called on inputs (..., 3 + K): rate, then conditions."""
+    """Net with bias and gain (3, K) and the ordered names of its conditions, called on inputs (..., 3 + K): rate, then conditions."""
 
     net: CalibrationNet
     bias: np.ndarray
@@ -43,24 +43,24 @@ class ConditionsNet:
 
     @classmethod
     def identity(cls, names: tuple[str, ...]) -> ConditionsNet:
-        """No correction, exactly."""
+        """The exact identity."""
         count = sum(CONDITIONS[name][0] for name in names)
         return cls(CalibrationNet.identity(), np.zeros((3, count)), np.zeros((3, count)), names)
 
     def with_vector(self, vector: Any) -> ConditionsNet:
-        """From 27 + 6 K numbers: the net's, bias and gain row by row."""
+        """Set 27 + 6 K weights: the net's, then bias and gain row by row."""
         count = self.bias.shape[1]
         bias, gain = (vector[27 + 3 * count * i : 27 + 3 * count * (i + 1)].reshape(3, count) for i in range(2))
         return ConditionsNet(CalibrationNet.from_vector(vector[:27]), bias, gain, self.names)
 
     @property
     def vector(self) -> Any:
-        """(27 + 6 K,)."""
+        """(27 + 6 K,) all weights."""
         xp = rotation.namespace(self.bias)
         return xp.concatenate([self.net.vector, self.bias.reshape(-1), self.gain.reshape(-1)], 0)
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
-        """(tie, prior sigma): the linear model; then with conditions, their tie counted as 0, too; then bent."""
+        """(tie, prior sigma): the linear model, tie 0; with conditions, also tie 0; then with increasingly free kinks."""
         of_net = self.net.rungs(typical_rps, ties)
         sigmas = [np.concatenate([[CONDITIONS[name][column]] * CONDITIONS[name][0] for name in self.names]) for column in (1, 2)]
         own = np.concatenate([np.tile(sigma, 3) for sigma in sigmas])
@@ -73,7 +73,7 @@ class ConditionsNet:
         return self.net(rate) + known @ self.bias.T + rate * (known @ self.gain.T)
 
     def columns(self, sensitivity: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        """(S, d, 27 + 6 K): how each weight turns the end attitude (NumPy only)."""
+        """(S, d, 27 + 6 K): rotation of the end attitude per weight (NumPy only)."""
         rate, known = inputs[..., :3], inputs[..., 3:]
         bias = np.einsum("stdi,stk->sdik", sensitivity, known, optimize=True)
         gain = np.einsum("stdi,stk->sdik", sensitivity * rate[:, :, None], known, optimize=True)
@@ -83,7 +83,7 @@ class ConditionsNet:
 
 @dataclass(frozen=True, eq=False)
 class ConditionsModel(BaseModel):
-    """A trained net and what its conditions refer to."""
+    """A trained net with its reference conditions."""
 
     kind: ClassVar[str] = "tinygc_conditions"
     pointwise: ClassVar[bool] = False
@@ -94,12 +94,12 @@ class ConditionsModel(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """27 and six for each condition."""
+        """Number of parameters: 27, and six for each condition."""
         return len(self.net.vector)
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What the net is told."""
+        """Names of the net's further inputs."""
         return self.net.names
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
@@ -108,7 +108,7 @@ class ConditionsModel(BaseModel):
 
 
 def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions, live: bool = False) -> np.ndarray:
-    """(N, 3 + K): the measured rate, and the conditions.  Raises FitError where the log has no temperature, or the first had none."""
+    """(N, 3 + K): measured rate and conditions.  Raises FitError if this log, or the session's first one, has no temperature."""
     movement = movement_of(samples, samples.gyro, known, live=live)
     values = {"temperature": (movement.temp_c - known.first_temp_c)[:, None], "force": movement.force_g}
     inputs = np.concatenate([samples.gyro, *(values[name] for name in names)], axis=1)
@@ -117,13 +117,13 @@ def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions, live:
     return inputs
 
 
-# TinyGC-Net that is told temperature or force, as JSON: the net's own table, and how the conditions move it.
+# TinyGC-Net with conditions as JSON: the net's table, and the weights of the conditions.
 
 EQUATION = "omega = net(m) + bias @ c + m * (gain @ c), c: temperature less conditions.first_temp_c in degC, force in g"
 
 
 def to_table(model: ConditionsModel, write: Callable[..., dict]) -> dict:
-    """equation, inputs by name, what they refer to, bias and gain (3, K), and the net."""
+    """Table with equation, input names, reference conditions, bias and gain (3, K), and the net."""
     return {
         "equation": EQUATION,
         "inputs": list(model.net.names),
@@ -134,7 +134,7 @@ def to_table(model: ConditionsModel, write: Callable[..., dict]) -> dict:
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ConditionsModel:
-    """The model; FormatError says what is wrong with the table."""
+    """Read the model from its table.  Raises FormatError for an invalid table."""
     require(table, Keys({"inputs": ListOf(Text(tuple(CONDITIONS))), "conditions": CONDITIONS_TABLE}), where)
     names = tuple(table["inputs"])
     if not names or len(set(names)) < len(names):

@@ -18,25 +18,25 @@ from tinygc.models.model import FACTOR, BaseModel, Model
 #     y1 = L(conv1 * x),  y2 = L(conv2 * y1),  g(x) = L(conv3 * y2),      L(h) = h where h >= 0, slope h below
 #     f(x) = (g(x) - g(-x)) / 2
 #
-# Dilations 1, 2, 5 reach 1 + 6 (1 + 2 + 5) = 49 samples back, the most that kernel 7 can within the paper's window of N = 50; the oldest
-# of the 50 has no weight.
+# Dilations 1, 2, 5 give a receptive field of 1 + 6 (1 + 2 + 5) = 49 samples, the largest for kernel 7 within the paper's window of N = 50;
+# the oldest of the 50 has no weight.
 #
-# **Either sign alike.**  A leaky ReLU treats negative rates otherwise than positive ones.  f is exactly odd, whatever the weights: the
-# half-difference of the net run on x and on -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
-# axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it: each passes unchanged, exactly.
+# **Odd symmetry.**  A leaky ReLU treats negative rates differently from positive ones.  f is exactly odd for any weights, as half the
+# difference of the net's outputs for x and -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
+# axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it, so constant rates pass unchanged.
 #
-# **The mean of any signal.**  That holds for constants.  Of a moving rate the integral, which is what an attitude is made of, is kept for
-# every signal if and only if f is linear: the default slope is 1, where L passes both signs as they are, f(x) = g(x), one pass is
-# enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope may be had (the paper's); it does not keep
-# that promise, and being homogeneous it cannot tell rest from motion by size.
+# **The integral of any signal.**  The unit gain holds for constant rates.  The integral of a changing rate, which determines the attitude,
+# is preserved for every signal if and only if f is linear.  So the default slope is 1, where L is the identity, f(x) = g(x), one pass is
+# enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope (the paper's) does not preserve the integral, and
+# being homogeneous it cannot separate rest from motion by magnitude.
 #
-# Before the first sample the input is taken to have stood at its value: a log that begins at rest begins without a transient.
+# The input before the first sample equals the first sample, so a log that begins at rest begins without a transient.
 
 WINDOW = 50
 KERNEL = 7
 DILATIONS = (1, 2, 5)
 SHAPES = {"conv1": (3, 2, 1, KERNEL), "conv2": (3, 2, 2, KERNEL), "conv3": (3, 1, 2, KERNEL)}
-#: of all three axes: 56 each
+#: parameters of all three axes: 56 each
 PARAMETERS = 168
 
 
@@ -44,7 +44,7 @@ PARAMETERS = 168
 class Denoiser:
     """The subnet's weights, NumPy or torch, (axis, channel out, channel in, tap), the last tap on the newest sample.
 
-    It is called on what is of the library that its weights are of: the types say ``Any`` where either may stand.
+    Its input must be of the same library as its weights; the type ``Any`` stands for either.
 
     conv1 (3, 2, 1, 7), conv2 (3, 2, 2, 7), conv3 (3, 1, 2, 7); slope of the three leaky ReLUs, fixed; dilations of the three layers.
     """
@@ -57,7 +57,7 @@ class Denoiser:
 
     @classmethod
     def identity(cls, slope: float = 1.0) -> Denoiser:
-        """No smoothing, exactly: the newest sample, through the first channels."""
+        """The exact identity: the newest sample, through the first channels."""
         weights = {name: np.zeros(shape) for name, shape in SHAPES.items()}
         for weight in weights.values():
             weight[:, 0, 0, -1] = 1.0
@@ -65,7 +65,7 @@ class Denoiser:
 
     @classmethod
     def from_vector(cls, vector: Any, slope: float = 1.0, dilations: tuple[int, int, int] = DILATIONS) -> Denoiser:
-        """From (3, 56): each axis's conv1, conv2, conv3."""
+        """Build from weights (3, 56): conv1, conv2, conv3 of each axis."""
         parts, at = [], 0
         for shape in SHAPES.values():
             size = int(np.prod(shape[1:]))
@@ -76,54 +76,54 @@ class Denoiser:
 
     @property
     def vector(self) -> Any:
-        """(3, 56)."""
+        """(3, 56) weights of each axis."""
         xp = rotation.namespace(self.conv1)
         return xp.concatenate([getattr(self, name).reshape(3, -1) for name in SHAPES], -1)
 
     @property
     def reach(self) -> int:
-        """Samples before the newest that have a weight."""
+        """Number of samples before the newest one that have a weight."""
         return (KERNEL - 1) * sum(self.dilations)
 
     @property
     def gain(self) -> Any:
-        """(3,) of a constant rate; 1 once normalised."""
+        """(3,) gain at a constant rate; 1 if normalised."""
         xp = rotation.namespace(self.conv1)
         one = xp.ones_like(self.conv1[:, 0, :, :1])
         return self._odd(xp.concatenate([one] * (self.reach + 1), -1))[:, 0, 0]
 
     def normalised(self) -> Denoiser:
-        """The same with unit gain at every constant rate, exactly.  Raises ValueError where the gain is not positive."""
+        """Scale to exactly unit gain at every constant rate.  Raises ValueError if the gain is not positive."""
         gain = self.gain
         if not bool((gain > 1e-9).all()):
             raise ValueError("the denoiser passes no constant rate on some axis")
         return replace(self, conv3=self.conv3 / gain[:, None, None, None])
 
     def __call__(self, rate: Any) -> Any:
-        """Denoised rate (..., N, 3) rad/s at every sample, each from its own window; the input stands before its first sample."""
+        """Denoised rate (..., N, 3) rad/s at every sample; the input is constant before its first sample."""
         xp = rotation.namespace(rate)
         held = xp.concatenate([rate[..., :1, :]] * self.reach + [rate], -2)
         return self.windowed(held)
 
     def windowed(self, rate: Any) -> Any:
-        """The same (..., N - reach, 3) where the first ``reach`` samples are only history: a window of 50 gives its newest two."""
+        """Denoised rate (..., N - reach, 3), with the first ``reach`` samples as history only: a window of 50 gives its newest two."""
         xp = rotation.namespace(rate)
         x = xp.moveaxis(rate, -1, -2)[..., None, :]
         return xp.moveaxis(self._odd(x)[..., 0, :], -2, -1)
 
     def stream(self) -> DenoiserStream:
-        """A filter that is fed sample by sample, as a microcontroller is."""
+        """A filter that works sample by sample, as on a microcontroller."""
         return DenoiserStream(self)
 
     def taps(self) -> np.ndarray:
-        """(3, reach + 1): the response to a unit impulse, newest sample first; all there is to know where slope is 1 (NumPy only)."""
+        """(3, reach + 1): impulse response, newest sample first; complete if slope is 1 (NumPy only)."""
         impulse = np.zeros((2 * self.reach + 1, 3))
         impulse[self.reach] = 1.0
         return self.windowed(impulse).T
 
     @property
     def delay_samples(self) -> np.ndarray:
-        """(3,) by how much the answer to a steady ramp lags, in samples (NumPy only)."""
+        """(3,) delay of the response to a steady ramp, in samples (NumPy only)."""
         ramp = np.arange(-self.reach, 1.0)[:, None] + np.full(3, 1e3)
         return 1e3 - self.windowed(ramp)[-1]
 
@@ -136,7 +136,7 @@ class Denoiser:
         return (self._net(x) - self._net(-x)) / 2
 
     def _net(self, x: Any) -> Any:
-        """g of x (..., 3, 1, N): (..., 3, 1, N - reach)."""
+        """g(x) (..., 3, 1, N - reach) of x (..., 3, 1, N)."""
         for weight, dilation in self._layers():
             length = x.shape[-1] - (KERNEL - 1) * dilation
             x = self._leaky(sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL)))
@@ -149,7 +149,7 @@ class Denoiser:
 
 
 class DenoiserStream:
-    """A denoiser's memory: ``step`` takes one rate (3,) rad/s and gives the denoised one (3,); ``reset`` forgets."""
+    """A denoiser with its state: ``step`` maps one rate (3,) rad/s to the denoised one (3,); ``reset`` clears the state."""
 
     def __init__(self, denoiser: Denoiser):
         self._denoiser = denoiser
@@ -157,11 +157,11 @@ class DenoiserStream:
         self.reset()
 
     def reset(self) -> None:
-        """As before the first sample."""
+        """Clear the state, as before the first sample."""
         self._memory: list[np.ndarray] | None = None
 
     def step(self, rate: np.ndarray) -> np.ndarray:
-        """One sample in, one out."""
+        """Denoise one sample (3,) rad/s."""
         y = self._signs[:, None, None] * np.asarray(rate, dtype=float)[None, :, None]  # (sign, axis, channel)
         if self._memory is None:
             self._memory = self._stand(y)
@@ -172,7 +172,7 @@ class DenoiserStream:
         return np.tensordot(self._signs, y[..., 0], 1) / len(self._signs)
 
     def _stand(self, y: np.ndarray) -> list[np.ndarray]:
-        """Each layer's memory after the input has stood at y for long."""
+        """Steady state of each layer for a constant input y."""
         memory = []
         for weight, dilation in self._denoiser._layers():
             memory.append(np.repeat(y[..., None], (KERNEL - 1) * dilation + 1, axis=-1))
@@ -182,9 +182,9 @@ class DenoiserStream:
 
 @dataclass(frozen=True, eq=False)
 class DenoisedNet(BaseModel):
-    """TinyGC-Net whole: first ``calibration``, any map of rates (27 parameters), then ``denoiser`` (168), made for rate_hz.
+    """The whole TinyGC-Net: first ``calibration``, any map of rates (27 parameters), then ``denoiser`` (168), made for rate_hz.
 
-    Called on rates (..., N, 3) in the order of time it gives what the microcontroller would: causal, late by the denoiser's delay.
+    Called on rates (..., N, 3) in the order of time it gives the microcontroller's output: causal, with the denoiser's delay.
     """
 
     kind: ClassVar[str] = "tinygc_denoised"
@@ -195,12 +195,12 @@ class DenoisedNet(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """Of both subnets."""
+        """Number of parameters of both subnets."""
         return PARAMETERS + self.calibration.parameters
 
     @property
     def delay_samples(self) -> int:
-        """Whole samples that the rate comes late, the mean over the axes."""
+        """Output delay in whole samples, averaged over the axes."""
         return round(float(self.denoiser.delay_samples.mean()))
 
     @property
@@ -213,12 +213,12 @@ class DenoisedNet(BaseModel):
         return self.calibration
 
     def with_bias_moved(self, change: np.ndarray) -> DenoisedNet:
-        """The calibration's bias greater by ``change`` (3,) rad/s; the denoiser has none."""
+        """Increase the calibration's bias by ``change`` (3,) rad/s; the denoiser has none."""
         return replace(self, calibration=self.calibration.with_bias_moved(change))
 
     @property
     def delay_s(self) -> float:
-        """Mean over the axes."""
+        """Output delay in s, averaged over the axes."""
         return float(self.denoiser.delay_samples.mean()) / self.rate_hz
 
     def __call__(self, rate: Any) -> Any:
@@ -226,19 +226,19 @@ class DenoisedNet(BaseModel):
         return self.denoiser(self.calibration(rate))
 
     def undelayed(self, rate: Any) -> Any:
-        """The same, each answer at the sample that it belongs to; the last ones stand (for attitudes after the event)."""
+        """Output with the delay removed; the last values are repeated (for attitudes in post-processing)."""
         xp = rotation.namespace(rate)
         late, lag = self(rate), max(self.delay_samples, 0)
         return xp.concatenate([late[..., lag:, :]] + [late[..., -1:, :]] * min(lag, late.shape[-2]), -2)
 
 
-# TinyGC-Net with its denoiser as JSON: the calibration's own table, and the three convolutions.
+# TinyGC-Net with its denoiser as JSON: the calibration's table and the three convolutions.
 
 EQUATION = (
     "omega = calibration(m); per axis y1 = L(conv1 * omega), y2 = L(conv2 * y1), g = L(conv3 * y2), L(h) = h if h >= 0 else slope * h; "
     "denoised = (g(omega) - g(-omega)) / 2, which is g(omega) where slope is 1"
 )
-#: a constant rate must pass unchanged; what rounding to seven digits may do
+#: tolerance of the gain at a constant rate, for rounding to seven digits
 GAIN_WITHIN = 1e-6
 _NET = Keys(
     {
@@ -251,7 +251,7 @@ _DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "cali
 
 
 def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
-    """Weights (axis, channel out, channel in, tap), the last tap on the newest sample, each tap ``dilation`` samples older."""
+    """Table of the weights (axis, channel out, channel in, tap), the last tap on the newest sample, taps ``dilation`` samples apart."""
     net = model.denoiser
     table: dict[str, Any] = {"window": WINDOW, "dilations": list(net.dilations), "slope": net.slope}
     table |= {name: np.asarray(getattr(net, name)).tolist() for name in SHAPES}
@@ -265,7 +265,7 @@ def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet:
-    """The model; FormatError says what is wrong with the table."""
+    """Read the model from its table.  Raises FormatError for an invalid table."""
     require(table, _DENOISED, where)
     entries = table["denoiser"]
     weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}

@@ -1,7 +1,7 @@
-"""Calibrations as files: JSON that says what it means, and whose loading executes nothing.
+"""Calibrations as files: self-describing JSON; loading executes no code.
 
-A kind is a line in ``KINDS`` and a module with two functions: ``to_table(model, write)`` gives the kind's own
-keys, ``from_table(table, where, read)`` the model; ``write`` and ``read`` are for a model within the model.
+A kind is a line in ``KINDS`` and a module with two functions: ``to_table(model, write)`` returns the keys of the kind,
+``from_table(table, where, read)`` the model; ``write`` and ``read`` handle a model within the model.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from session.io.results import read_json, require, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
-#: of an array's model, which ``tinygc.annexes.arrays`` reads
+#: schema of a sensor array's model, which ``tinygc.annexes.arrays`` reads
 ARRAY_SCHEMA = "tinygc-array-model/1"
-#: kinds whose covariance has a row for each parameter, and no other
+#: kinds whose covariance has exactly one row per parameter
 ALL_COVARIED = ("linear", "physics")
-#: kind in the file -> its module, imported when the first model of it is met
+#: kind in the file -> its module, imported on first use
 KINDS = {
     "linear": "tinygc.models.nets",
     "tinygc": "tinygc.models.nets",
@@ -36,12 +36,12 @@ ANNEX_KINDS = {"thermal": "models over temperature"}
 
 
 def to_dict(model: Model, **more: Any) -> dict:
-    """JSON-ready, with schema, kind, equation and units; ``more`` is added as it is."""
+    """Convert to a JSON-ready table with schema, kind, equation and units; ``more`` is added unchanged."""
     return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind, "model").to_table(model, to_dict), **more}
 
 
 def from_dict(table: Any, where: str = "model") -> Model:
-    """The model; FormatError says what is wrong with the table."""
+    """Read a model of any kind from its table.  Raises FormatError for an invalid table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
     if (units := table.get("units", UNITS)) != UNITS:
@@ -54,12 +54,12 @@ def from_dict(table: Any, where: str = "model") -> Model:
 
 
 def load(path: Path | str) -> Model:
-    """Read a model file.  Raises FormatError for what is no model, in one line."""
+    """Read a model file.  Raises FormatError, with a message of one line, for anything else."""
     return load_with_table(path)[0]
 
 
 def load_with_table(path: Path | str) -> tuple[Model, dict]:
-    """The model, and all that stands in its file (covariance, hashes of what it was made from, …)."""
+    """Read a model and the full table of its file (covariance, hashes of its sources, …)."""
     table, where = read_json(Path(path)), str(path)
     try:
         model = from_dict(table, where)
@@ -73,7 +73,7 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
 
 
 def is_array_model(path: Path) -> bool:
-    """Whether a file is an array's model by its schema; what cannot be read is none."""
+    """Whether a file is a sensor array's model, by its schema; False if it cannot be read."""
     try:
         table = read_json(path) if path.is_file() else None
     except (FormatError, OSError):

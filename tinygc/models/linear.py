@@ -1,4 +1,4 @@
-"""The linear model omega = E m + B, 12 parameters (docs/model.md), and the same in the field's terms."""
+"""The linear model omega = E m + B, 12 parameters (docs/model.md), and its sensor errors in the field's terms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tinygc.models.model import BaseModel
 
 # The linear model every calibration begins with: omega = E m + B, 12 parameters (docs/model.md).
 
-#: where E, row by row, and B stand in ``LinearModel.vector``, and in whatever is in its order
+#: positions of E, row by row, and of B in ``LinearModel.vector``
 MATRIX, BIAS = slice(0, 9), slice(9, 12)
 PARAMETERS = BIAS.stop
 #: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
@@ -33,12 +33,12 @@ class LinearModel(BaseModel):
 
     @classmethod
     def from_vector(cls, vector: np.ndarray) -> LinearModel:
-        """From 12 numbers: E row by row, then B."""
+        """Build from 12 parameters: E row by row, then B."""
         return cls(np.asarray(vector[MATRIX], dtype=float).reshape(3, 3), np.asarray(vector[BIAS], dtype=float))
 
     @property
     def parameters(self) -> int:
-        """12."""
+        """Number of parameters: 12."""
         return PARAMETERS
 
     @property
@@ -53,29 +53,29 @@ class LinearModel(BaseModel):
         return found
 
     def with_bias_moved(self, change: np.ndarray) -> LinearModel:
-        """B greater by ``change`` (3,) rad/s."""
+        """Increase B by ``change`` (3,) rad/s."""
         return replace(self, B=self.B + change)
 
 
 def bias_only(still_rate: np.ndarray | None = None) -> LinearModel:
-    """No correction but the bias that a still's mean rate (3,) shows; none at all without it."""
+    """Identity with the bias from a still's mean rate (3,), if given."""
     return LinearModel(np.eye(3), np.zeros(3) if still_rate is None else -np.asarray(still_rate))
 
 
 def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """(S, 3, 12) rad per unit: how each parameter turns the end attitude, from sensitivity (S, T, 3, 3) and m (S, T, 3)."""
+    """(S, 3, 12) rad per unit: rotation of the end attitude per parameter, from sensitivity (S, T, 3, 3) and m (S, T, 3)."""
     segments, samples = rate.shape[:2]
     by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, 9, samples)
     matrix = (by_time @ rate).reshape(segments, 3, 9)
     return np.concatenate([matrix, by_time.sum(-1).reshape(segments, 3, 3)], axis=-1)
 
 
-# The linear calibration in the field's words: what the sensor does, instead of what undoes it.
+# The sensor errors in the field's terms, derived from the linear calibration.
 #
 # The calibration is omega = E m + B.  The sensor is its inverse, m = M omega + b with M = E^-1 and b = -E^-1 B.  Row i of M is the
 # response of axis i: its length is the scale factor (1 by the data sheet), its direction u_i the input axis (IEEE 528, 1431).
 #
-#     scale factor error      |M_i| - 1                                      the axis reads so much too far
+#     scale factor error      |M_i| - 1                                      relative excess of the reading
 #     misalignment i to j     angle by which input axis i leans towards reference axis j: atan2(u_ij, u_ii)
 #     nonorthogonality ij     90 deg less the angle between input axes i and j: asin(u_i . u_j)
 #     triad rotation          rotation vector from the reference axes to the nearest right-angled triad of the input axes (polar)
@@ -84,7 +84,7 @@ def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
 # The reference axes are those of the pre-calibrated accelerometer.  Six misalignments are three nonorthogonalities and one rotation.
 
 AXES = "xyz"
-#: a quantity that moves by this much per unit of a parameter that nothing shows is not shown either
+#: a quantity that changes by this much per unit of an unobserved parameter is not observed either
 DEPENDS = 0.1
 #: k of the expanded uncertainty
 COVERAGE_FACTOR = 2.0
@@ -92,9 +92,9 @@ COVERAGE_FACTOR = 2.0
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of a report: word, component (x, xy, …), unit; value and its expanded uncertainty (k = 2) in that unit.
+    """A reported quantity: word, component (x, xy, …), unit; value and its expanded uncertainty (k = 2) in that unit.
 
-    observed: whether the session shows it; at_most: an upper limit where it does not, or NaN; note: what a reader must know.
+    observed: whether the session determines it; at_most: an upper limit if not, or NaN; note: a remark for the reader.
     """
 
     word: str
@@ -118,7 +118,7 @@ WORDS = (
 
 
 def scale_factor_errors(E: np.ndarray) -> np.ndarray:
-    """(…, 3): by how much each axis reads too far, of calibrations E (…, 3, 3)."""
+    """(…, 3): scale factor error of each axis under calibrations E (…, 3, 3)."""
     return np.linalg.norm(np.linalg.inv(E), axis=-1) - 1
 
 
@@ -137,13 +137,13 @@ def field_vector(vector: np.ndarray) -> np.ndarray:
 
 
 def field_jacobian(vector: np.ndarray) -> np.ndarray:
-    """(18, 12) of ``field_vector``, by central differences."""
+    """(18, 12) Jacobian of ``field_vector``, by central differences."""
     steps = np.eye(PARAMETERS) * 1e-6
     return np.stack([(field_vector(vector + step) - field_vector(vector - step)) / 2e-6 for step in steps], axis=1)
 
 
 def field_quantities(vector: np.ndarray, covariance: np.ndarray, unobserved: tuple[str, ...] = ()) -> list[Quantity]:
-    """18 quantities of a linear model (12,) with its covariance (12, 12); unobserved: names of parameters that nothing shows."""
+    """18 quantities of a linear model (12,) with its covariance (12, 12); unobserved: names of the unobserved parameters."""
     values, jacobian = field_vector(vector), field_jacobian(vector)
     sigma = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
     hidden = [i for i, name in enumerate(NAMES) if name in unobserved]

@@ -1,4 +1,4 @@
-"""What every calibration offers, the accelerometer and sensor beside it, and the shapes of its file."""
+"""The interface of all calibrations, the accelerometer and sensor in a model file, and the file's schema."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
     from tinygc.effects.effect import AppliedEffect
 
 
-# What the keys that all kinds of model share must hold, and the ranges that their numbers have (``session/io/results.py``).
+# The keys shared by all kinds of model, with the ranges of their values (``session/io/results.py``).
 
-#: of a factor on a rate or a force: even units that are mixed up, or mdps for dps, are within it
+#: greatest factor on a rate or a force: it includes mixed-up units, such as mdps for dps
 FACTOR = Number(-1e4, 1e4)
-#: what no gyroscope and no accelerometer measures (session/io/units.py), rad/s and m/s^2
+#: limits beyond any gyroscope and accelerometer (session/io/units.py), rad/s and m/s^2
 RATE, FORCE = Number(-1e5 * DEG, 1e5 * DEG), Number(-1e4 * G, 1e4 * G)
 CELSIUS = Number(-1e4, 1e4)
 SECONDS = Number(-1e9, 1e9)
-#: of a matrix's smallest response to its largest: below, one of its axes lies within half a degree of the plane of the others
+#: least ratio of a matrix's smallest to its largest response: below, one axis lies within half a degree of the plane of the others
 SINGULAR = 1e-2
-#: of correlations
+#: tolerance for correlations
 ROUNDING = 1e-6
 
 
 def invertible(matrix: np.ndarray) -> str:
-    """What is wrong with a matrix (3, 3) that must be undone; empty for none."""
+    """Describe why a matrix (3, 3) is not invertible; empty if it is."""
     responses = np.linalg.svd(matrix, compute_uv=False)
     if responses[-1] <= SINGULAR * responses[0]:
         return "is singular, expected a matrix that keeps all three axes apart"
@@ -41,14 +41,14 @@ def invertible(matrix: np.ndarray) -> str:
 
 
 def covariance(matrix: np.ndarray) -> str:
-    """What is wrong with a covariance (n, n); empty for nothing."""
+    """Describe why a matrix (n, n) is not a covariance; empty if it is."""
     if matrix.shape[0] != matrix.shape[1]:
         return f"has shape {matrix.shape[0]} x {matrix.shape[1]}, expected as many rows as columns"
     variance = np.diag(matrix)
     if (variance < 0).any():
         return "is not positive: it has a variance below 0; expected a covariance"
     sigma = np.sqrt(np.where(variance > 0, variance, 1.0))
-    limit = np.outer(sigma, sigma)  # of sigmas: variances of 1e-300 have no product
+    limit = np.outer(sigma, sigma)  # from sigmas: the product of variances of 1e-300 underflows
     with np.errstate(over="ignore"):
         if (np.abs(matrix - matrix.T) > ROUNDING * limit).any():
             return "is not symmetric, expected a covariance"
@@ -57,14 +57,14 @@ def covariance(matrix: np.ndarray) -> str:
 
 
 def certain(matrix: np.ndarray) -> str:
-    """The same, where each of the numbers must be uncertain by something."""
+    """As ``covariance``, but each variance must be positive."""
     return covariance(matrix) or ("" if (np.diag(matrix) > 0).all() else "has a variance of 0, expected a covariance of uncertain numbers")
 
 
 MATRIX = Array((3, 3), FACTOR, invertible)
 COVARIANCE = Array((None, None), sound=covariance)
 ORIGIN = {"method": Maybe(Text()), "session": Maybe(Text()), "sha256": Maybe(MapOf(Text()))}
-#: beside what a kind has of its own
+#: in addition to the keys of each kind
 MODEL = Keys(
     may={
         **ORIGIN,
@@ -88,7 +88,7 @@ MODEL = Keys(
 )
 
 
-# The accelerometer and the sensor that stand beside a calibration of rates in its file.
+# The accelerometer and the sensor in a model file.
 
 EQUATION = "f = matrix @ (measured - bias_mps2), m/s^2"
 SOURCES = ("given", "prior", "stills", "none")
@@ -107,7 +107,7 @@ _SENSOR = Keys(
 
 
 def accelerometer_table(accelerometer: Accelerometer) -> dict:
-    """``accelerometer`` of ``tinygc-model/1``."""
+    """The table ``accelerometer`` of ``tinygc-model/1``."""
     return {
         "equation": EQUATION,
         "matrix": accelerometer.matrix.tolist(),
@@ -117,7 +117,7 @@ def accelerometer_table(accelerometer: Accelerometer) -> dict:
 
 
 def accelerometer_of(table: dict, where: str = "model") -> Accelerometer | None:
-    """That of a model file; None where it has none, or nobody has calibrated it.  FormatError for what is no calibration."""
+    """Read the accelerometer of a model file; None if absent or uncalibrated.  Raises FormatError for an invalid calibration."""
     entry = table.get("accelerometer")
     if entry is None:
         return None
@@ -128,7 +128,7 @@ def accelerometer_of(table: dict, where: str = "model") -> Accelerometer | None:
 
 
 def sensor_table(sensor: Sensor) -> dict:
-    """``sensor`` of ``tinygc-model/1``."""
+    """The table ``sensor`` of ``tinygc-model/1``."""
     return {
         "model": sensor.model,
         "serial": sensor.serial,
@@ -140,7 +140,7 @@ def sensor_table(sensor: Sensor) -> dict:
 
 @dataclass(frozen=True)
 class KnownSensor:
-    """What a model file says of its sensor's registers: full scales, model, units of its own (``OWN_UNITS``); None where it does not."""
+    """The sensor of a model file: full scales, model, its own register units (``OWN_UNITS``); None if not stated."""
 
     gyro_fs_dps: float | None = None
     accel_fs_g: float | None = None
@@ -149,7 +149,7 @@ class KnownSensor:
 
 
 def sensor_of(table: dict, where: str = "model") -> KnownSensor:
-    """That of a model file.  FormatError for what is no number."""
+    """Read the sensor of a model file.  Raises FormatError for what is no number."""
     entry = table.get("sensor")
     if entry is None:
         return KnownSensor()
@@ -159,7 +159,7 @@ def sensor_of(table: dict, where: str = "model") -> KnownSensor:
     return KnownSensor(None if gyro is None else float(gyro), None if accel is None else float(accel), entry.get("model") or None, own)
 
 
-# What every calibration offers, whatever kind it is of.
+# The interface of all calibrations.
 
 
 @runtime_checkable
@@ -167,10 +167,10 @@ class Model(Protocol):
     """A map from measured rates to calibrated ones.
 
     kind: its name in the model file (``tinygc/models/files.py``); pointwise: whether each rate is calibrated by itself, so that the model
-    may be called on rates (..., 3) of NumPy or torch; rates_only: whether it needs nothing beside rates (a denoiser remembers some of
-    them, and is called on (..., N, 3) in the order of time); parameters: how many numbers were fitted; undone: the effects that it takes
-    off; conditions: names of what it is told beside the rate; made_for_hz: the sampling rate that it was made for, None for any; delay_s:
-    by which its answers come late; session_s: seconds of its session, where it holds for that session's time alone, None for any time.
+    may be called on rates (..., 3) of NumPy or torch; rates_only: whether its only input is rates (a denoiser has memory and is called on
+    (..., N, 3) in time order); parameters: number of fitted parameters; undone: the effects that it removes; conditions: names of its
+    other inputs; made_for_hz: the sampling rate that it was made for, None for any; delay_s: its output delay; session_s: duration of
+    its session in s if it is valid only in that session's time, None otherwise.
     """
 
     kind: ClassVar[str]
@@ -178,23 +178,23 @@ class Model(Protocol):
     rates_only: ClassVar[bool]
 
     def __call__(self, rate: Any) -> Any:
-        """Calibrated rate (..., 3) rad/s from the measured one; CalibrationError of a kind that needs whole samples."""
+        """Calibrated rate (..., 3) rad/s from the measured one.  Raises CalibrationError for a kind that needs whole samples."""
 
     @property
     def parameters(self) -> int:
-        """How many numbers were fitted."""
+        """Number of fitted parameters."""
 
     @property
     def undone(self) -> tuple[AppliedEffect, ...]:
-        """Effects that it takes off, in the order in which it does."""
+        """The effects that it removes, in order."""
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What it is told beside the rate."""
+        """Names of its inputs other than the rate."""
 
     @property
     def made_for_hz(self) -> float | None:
-        """The sampling rate that it was made for; None for any."""
+        """The sampling rate in Hz that it was made for; None for any."""
 
     @property
     def delay_s(self) -> float:
@@ -202,30 +202,30 @@ class Model(Protocol):
 
     @property
     def session_s(self) -> float | None:
-        """Seconds of the session whose time alone it holds for; None for any time."""
+        """Duration in s of the session if it is valid only in that session's time; None otherwise."""
 
     def at_end(self) -> Model:
         """The same for any time, as it stood at its session's end."""
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log, each at its own sample; CalibrationError for other times than it holds for."""
+        """True rates (N, 3) rad/s of one log, each at its own sample.  Raises CalibrationError outside the model's time."""
 
     def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-        """One log piece by piece, from rates (N, 3) rad/s and temperatures (N,) degC to calibrated rates, of a kind that remembers what it
-        needs of earlier pieces; None of the others.  CalibrationError where it needs the data rate and has none."""
+        """Function that calibrates a log piece by piece, from rates (N, 3) rad/s and temperatures (N,) degC, for a kind with memory; else
+        None.  Raises CalibrationError if it needs the data rate and has none."""
 
     def undelayed(self, rate: Any) -> Any:
-        """Its answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""
+        """Its output (N, 3) rad/s for measured rates (N, 3), with its delay removed."""
 
     def without_denoiser(self) -> Model:
         """The calibration alone."""
 
     def with_bias_moved(self, change: np.ndarray) -> Model:
-        """The same model, its calibrated rate greater by ``change`` (3,) rad/s everywhere."""
+        """The model with its calibrated rate increased by ``change`` (3,) rad/s everywhere."""
 
 
 class BaseModel:
-    """What most kinds have in common; a kind overrides what is otherwise with it."""
+    """Defaults shared by most kinds of model."""
 
     kind: ClassVar[str]
     pointwise: ClassVar[bool] = True
@@ -233,17 +233,17 @@ class BaseModel:
 
     @property
     def undone(self) -> tuple[AppliedEffect, ...]:
-        """Effects that the model takes off, in the order in which it does."""
+        """The effects that the model removes, in order."""
         return ()
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What the model is told beside the rate: ``temperature``, ``force``."""
+        """Names of the model's inputs other than the rate: ``temperature``, ``force``."""
         return ()
 
     @property
     def made_for_hz(self) -> float | None:
-        """The sampling rate that the model was made for; None for any."""
+        """The sampling rate in Hz that the model was made for; None for any."""
         return None
 
     @property
@@ -253,7 +253,7 @@ class BaseModel:
 
     @property
     def session_s(self) -> float | None:
-        """Seconds of the session whose time alone the model holds for; None for any time."""
+        """Duration in s of the session if the model is valid only in that session's time; None otherwise."""
         return None
 
     def at_end(self) -> Model:
@@ -261,20 +261,20 @@ class BaseModel:
         return self  # type: ignore[return-value]
 
     def __call__(self, rate: Any) -> Any:
-        """Calibrated rate (..., 3) rad/s from the measured one; only of a kind that is pointwise or has a memory of rates alone."""
+        """Calibrated rate (..., 3) rad/s from the measured one, for a kind that needs only rates."""
         raise CalibrationError(f"a model of kind {self.kind} needs whole samples, not rates alone; use calibrate")
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log, each at its own sample; samples with the pre-calibrated force; began_s of the session when
-        the log began; live: only the past is known, and the temperature is taken as it comes."""
+        """True rates (N, 3) rad/s of one log, each at its own sample; samples with the pre-calibrated force; began_s: session time at the
+        log's start; live: causal, without smoothing of the temperature."""
         return self.undelayed(samples.gyro)
 
     def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-        """None: most kinds need whole samples, or nothing of earlier ones."""
+        """None: most kinds need whole samples, or have no memory."""
         return None
 
     def undelayed(self, rate: Any) -> Any:
-        """The model's answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""
+        """The model's output (N, 3) rad/s for measured rates (N, 3), with its delay removed."""
         return self(rate)
 
     def without_denoiser(self) -> Model:
@@ -282,5 +282,5 @@ class BaseModel:
         return self  # type: ignore[return-value]
 
     def with_bias_moved(self, change: np.ndarray) -> Self:
-        """The same model, its calibrated rate greater by ``change`` (3,) rad/s everywhere.  CalibrationError where it has no such bias."""
+        """The model with its calibrated rate increased by ``change`` (3,) rad/s everywhere.  Raises CalibrationError if it has no bias."""
         raise CalibrationError("the stored model is of a kind whose bias cannot be moved; give a linear model or a TinyGC-Net")

@@ -14,18 +14,18 @@ from tinygc.attitude import rotation
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
 
-# TinyGC-Net's calibration subnet (Cui et al. 2024): two linear basic networks joined by a PReLU, beside the identity path.
+# TinyGC-Net's calibration subnet (Cui et al. 2024): two linear basic networks joined by a PReLU, with an identity path.
 #
 #     h = W1 m + b1,   omega = m + W2 PReLU(h) + b2,   PReLU(h) = h for h >= 0, a h below, one slope a per axis
 #
 # 12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26: see
-# published.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes
-# bend it.
+# ``PublishedNet``.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; other
+# slopes make it nonlinear.
 
 PARAMETERS = 27
-#: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
+#: prior sigma of the slopes about 1, where the net is linear: from fixed to free
 TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
-#: the inner weights are tied ten times closer: they move the kinks away from zero rate, where a gyroscope has no reason to have one
+#: the prior of the inner weights is ten times tighter: they move the kinks away from zero rate, which has no physical reason
 INNER_TIE = 0.1
 
 
@@ -49,12 +49,12 @@ class CalibrationNet(BaseModel):
 
     @classmethod
     def from_linear(cls, model: LinearModel) -> CalibrationNet:
-        """The net that is this linear model."""
+        """The net equivalent to a linear model."""
         return cls(np.eye(3), np.zeros(3), np.ones(3), model.E - np.eye(3), model.B)
 
     @classmethod
     def from_vector(cls, vector: Any) -> CalibrationNet:
-        """From 27 numbers in the order of the fields, matrices row by row."""
+        """Build from 27 weights in the order of the fields, matrices row by row."""
         parts, at = [], 0
         for shape in cls.SHAPES.values():
             size = int(np.prod(shape))
@@ -63,13 +63,13 @@ class CalibrationNet(BaseModel):
         return cls(*parts)
 
     def with_vector(self, vector: Any) -> CalibrationNet:
-        """The same kind of net with other weights: what training asks of every kind."""
+        """The same kind of net with other weights, as training needs it."""
         return self.from_vector(vector)
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
         """(tie, prior sigma (27,) of the weights around the identity), from the linear model to a free one.
 
-        The bent part is tied to W1 = I, b1 = 0, slope = 1; the linear part, W2 and b2, hardly at all.
+        The nonlinear part is tied to W1 = I, b1 = 0, slope = 1; the linear part, W2 and b2, only weakly.
         """
         inner = np.array([1.0] * 9 + [typical_rps] * 3) * INNER_TIE
         bent = np.concatenate([inner, np.ones(3)])
@@ -77,20 +77,20 @@ class CalibrationNet(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """27."""
+        """Number of parameters: 27."""
         return PARAMETERS
 
     def with_bias_moved(self, change: np.ndarray) -> CalibrationNet:
-        """b2 greater by ``change`` (3,) rad/s."""
+        """Increase b2 by ``change`` (3,) rad/s."""
         return replace(self, b2=self.b2 + change)
 
     def with_input_moved(self, change: np.ndarray) -> CalibrationNet:
-        """The net that gives for a rate what this one gives for the rate and ``change`` (3,) rad/s more."""
+        """The net whose output equals this one's for the rate plus ``change`` (3,) rad/s."""
         return replace(self, b1=self.b1 + self.W1 @ change, b2=self.b2 + change)
 
     @property
     def vector(self) -> Any:
-        """(27,)."""
+        """(27,) all weights."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
 
@@ -101,9 +101,9 @@ class CalibrationNet(BaseModel):
         return rate + rotation.mapped(self.W2, xp.where(h >= 0, h, self.slope * h)) + self.b2
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """(S, d, 27): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).
+        """(S, d, 27): rotation of the end attitude per weight, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).
 
-        The chain rule written out, summed over the samples before the weights are told apart (NumPy only).
+        This is the chain rule written out, with the sums over the samples taken first (NumPy only).
         """
         segments, samples, d = sensitivity.shape[:3]
         h = rate @ self.W1.T + self.b1
@@ -122,8 +122,8 @@ class CalibrationNet(BaseModel):
 #
 #     h = P1(W1 m + b1),   omega = m + P2(W2 h + b2),   P(x) = x for x >= 0, slope x below, one slope each
 #
-# The second kink lies where the *correction* changes its sign, which for a gyroscope with a bias is nowhere near zero rate.  Here, too,
-# it starts at the exact identity (both slopes 1), is tied to the linear model, and bends only where left-out segments ask for it.
+# The second kink lies where the *correction* changes its sign, which for a gyroscope with a bias is not near zero rate.  This net, too,
+# starts at the exact identity (both slopes 1), is tied to the linear model, and is nonlinear only if that improves held-out segments.
 
 PUBLISHED_PARAMETERS = 26
 
@@ -148,7 +148,7 @@ class PublishedNet(BaseModel):
         return cls(np.eye(3), np.zeros(3), np.ones(1), np.zeros((3, 3)), np.zeros(3), np.ones(1))
 
     def with_vector(self, vector: Any) -> PublishedNet:
-        """From 26 numbers in the order of the fields, matrices row by row."""
+        """Build from 26 weights in the order of the fields, matrices row by row."""
         parts, at = [], 0
         for shape in self.SHAPES.values():
             size = int(np.prod(shape))
@@ -158,18 +158,18 @@ class PublishedNet(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """26."""
+        """Number of parameters: 26."""
         return PUBLISHED_PARAMETERS
 
     def with_bias_moved(self, change: np.ndarray) -> PublishedNet:
-        """b2 greater by ``change`` (3,) rad/s.  CalibrationError where the net bends behind it."""
+        """Increase b2 by ``change`` (3,) rad/s.  Raises CalibrationError if the net is nonlinear behind it."""
         if not np.allclose(self.slope2, 1):
             raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
         return replace(self, b2=self.b2 + change)
 
     @property
     def vector(self) -> Any:
-        """(26,)."""
+        """(26,) all weights."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
 
@@ -187,7 +187,7 @@ class PublishedNet(BaseModel):
         return rate + xp.where(u >= 0, u, self.slope2 * u)
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """(S, d, 26): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and rates (S, T, 3) (NumPy only)."""
+        """(S, d, 26): rotation of the end attitude per weight, from sensitivity (S, T, d, 3) and rates (S, T, 3) (NumPy only)."""
         h = rate @ self.W1.T + self.b1
         bent = np.where(h >= 0, h, self.slope1 * h)
         u = bent @ self.W2.T + self.b2
@@ -209,7 +209,7 @@ class PublishedNet(BaseModel):
         return np.concatenate(parts, axis=-1)
 
 
-# Kinds that are nothing but arrays of weights: the linear model, TinyGC-Net, and the net of the authors' published code.
+# Kinds that consist of arrays of weights: the linear model, TinyGC-Net, and the net of the authors' published code.
 
 CLASSES: dict[str, Any] = {each.kind: each for each in (LinearModel, CalibrationNet, PublishedNet)}
 EQUATIONS = {
@@ -220,17 +220,17 @@ EQUATIONS = {
 
 
 def to_table(model: Any, write: Callable[..., dict]) -> dict:
-    """equation, and the weights by name."""
+    """Table with the equation and the weights by name."""
     return {"equation": EQUATIONS[model.kind], "weights": {name: np.asarray(getattr(model, name)).tolist() for name in model.SHAPES}}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet | PublishedNet:
-    """The model; FormatError says what is wrong with the table."""
+    """Read the model from its table.  Raises FormatError for an invalid table."""
     cls = CLASSES[table["kind"]]
     require(table, Keys({"weights": Keys({name: weight(name, shape) for name, shape in cls.SHAPES.items()})}), where)
     return cls(**{name: np.asarray(table["weights"][name], dtype=float) for name in cls.SHAPES})
 
 
 def weight(name: str, shape: tuple[int, ...]) -> Array:
-    """What an array of weights must hold: E can be undone, what is added to a rate (B, b1, b2) is a rate, all else a factor."""
+    """Schema of an array of weights: E is invertible, offsets (B, b1, b2) are rates, all others are factors."""
     return MATRIX if name == "E" else Array(shape, RATE if name.lower().startswith("b") else FACTOR)

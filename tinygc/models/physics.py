@@ -1,4 +1,4 @@
-"""A calibration that undoes named physics as well; and its file."""
+"""A calibration that also corrects physical effects; and its file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.models.model import CELSIUS, RATE, BaseModel
 from tinygc.models.nets import CalibrationNet, weight
 
-# What a model with conditions refers to, as JSON: ``conditions`` of ``tinygc-model/1``.
+# Reference conditions of a model as JSON: ``conditions`` of ``tinygc-model/1``.
 
 #: no session lasts longer than a year
 _YEAR_S = 366 * 86400.0
@@ -27,9 +27,9 @@ CONDITIONS_TABLE = Keys(
 
 
 def known_of(table: dict, inputs: Collection[str], where: str) -> Conditions:
-    """From a table that ``CONDITIONS_TABLE`` was held against; inputs: what the model is told beside the rate.
+    """Read the reference conditions from a table that ``CONDITIONS_TABLE`` has validated; inputs: the model's inputs other than the rate.
 
-    FormatError where it follows temperature, and nobody knows from which one on.
+    Raises FormatError if it depends on temperature and the reference temperature is missing.
     """
     known = table["conditions"]
     if known["first_temp_c"] is None and "temperature" in inputs:
@@ -38,19 +38,19 @@ def known_of(table: dict, inputs: Collection[str], where: str) -> Conditions:
     return Conditions(float(known["duration_s"]), float(known["fs_rps"]), float("nan") if first is None else float(first))
 
 
-# The model goes on: a calibration that undoes the physics that `explain` named, or that was asked for.
+# A calibration that corrects the physical effects that `explain` identified or the user requested.
 
-#: of the session's length: what a log's own data rate, and samples that were put back, may make of its end
+#: tolerance on the session's duration, as a share: a log's own data rate and data repair may change its end
 PAST_END = 0.01
-#: rad/s: an effect that follows the rate by less does not follow it
+#: rad/s: below this dependence an effect counts as independent of the rate
 RATES_ALIKE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class PhysicsModel(BaseModel):
-    """omega = (effects undone)(E m + B), those of the readings undone in m.
+    """omega = (E m + B) with the effects removed; effects on readings are removed from m.
 
-    Linear model, claims in the order in which they are undone, and what they refer to."""
+    It has a linear model, claims in the order of their removal, and reference conditions."""
 
     kind: ClassVar[str] = "physics"
     pointwise: ClassVar[bool] = False
@@ -62,7 +62,7 @@ class PhysicsModel(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """12 and the effects'."""
+        """Number of parameters: 12 and those of the effects."""
         return PARAMETERS + sum(len(claim.theta) for claim in self.claims)
 
     @property
@@ -72,14 +72,14 @@ class PhysicsModel(BaseModel):
 
     @property
     def session_s(self) -> float | None:
-        """The session's length where an effect follows its time (a drift, a step); None otherwise."""
+        """The session's duration if an effect depends on session time (a drift, a step); None otherwise."""
         return self.known.duration_s if any(claim.effect.of_one_session for claim in self.claims) else None
 
     def at_end(self) -> PhysicsModel | LinearModel:
-        """The same for any time: what follows the session's time stands still at its end, as a part of B.
+        """The model for any time: effects of session time keep their final value, as a part of B.
 
-        What cannot stand still, since it follows the rate or anything else as well, is left in the rates.  Beside effects that follow the
-        rate it is exact but for the product of the two.
+        Effects of session time that also depend on the rate or anything else are not corrected.  With effects that depend on the rate the
+        result is exact up to the product of the two.
         """
         if self.session_s is None:
             return self
@@ -88,7 +88,7 @@ class PhysicsModel(BaseModel):
         return PhysicsModel(linear, lasting, self.known) if lasting else linear
 
     def at_end_slope(self) -> np.ndarray:
-        """(12 + P', 12 + P): how the parameters of ``at_end`` follow this model's, in the order of its covariance."""
+        """(12 + P', 12 + P): derivative of the parameters of ``at_end`` by this model's, in the order of its covariance."""
         size = self.parameters
         slope, kept, at = np.eye(size), list(range(PARAMETERS)), PARAMETERS
         for claim in self.claims:
@@ -102,7 +102,7 @@ class PhysicsModel(BaseModel):
 
     @property
     def bygone(self) -> np.ndarray:
-        """(3,) rad/s that the effects of the session's time add at its end."""
+        """(3,) rad/s: sum of the effects of session time at its end."""
         ended = (_columns_at_end(claim.effect, self.known) @ claim.theta for claim in self.claims if claim.effect.of_one_session)
         return sum(ended, np.zeros(3))
 
@@ -118,10 +118,10 @@ class PhysicsModel(BaseModel):
             )
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force; began_s of the session when it began;
-        live: only the past is known, and the temperature is taken as it comes.
+        """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force; began_s: session time at its start; live: causal,
+        without smoothing of the temperature.
 
-        CalibrationError for samples beyond the session, where an effect follows its time.
+        Raises CalibrationError for samples after the session if an effect depends on session time.
         """
         self._refuse_other_times(samples, began_s)
         readings = samples.gyro
@@ -137,12 +137,12 @@ class PhysicsModel(BaseModel):
         return rate
 
     def equivalent_rate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """The rates (N, 3) that the sensor would have measured without the effects: what a network can be trained on."""
+        """The rates (N, 3) that the sensor would have measured without the effects, for training a network."""
         return (self.calibrate(samples, began_s, live) - self.linear.B) @ np.linalg.inv(self.linear.E).T
 
 
 def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
-    """(3, P) that each parameter adds to the rate at the session's end; zeros of an effect that follows more than time."""
+    """(3, P) rate per parameter at the session's end; zeros for an effect that depends on more than time."""
     still = np.zeros((3, effect.parameter.size))
     if effect.inputs != ("time",) or effect.reach or effect.exact_distort is not None or effect.exact_correct is not None:
         return still
@@ -164,7 +164,7 @@ def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class CarriedNet(BaseModel):
-    """TinyGC-Net behind the named physics: the net calibrates what the sensor would have measured without the effects."""
+    """TinyGC-Net behind physical effects: the net calibrates the rates that the sensor would have measured without them."""
 
     kind: ClassVar[str] = "tinygc_physics"
     pointwise: ClassVar[bool] = False
@@ -175,25 +175,25 @@ class CarriedNet(BaseModel):
 
     @property
     def parameters(self) -> int:
-        """The net's, and the effects'."""
+        """Number of parameters of the net and the effects."""
         return len(self.net.vector) + self.physics.parameters - PARAMETERS
 
     @property
     def undone(self) -> tuple[AppliedEffect, ...]:
-        """The claims of the physics."""
+        """The claims of the physical model."""
         return self.physics.claims
 
     @property
     def session_s(self) -> float | None:
-        """That of the physics."""
+        """The session's duration, as for the physical model."""
         return self.physics.session_s
 
     def at_end(self) -> CarriedNet | CalibrationNet:
-        """The net behind the physics as of the session's end; the net alone where no other effect is left."""
+        """The net behind the physical model of the session's end; the net alone if no effect remains."""
         if self.session_s is None:
             return self
         ended = self.physics.at_end()
-        # What stands still is a part of B, and B is not taken off before the net: so the net takes it off itself.
+        # The final values are a part of B, which is not applied before the net, so the net includes them.
         net = self.net.with_input_moved(-np.linalg.solve(self.physics.linear.E, self.physics.bygone))
         return CarriedNet(ended, net) if isinstance(ended, PhysicsModel) else net
 
@@ -202,21 +202,21 @@ class CarriedNet(BaseModel):
         return self.net(self.physics.equivalent_rate(samples, began_s, live))
 
 
-# Models with physics as JSON: the linear model or net, and each effect with its parameters in SI and in people's units.
+# Models with physical effects as JSON: the linear model or net, and each effect with its parameters in SI and in display units.
 
 EQUATIONS = {
     "physics": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
     "tinygc_physics": "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))",
 }
 
-#: of an effect's generous sigma (``Parameter.plausible``): nothing that a sensor does is larger
+#: limit on an effect's parameters in units of their wide sigma (``Parameter.plausible``); no real sensor exceeds it
 PLAUSIBLE = 1e3
 _LINEAR = Keys({name: weight(name, shape) for name, shape in LinearModel.SHAPES.items()})
 _PHYSICS = Keys({"linear": _LINEAR, "conditions": CONDITIONS_TABLE, "effects": ListOf(Keys({"id": Text()}))})
 
 
 def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> dict:
-    """equation, what is undone in which order, what it refers to, and the net where there is one behind."""
+    """Table with the equation, the effects in order of removal, the reference conditions, and the net, if any."""
     physics = model.physics if isinstance(model, CarriedNet) else model
     table: dict[str, Any] = {
         "equation": EQUATIONS[model.kind],
@@ -234,7 +234,7 @@ def _claim(claim: AppliedEffect) -> dict:
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:
-    """The model; FormatError says what is wrong with the table."""
+    """Read the model from its table.  Raises FormatError for an invalid table."""
     require(table, _PHYSICS, where)
     linear = LinearModel(*(np.asarray(table["linear"][name], dtype=float) for name in LinearModel.SHAPES))
     claims = tuple(_read_claim(entry, f"{where}: effects[{i}]") for i, entry in enumerate(table["effects"]))

@@ -1,4 +1,4 @@
-"""What a fit says of the accelerometer that its references rest on: nine numbers, how well they are known, where they are from."""
+"""The accelerometer's calibration in a fit: nine parameters, their uncertainty and their source."""
 
 from __future__ import annotations
 
@@ -26,20 +26,23 @@ from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
 from tinygc.models import linear
 
-#: of the accelerometer's nine numbers and the gyroscope's twelve, in the order of a joint covariance
+#: names of the accelerometer's nine parameters and the gyroscope's twelve, in the order of a joint covariance
 JOINT_NAMES = (*(f"accelerometer {name}" for name in NAMES), *linear.NAMES)
-#: each number's unit for a person, and its size in SI
+#: display units, and their sizes in SI
 UNITS = {"ppm": 1e-6, "mrad": 1e-3, "mg": MG}
-#: of a number of a correction, 1 or m/s^2: the square of it is as small as rounding
+#: a parameter of a correction, 1 or m/s^2, whose square is as small as rounding
 SMALL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class AccelerometerFit:
-    """mode: ``given``, ``fit`` or ``prior``; calibration that is in force; covariance (9, 9) of the correction x that led to it, SI, None
-    where it was taken as given; unobserved: names of ``values`` that stay as they were; p_value: of a given one, that it holds;
-    misses_mps2: by how much each still's length misses gravity's, as measured (where a calibration is given, as given), and after; x (9,):
-    the correction itself; where nobody has kept it, none, which it is close to."""
+    """The accelerometer's calibration of a fit.
+
+    mode: ``given``, ``fit`` or ``prior``; calibration in use; covariance (9, 9) of the correction x that led to it, SI, None where
+    it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
+    misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
+    correction, which is the identity if it was not stored.
+    """
 
     mode: str
     calibration: Accelerometer
@@ -51,32 +54,32 @@ class AccelerometerFit:
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
-        """Of gravity's length over the stills, before and after."""
+        """The spread of gravity's length over the stills, before and after."""
         return None if self.misses_mps2 is None else (float(np.std(self.misses_mps2[0])), float(np.std(self.misses_mps2[1])))
 
     @property
     def values(self) -> np.ndarray:
-        """(9,): scale correction - 1, nonorthogonality and bias (m/s^2) in the triad's own frame, in the order of ``NAMES``.
+        """Scale correction - 1, nonorthogonality and bias (m/s^2) in the triad's own frame, (9,) in the order of ``NAMES``.
 
-        A full matrix is a turn of the body frame and an upper triangle (QR); the triangle is the sensor's.
+        A full matrix is a rotation of the body frame times an upper triangle (QR); the triangle belongs to the sensor.
         """
         return _values(self.calibration)
 
     @property
     def jacobian(self) -> np.ndarray:
-        """(9, 9): how ``values`` follow the correction x.
+        """Derivative (9, 9) of ``values`` by the correction x.
 
-        x is in the frame of the matrix before it: behind a quarter turn, one axis' scale there is another's of the sensor.
+        x is in the frame of the matrix before it: after a quarter turn, one axis' scale there is that of another axis of the sensor.
         """
         return jacobian(self.calibration, self.x)
 
     @property
     def sigmas(self) -> np.ndarray | None:
-        """(9,) of ``values``."""
+        """Standard deviations (9,) of ``values``."""
         return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
 
     def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """Of the correction: key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names."""
+        """Rows of the correction: key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names."""
         found = []
         for key, unit, which in (
             ("scale_correction_ppm", "ppm", SCALES),
@@ -88,8 +91,8 @@ class AccelerometerFit:
         return found
 
     def errors(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """What the sensor does, as people are shown it and as ``field_parameters`` has the gyroscope's: word, unit, values (3,), sigmas
-        (3,), in that unit, and names.  The contract's numbers, ``rows``, are of what undoes it."""
+        """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope: word, unit, values (3,), sigmas (3,), in
+        that unit, and names.  The numbers in ``rows`` are those of the correction."""
         covariance, found = None, triad_errors(self.values)
         if self.covariance is not None:
             sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
@@ -102,7 +105,7 @@ class AccelerometerFit:
         ]
 
     def to_json(self) -> dict:
-        """``accelerometer`` of ``tinygc-fit/1``."""
+        """Return ``accelerometer`` of ``tinygc-fit/1``."""
         rows = self.rows()
         before, after = (None, None) if self.spread_mps2 is None else (each / MG for each in self.spread_mps2)
         return {
@@ -120,7 +123,7 @@ class AccelerometerFit:
 
 
 def triad_errors(values: np.ndarray) -> np.ndarray:
-    """(9,) SI, in the order of ``NAMES``, of a triad whose correction is ``values`` (9,): the sensor is m = U^-1 f + b.
+    """Return the errors (9,) SI, in the order of ``NAMES``, of a triad with correction ``values`` (9,): the sensor is m = U^-1 f + b.
 
     Row i of U^-1 is the response of axis i: its length less 1 is the scale factor error, and 90 deg less the angle between two such rows
     their nonorthogonality; b is the bias.
@@ -137,13 +140,13 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
 
 
 def _values(calibration: Accelerometer) -> np.ndarray:
-    """(9,): ``AccelerometerFit.values``."""
+    """Compute ``AccelerometerFit.values`` (9,)."""
     upper = calibration.frame.T @ calibration.matrix
     return np.concatenate([(upper - np.eye(3))[UPPER], calibration.bias_mps2])
 
 
 def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
-    """(9, 9): how the numbers of the triad follow a correction x (9,) that led to a calibration."""
+    """Return the derivative (9, 9) of the triad's parameters by the correction x (9,) that led to a calibration."""
     matrix = np.linalg.solve(matrix_of(x), calibration.matrix)
     before = Accelerometer(matrix, calibration.bias_mps2 - np.linalg.solve(matrix, x[BIAS]), calibration.source)
     sides = [[_values(after(x + step, before)) for step in sign * SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
@@ -151,7 +154,7 @@ def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
 
 
 def unobserved_values(joint: JointFit) -> tuple[str, ...]:
-    """Names of the triad's numbers that owe a tenth or more of what their make spreads by to numbers of x that nobody observed."""
+    """Return the names of the triad's parameters with a tenth or more of their production spread from unobserved parameters of x."""
     left = np.isin(NAMES, joint.unobserved)
     spread = (jacobian(joint.accelerometer, joint.x) * joint.prior) ** 2
     owed = np.sqrt(spread[:, left].sum(axis=1) / spread.sum(axis=1))
@@ -161,16 +164,16 @@ def unobserved_values(joint: JointFit) -> tuple[str, ...]:
 def accelerometer_fit(
     calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float
 ) -> AccelerometerFit:
-    """Of a fit; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated; gravity_mps2: the length that is expected."""
+    """Describe a fit's accelerometer; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated; gravity_mps2: expected length."""
     if joint is None:
         return AccelerometerFit("given", calibration, unobserved=NAMES if calibration.source == "none" else ())
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
     before = joint.before
-    if joint.mode == "fit":  # what it was before that is the lengths' own first estimate
+    if joint.mode == "fit":  # before that, it was the first estimate from the lengths
         before = np.linalg.norm(calibration.measured(joint.force), axis=1) - gravity_mps2
     return AccelerometerFit(joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x)
 
 
 def of_lengths(found: LengthFit) -> AccelerometerFit:
-    """Of the stills' lengths alone, as measured."""
+    """Describe the calibration from gravity's length in the stills alone."""
     return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, (found.before, found.after), found.x)

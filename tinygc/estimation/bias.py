@@ -1,4 +1,4 @@
-"""A fit's bias: from the ends of the turns or from the stills, and one for each log over several days."""
+"""The bias of a fit: from the ends of the turns or from the stills, and one for each log over several days."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ from tinygc.estimation.network import distance_weights
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import BIAS, NAMES
 
-# A fit's bias: from the ends of the turns, or from the stills around each; as asked, or what closes held-out segments better.
+# The bias from the ends of the turns, or from the stills around each: as requested, or by the smaller held-out closure error.
 
-#: one-sided, of the held-out errors in pairs: the stills must be better by more than chance
+#: significance level of the one-sided test on paired held-out errors: the stills must be better than by chance
 BETTER_P = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class BiasChoice:
-    """asked: the option; used: ``ends`` or ``stills``; held_out: of both, least squares' error angles (S, d) rad on segments that it never
-    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias; of_lot:
-    whether a lot's prior is there."""
+    """The source of the bias.
+
+    asked: the option; used: ``ends`` or ``stills``; held_out: held-out error angles (S, d) rad of least squares with both, where both were
+    tried; p_value: of the improvement by the stills; unseen: whether the bias is not observable at the ends; of_lot: whether a lot's prior
+    is used.
+    """
 
     asked: str
     used: str
@@ -39,7 +42,7 @@ class BiasChoice:
     of_lot: bool = False
 
     def to_json(self) -> dict:
-        """``bias_from`` of ``tinygc-fit/1``."""
+        """Return ``bias_from`` of ``tinygc-fit/1``."""
         rms = {name: float(_rms(angles)) / DEG for name, angles in self.held_out.items()}
         return {
             "asked": self.asked,
@@ -51,7 +54,7 @@ class BiasChoice:
 
     @property
     def words(self) -> str:
-        """One sentence."""
+        """Describe the choice in one sentence."""
         where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[self.used]
         if not self.held_out:
             return f"Bias {where}."
@@ -66,9 +69,9 @@ class BiasChoice:
 
 
 def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, MethodFit]:
-    """The choice, the problem with it, and its least squares.
+    """Choose the source of the bias; return it, the problem with it, and its least squares.
 
-    Raises CalibrationError where the stills are asked for and cannot be used, and FitError.
+    Raises CalibrationError where the stills are requested and cannot be used, and FitError.
     """
     asked = options.bias
     why = _why_not(problem, options)
@@ -84,17 +87,17 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
     unseen = unseen or (problem.batch.turns is None and len(problem.batch) < FEWEST_SEGMENTS)
     of_lot = problem.prior is not None
-    # Beside a lot's prior the turns are few: what their ends leave of the bias is many times what the stills do.
+    # With a lot's prior the turns are few: the bias from their ends is many times less certain than from the stills.
     stills = unseen or p_value < BETTER_P or (of_lot and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
     used = asked if asked != "auto" else ("stills" if stills else "ends")
     return BiasChoice(asked, used, held, p_value, unseen, of_lot), level if used == "stills" else problem, fits[used]
 
 
 def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
-    """Probability that tilt errors (S, d) of the other are so often and so much less, segment by segment, if neither is better.
+    """Return the p-value of the other's tilt errors (S, d) being smaller, segment by segment, if neither is better.
 
-    Wilcoxon's signed ranks: a few turns that hardly close have a long tail, in which a mean of squares drowns.  1 where the root mean
-    square is not less as well.
+    Wilcoxon's signed-rank test is robust to a few turns with large closure errors.  The result is 1 where the root mean square is
+    not smaller as well.
     """
     less = np.linalg.norm(usual[:, :2], axis=1) - np.linalg.norm(other[:, :2], axis=1)
     if _rms(other) >= _rms(usual) or not less.any():
@@ -116,21 +119,21 @@ def _rms(angles: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
-# A calibration over several days: one E for all, a bias for each log, and how far the next day's may be.
+# A calibration over several days: one E for all, a bias for each log, and the spread of the biases.
 #
-# E lasts, the bias does not.  A single bias for logs of several days bends E towards whatever mixes with it (on the EuRoC windows by 0.4
-# %). Here each log has a bias of its own, E is common, and the stored bias is the logs' median: the day that is unlike the others pulls on
-# neither.  Weights follow the distances, as in ``distance_loss.py``, for the same reason.
+# E is stable, the bias is not.  A single bias for logs of several days distorts E (on the EuRoC windows by 0.4 %).  Here each log has a
+# bias of its own, E is common, and the stored bias is the logs' median: an outlying day affects neither.  Weights follow the distances,
+# as in ``fit_distance``, for the same reason.
 
-#: iterations, not bars: of weights by distance; Gauss-Newton steps of three numbers, nearly linear
+#: iterations of the weights by distance, each with Gauss-Newton steps of three nearly linear parameters
 PASSES = 25
 STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Levelled:
-    """Segments as if all logs had the bias of the middle one: batch, its sigma (S, d) rad with the distances' weights; offsets (L, 3) rad/s
-    of each log's bias from the middle one's, NaN where a log has too few segments; sigma_rps (3,) their spread."""
+    """Segments with the bias of each log shifted to the median: batch, its sigma (S, d) rad with the distances' weights; offsets (L, 3)
+    rad/s of each log's bias from the median, NaN where a log has too few segments; sigma_rps (3,) their spread."""
 
     batch: Batch
     sigma: np.ndarray
@@ -139,14 +142,14 @@ class Levelled:
 
 
 def level_days(problem: Problem) -> Levelled:
-    """Find each log's bias together with the linear model, and take the difference from the median off its segments."""
+    """Estimate each log's bias together with the linear model, and subtract its difference from the median from its segments."""
     owner = np.array([segment.log for segment in problem.used])
     batch, sigma, model = problem.batch, problem.floor.sigma, problem.first
     offsets = np.zeros((len(problem.logs), 3))
     for _ in range(PASSES):
         offsets = bias_by_log(problem, model, sigma)
         offsets = offsets - np.nanmedian(offsets, axis=0)
-        # What a log's calibrated rate lacks is taken off as the Earth's rate is: for any model, without touching what it is given.
+        # A log's bias difference is subtracted like the Earth's rate: this works for any model, and leaves its input unchanged.
         each = np.nan_to_num(offsets)[owner]
         batch = replace(problem.batch, earth=problem.batch.earth - each[:, None])
         model = fit_least_squares(batch, sigma, model).model
@@ -156,7 +159,7 @@ def level_days(problem: Problem) -> Levelled:
 
 
 def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
-    """The problem with each log's bias levelled, for any method to be fitted to, and the biases' spread (3,) rad/s."""
+    """Return the problem with each log's bias shifted to the median, for any method, and the biases' spread (3,) rad/s."""
     days = level_days(problem)
     factor = (days.sigma / problem.floor.sigma)[:, 0]
     square, before = factor[:, None, None] ** 2, problem.floor
@@ -166,7 +169,7 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
 
 
 def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
-    """(L, 3) rad/s: what must be added to a model's calibrated rate for each log's segments to close best, NaN where a log has but one."""
+    """Estimate (L, 3) rad/s to add to a model's calibrated rate for the best closure of each log, NaN where a log has one segment."""
     sigma = problem.floor.sigma if sigma is None else sigma
     changes = np.full((len(problem.logs), 3), np.nan)
     owner = np.array([segment.log for segment in problem.used])

@@ -40,44 +40,44 @@ if TYPE_CHECKING:
 
 # The bias of the day: from the first still, from gravity, over several days.
 
-#: what is left beside a fit's own files: the stored model with its new bias, and its figures
+#: files in a fit's folder: the stored model with its new bias, and its figures
 MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
 
 
 # The bias of the day, from gravity over a whole run: slow, and robust to motion.
 #
-# A calibration's E lasts; its bias is another one after each switch-on.  The accelerometer tells it even while the sensor moves: with the
-# right bias, the specific force that is carried to the navigation frame by the gyro's attitude adds up, with gravity, to a velocity that
-# stays small, because nothing that is tested keeps accelerating.  With a bias wrong by db it runs off as g db t^2 / 2.
+# A calibration's E is stable; its bias changes at each switch-on.  It is observable from the accelerometer even while the sensor moves:
+# with the right bias, the specific force in the navigation frame (by the gyro's attitude) and gravity integrate to a velocity that
+# stays small, because no tested object keeps accelerating.  With a bias error db the velocity grows as g db t^2 / 2.
 #
-# Unknowns: the bias as a slow walk about its mean, a bias of the accelerometer, the tilt of the first attitude, a velocity at the start of
-# each uninterrupted piece.  Data: the velocity every tenth of a second, which is taken for an Ornstein-Uhlenbeck process (whitened as
-# such); the mean rate at rest, if the run has rests, which is only loosely that of the run, because a gyro that shakes has another zero.
-# A prior holds what gravity cannot see, the turn about the vertical, near the stored bias.  Gauss-Newton; everything is linear but the
-# attitude.
+# Unknowns: the bias as a slow random walk about its mean, a bias of the accelerometer, the tilt of the first attitude, a velocity at the
+# start of each uninterrupted piece.  Data: the velocity every tenth of a second, modelled (and whitened) as an Ornstein-Uhlenbeck process;
+# the mean rate at rest, if the run has rests, with a loose sigma, because a gyro has another bias under vibration.
+# A prior near the stored bias constrains the rotation about the vertical, which gravity does not observe.  The solver is Gauss-Newton;
+# all but the attitude is linear.
 
-#: velocities are summed over it: a twentieth of what a velocity lasts, so that it is constant within
+#: averaging time of velocities, a twentieth of their correlation time
 BLOCK_S = 0.1
-#: the vehicle's or the hand's own velocity, and how long it lasts (by benchmarks/paper_tables.py, the EuRoC training sequences)
+#: the vehicle's or the hand's own velocity, and its correlation time (by benchmarks/paper_tables.py, the EuRoC training sequences)
 VELOCITY_MPS, VELOCITY_LASTS_S = 0.5, 2.0
-#: how fast a bias walks, rad/s/sqrt(s) (by the same); knots, between which that is 0.005 dps; more of them cost time only
+#: random walk of a bias, rad/s/sqrt(s) (by the same); time between knots, in which that is 0.005 dps; more of them only cost time
 WALK, KNOT_S, MOST_KNOTS = 3e-5, 10.0, 40
-#: what is not known of the accelerometer: 10 mg, a data sheet's typical zero-g offset; of the first attitude's tilt: what they turn it by
+#: uncertainty of the accelerometer, 10 mg, a data sheet's typical zero-g offset; and of the first attitude's tilt, which follows from it
 ACCEL_BIAS_MPS2, TILT_RAD = 0.1, 0.5 * DEG
-#: zero of a gyro at rest against its zero in motion (up to 0.06 dps on the EuRoC vehicle, paper_tables.py --only explain)
+#: difference of a gyro's bias at rest and in motion (up to 0.06 dps on the EuRoC vehicle, paper_tables.py --only explain)
 REST_SIGMA_RPS = 0.05 * DEG
-#: of a stored bias, where nothing better is known: the EuRoC days' spread is 0.03 to 0.14 dps (paper_tables.py --only table1)
+#: default sigma of a stored bias: the EuRoC days' spread is 0.03 to 0.14 dps (paper_tables.py --only table1)
 DAY_SIGMA_RPS = 0.1 * DEG
-#: an uninterrupted piece shorter than a velocity lasts says nothing
+#: an uninterrupted piece shorter than the correlation time of velocity contains no information
 SHORTEST_S = 2.0
-#: Gauss-Newton: steps, and where they end, 0.002 degrees an hour
+#: Gauss-Newton: number of steps, and the tolerance, 0.002 degrees an hour
 MAX_STEPS = 8
 TOLERANCE_RPS = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class BiasOfDay:
-    """change (3,) rad/s to add to the calibrated rate, over the run's mean; sigma (3,); directions (3, 3), rows in body axes from the
+    """The change (3,) rad/s to add to the calibrated rate, as the run's mean; sigma (3,); directions (3, 3), rows in body axes from the
     best known to the least, with their sigmas direction_sigma (3,); walk (K, 3) rad/s, the change at knots_s (K,)."""
 
     change: np.ndarray
@@ -89,7 +89,7 @@ class BiasOfDay:
 
     @property
     def excess(self) -> float:
-        """How much farther the bias walked than a bias does, as a factor of at least 1: what a wrong E leaves looks like it."""
+        """The ratio, at least 1, of the estimated walk to that of a bias; a wrong E makes it larger."""
         steps = np.diff(self.walk, axis=0) / (WALK * np.sqrt(np.diff(self.knots_s)))[:, None]
         return float(np.sqrt(max(1.0, float(np.mean(steps**2))))) if steps.size else 1.0
 
@@ -105,11 +105,12 @@ def bias_from_gravity(
     earth_n: np.ndarray | None = None,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
 ) -> BiasOfDay:
-    """From samples with pre-calibrated specific force, calibrated rates (N, 3) rad/s with the stored bias, and q_nb (4,) at the first.
+    """Estimate the bias from samples with pre-calibrated specific force, calibrated rates (N, 3) rad/s with the stored bias, and the
+    first attitude q_nb (4,).
 
-    prior (3,) rad/s: how much the stored bias may be off.  rest (3,) rad/s: the change that the run's rests ask for, whose zero differs
-    from the one in motion by rest_sigma.  earth_n (3,) rad/s: the Earth's rate in the frame of q_first.  Rows whose specific force is
-    exactly zero have none.  Raises FitError if no piece of the run has a specific force.
+    prior (3,) rad/s: sigma of the stored bias.  rest (3,) rad/s: the change estimated from the run's rests, whose bias differs
+    from that in motion by rest_sigma.  earth_n (3,) rad/s: the Earth's rate in the frame of q_first.  A specific force of exactly zero
+    marks a row without one.  Raises FitError if no piece of the run has a specific force.
     """
     run = _SmoothedRun(samples, rate, np.asarray(q_first, dtype=float), earth_n, gravity_mps2)
     knots = run.knots
@@ -137,7 +138,7 @@ def bias_from_gravity(
 
 
 def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -> tuple[np.ndarray, np.ndarray]:
-    """Precision (P, P) of all unknowns, and what takes them to the bias's mean (3, P)."""
+    """Return the precision (P, P) of all unknowns, and the matrix (3, P) from them to the mean bias."""
     precision, mean = np.zeros((size, size)), np.zeros((3, size))
     for knot in range(len(knots)):
         mean[:, 3 * knot : 3 * knot + 3] = np.eye(3) * run.share[knot]
@@ -152,7 +153,7 @@ def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -
 
 
 class _SmoothedRun:
-    """A run in blocks: what does not change from step to step."""
+    """A run in blocks: the quantities that are constant over the iterations."""
 
     def __init__(self, samples: Samples, rate: np.ndarray, q_first: np.ndarray, earth_n: np.ndarray | None, gravity_mps2: float):
         self.earth_n = earth_n
@@ -179,7 +180,7 @@ class _SmoothedRun:
         return part.reshape(self.blocks, self.size, *values.shape[1:]).mean(axis=1)
 
     def _pieces(self, whole: np.ndarray, samples: Samples) -> list[slice]:
-        """Blocks that follow one another without a gap, in stamps or in specific force."""
+        """Return blocks without a gap in stamps or in specific force."""
         late = np.diff(samples.t_ns[: self.blocks * self.size : self.size]) * NS > 1.5 * self.size * samples.period_s
         found = []
         for start, stop in zip(*runs_of(whole), strict=True):
@@ -188,19 +189,19 @@ class _SmoothedRun:
         return [piece for piece in found if self.span[piece].sum() >= SHORTEST_S]
 
     def linearised(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Columns (n, P) and residuals (n,) of the whitened velocities."""
+        """Return columns (n, P) and residuals (n,) of the whitened velocities."""
         knots = len(self.knots)
         bias = self.hat_each @ x[: 3 * knots].reshape(knots, 3)
         at = 3 * knots
         accel_bias, tilt = x[at : at + 3], np.array([*x[at + 3 : at + 5], 0.0])
         q = rotation.accumulate(steps(self.rate + bias - self.earth_b, self.dt))
         q = np.concatenate([self.q_first[None], rotation.multiply(self.q_first, q)])
-        if self.earth_n is not None:  # of the attitude before this step: they differ by far less than the Earth's rate would notice
+        if self.earth_n is not None:  # by the attitude before this step, which is accurate enough here
             self.earth_b = np.einsum("tji,j->ti", rotation.matrix(q), self.earth_n)
         turn = rotation.matrix(rotation.exp(tilt)) @ rotation.matrix(q)
         force = self._blocked(np.einsum("tij,tj->ti", turn, self.force - accel_bias))
         turn = self._blocked(turn)
-        # An error of the rate turns the attitude, in navigation axes, by what it adds up to; so does the first attitude's.
+        # An error of the rate rotates the attitude, in navigation axes, by its integral; so does an error of the first attitude.
         turned = np.cumsum(turn[:, :, None, :] * self.hat[:, None, :, None] * self.span[:, None, None, None], axis=0)
         columns = np.concatenate([turned.reshape(len(turn), 3, -1), np.broadcast_to(np.eye(3)[:, :2], (len(turn), 3, 2))], axis=-1)
         moved = -np.cross(force[:, :, None], columns, axis=1)
@@ -219,19 +220,19 @@ class _SmoothedRun:
 
 
 def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
-    """(n, …): an Ornstein-Uhlenbeck process in units of its own innovations."""
+    """Whiten an Ornstein-Uhlenbeck process (n, …) to units of its innovations."""
     keep = np.exp(-span[1:] / VELOCITY_LASTS_S).reshape(-1, *[1] * (velocity.ndim - 1))
     innovations = (velocity[1:] - keep * velocity[:-1]) / np.sqrt(1 - keep**2)
     return np.concatenate([velocity[:1], innovations]) / VELOCITY_MPS
 
 
-# What a stored model was fitted to, and whether that is the session at hand: its closure there is then no proof of anything.
+# The origin of a stored model: if it was fitted to the session at hand, its closure there is not independent evidence.
 
 
 @dataclass(frozen=True)
 class Origin:
-    """session: the name that the model has of its own, or None; here: whether it was fitted to a log of the session at hand, None where
-    only the names agree, or nothing is known; says: the same for people."""
+    """The origin of a model: session: the name in the model, or None; here: whether it was fitted to a log of the session at hand, None
+    where only the names agree, or nothing is known; says: the same as text."""
 
     session: str | None
     here: bool | None
@@ -239,7 +240,7 @@ class Origin:
 
 
 def origin_of(path: Path, session: Session) -> Origin:
-    """Compare the hashes that the model file, or ``fit``'s record beside it, has of its logs with those of the session's logs."""
+    """Compare the logs' hashes in the model file, or in ``fit``'s record in the same folder, with those of the session's logs."""
     table = read_json(path)
     logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
@@ -265,7 +266,7 @@ def _hashes(entry: object) -> set[str]:
 
 
 def _beside(path: Path) -> set[str]:
-    """From what ``fit`` leaves beside its models."""
+    """Read the hashes from the file that ``fit`` writes next to its models."""
     try:
         return _hashes(read_json(path.parent / results.SAVED_NAME)["key"]["inputs"])
     except (FormatError, KeyError, TypeError):
@@ -274,15 +275,15 @@ def _beside(path: Path) -> set[str]:
 
 # A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.
 
-#: the first still and gravity that differ by so many sigmas do not speak of the same bias: for normal errors once in 600 000 (3 axes)
+#: difference of the first still and gravity, in sigmas, that is inconsistent: for normal errors once in 600 000 (3 axes)
 DISAGREE_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Rebiased:
-    """problem, runs of the new session; stored model; changes (3,) rad/s to its calibrated rate by source, with sigma (3,) or None;
-    source that was asked for; angles (S, d) rad that each leaves, and run errors, by "stored" and source; path of the stored model, and
-    its origin."""
+    """A stored calibration in a new session: problem and runs of that session; stored model; changes (3,) rad/s to its calibrated rate by
+    source, with sigma (3,) or None; the requested source; error angles (S, d) rad and run errors by "stored" and source; path of the
+    stored model, and its origin."""
 
     problem: Problem
     runs: list[ClosureRun]
@@ -296,12 +297,12 @@ class Rebiased:
 
     @property
     def model(self) -> Model:
-        """The stored calibration with the bias that was asked for."""
+        """The stored calibration with the bias of the requested source."""
         return self.stored.with_bias_moved(self.changes[self.source][0])
 
     @property
     def disagreement(self) -> float:
-        """Sigmas between the first still's bias and gravity's, on the axis where it is most; 0 without both."""
+        """The largest difference over the axes, in sigmas, of the first still's bias and gravity's; 0 without both."""
         if not {"start", "gravity"} <= set(self.changes):
             return 0.0
         (start, one), (gravity, other) = self.changes["start"], self.changes["gravity"]
@@ -320,13 +321,13 @@ def rebias_session(
     exclude: tuple[int, ...] = (),
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Rebiased:
-    """Take the bias from ``source``, and from the others for comparison where they can be had.
+    """Estimate the bias from ``source``, and from the other sources for comparison where they are available.
 
-    given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
+    given_dps (3,): the sensor's reading at rest; exclude: numbers of segments to leave out of the closure.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
     stored = models.load(path)
-    stored.with_bias_moved(np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
+    stored.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
     problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
     session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
@@ -347,7 +348,7 @@ def rebias_session(
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:
-    """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
+    """Return error angles (S, d) rad as in ``fit``: a denoiser's delay is corrected."""
     if isinstance(model, DenoisedNet):
         from tinygc.estimation.denoiser import denoised_angles, of_problem
 
@@ -356,7 +357,7 @@ def _closure(problem: Problem, model: Model) -> np.ndarray:
 
 
 def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
-    """The change that makes the first still's mean rate the Earth's, with its sigma; the first rest's, where nothing is still."""
+    """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest."""
     rates = problem.still_rates
     if len(rates.rate):
         return rates.earth[0] - _at_rest(model, rates.rate[0]), rates.sigma[0]
@@ -368,8 +369,8 @@ def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] 
 
 
 def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
-    """From all logs of a session, one after the other: what one has found is the next one's prior."""
-    # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
+    """Estimate the bias from all logs of a session in order: the result of one is the prior of the next."""
+    # A denoised rate is delayed, which would appear as a bias against the accelerometer; the denoiser itself has no bias.
     model = model.without_denoiser()
     change, sigma, found, excess = np.zeros(3), prior, None, 1.0
     g = problem.session.config.site.expected_gravity_mps2
@@ -382,12 +383,12 @@ def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY
         )
         change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
     assert found is not None  # a session has a log
-    # A wrong E turns each turn into a bias of its own: they scatter by far more than a bias walks, and so does their mean.
+    # A wrong E gives each turn a bias of its own: their scatter exceeds the bias walk, and so does the error of their mean.
     return replace(found, change=change, sigma=found.sigma * excess, direction_sigma=found.direction_sigma * excess)
 
 
 def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.ndarray]:
-    """Row of a log from which its attitude is known, q (4,) there, and the Earth's rate (3,) in that frame."""
+    """Return the row of a log from which its attitude is known, q (4,) there, and the Earth's rate (3,) in that frame."""
     session, log = problem.session, problem.logs[number]
     if session.truths is not None:
         rows, q = moments_inside(log.samples, session.truths[number])
@@ -400,7 +401,7 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
 
 
 def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
-    """(3,): what a log's rests ask for; their median, since a hand that moves slowly may pass for a rest."""
+    """Return the median change (3,) over a log's rests, since a slowly moving hand may be detected as a rest."""
     good = [(still, q) for still, q in zip(log.stills, log.q_tb, strict=True) if still.problem is None]
     rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in find_rests(log.samples)]
     if not rates:
@@ -409,20 +410,20 @@ def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray 
 
 
 def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
-    """(3,): a constant rate, calibrated.  A model with a memory is given it for long enough."""
+    """Calibrate a constant rate (3,), applied long enough for a model with a memory."""
     model = model.without_denoiser()
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
 
 
 def _day_sigma(path: Path) -> np.ndarray | float:
-    """(3,) rad/s from the model's own file, where the fit has seen several days; else what is usual."""
+    """Return the bias spread (3,) rad/s from the model's file, where the fit included several days; else the default."""
     found = read_json(path).get("bias_sigma_rps")
     return DAY_SIGMA_RPS if found is None else np.maximum(np.asarray(found, dtype=float), 1e-6)
 
 
 def rebias_to_json(result: Rebiased) -> dict:
-    """``tinygc-fit/1``: the stored calibration, and it with the bias of each source, as methods.  No E was fitted here: all is held out,
-    unless ``bias.fitted_here`` says that the stored model is this session's own."""
+    """Return ``tinygc-fit/1`` with the stored calibration, and that with the bias of each source, as methods.  No E was fitted here: all is
+    held out, unless ``bias.fitted_here`` states that the stored model was fitted to this session."""
     session: Session = result.problem.session
 
     def figures(name: str) -> dict:
@@ -488,7 +489,7 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
 
 
 def remarks(result: Rebiased) -> list[str]:
-    """What to know about the figures."""
+    """Return remarks on the figures."""
     said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
     if result.disagreement > DISAGREE_SIGMAS:
         said.append(
@@ -499,7 +500,7 @@ def remarks(result: Rebiased) -> list[str]:
 
 
 def rebias_report(result: Rebiased) -> Group:
-    """A table for the terminal."""
+    """Return a table for the terminal."""
     from rich.console import Group
     from rich.table import Table
 

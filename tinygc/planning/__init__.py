@@ -1,1 +1,1 @@
-"""Which movements to record next: the plan of a session, and the coach at the table."""
+"""Which movements to record next: the plan of a session, and the coach during recording."""

@@ -1,9 +1,9 @@
-"""The coach: after each segment, what is still known worst, and the movement from here that would help most.
+"""The coach: after each segment, the least certain parameter, and the movement from here that reduces the uncertainty most.
 
-It knows the segments only through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
-An accelerometer that nobody has calibrated has nine more (``accelerometer``), of which the length of gravity in each still tells as well.
-A movement's worth is what its two angles, and the still that it ends in, would leave of the sigmas, beside their targets, if it were made
-from where the sensor lies now.
+It uses the segments through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
+An uncalibrated accelerometer has nine more, which the length of gravity in each still observes as well.
+A movement is rated by the sigmas, relative to their targets, that its two angles and the still at its end would leave, if it were made
+from the present attitude.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from tinygc.planning import turns as accel
 from tinygc.planning.proposals import TARGETS, parameter_words
 from tinygc.planning.turns import EIGHTHS, QUARTERS, OwnAccelerometer, Turn, as_known, columns, ends, length_information, turns_from
 
-UNKNOWN = 10.0  #: times its target: while a parameter is so uncertain, the coach is D-optimal (the determinant of the covariance)
+UNKNOWN = 10.0  #: sigma over target above which the coach is D-optimal (the determinant of the covariance)
 UNSEEN = 100.0
-#: rad/s, the bias instability that a session is planned with, whatever the sensor: no recording is there yet to take it from, and it
-#: enters no uncertainty that is reported
+#: rad/s, the bias instability that a session is planned with, for any sensor: there is no recording yet to estimate it from, and no
+#: reported uncertainty uses it
 PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
-#: of full scale, the peak of a turn that is asked for: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than it was told
+#: peak of a requested turn as a share of full scale: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than requested
 PLANNED_FULL_SCALE = 0.6
-SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
-MOVED = np.cos(0.5 * DEG)  #: attitudes that a better known accelerometer has moved by more are looked at again
-STILL_S = 2.0  #: of the still that a proposed turn ends in
-MOST_TO_GO = 40  #: turns that are looked ahead for the number that is enough
+SHARPNESS = 6  #: afterwards: power of the sigmas in the criterion: 2 weighs all equally, a large one only the worst
+MOVED = np.cos(0.5 * DEG)  #: attitudes that the updated accelerometer changed by more are recomputed
+STILL_S = 2.0  #: duration of the still at the end of a proposed turn
+MOST_TO_GO = 40  #: longest plan for the number of turns to go
 
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A segment: the force at its ends that its columns were made with, columns (2, 12 or 21), noise (2, 2), its middle."""
+    """A segment: the force at its ends from which its columns were computed, columns (2, 12 or 21), noise (2, 2), its middle."""
 
     turn: AcceptedTurn
     ends: np.ndarray
@@ -52,18 +52,17 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class BoardPrior:
-    """prior: what is known of the board's gyroscope beforehand; None where that does not hold for this board, which ``says`` puts in a
-    line."""
+    """The prior of a board's gyroscope; None where this board contradicts it; ``says`` describes that in a line."""
 
     prior: GaussianPrior | None
     says: str
 
 
 class Coach:
-    """Call it with what the session has so far; it answers with ``Advice``.
+    """A callable that returns ``Advice`` for the session so far.
 
-    targets (12,) of the gyroscope's parameters.  beforehand: what is known of boards of this kind, given the turns so far, their columns
-    (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
+    targets (12,) of the gyroscope's parameters.  beforehand: function that returns the prior of boards of this kind from the turns so far,
+    their columns (S, 2, 12), noise (S, 2, 2) and the attitudes (S, 2, 4) of their ends, and whether the turns' closure may be used.
     """
 
     def __init__(self, targets: np.ndarray = TARGETS, beforehand: Callable[..., BoardPrior] | None = None):
@@ -74,7 +73,7 @@ class Coach:
         self._own: OwnAccelerometer | None = None
 
     def __call__(self, progress: Progress) -> Advice:
-        """Advice on all segments so far (at least one)."""
+        """Return advice from all segments so far (at least one)."""
         self.look(progress)
         sigma = self.sigma
         worst = np.argsort(-sigma)
@@ -83,7 +82,7 @@ class Coach:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             says = self._board.says or ("" if self._beforehand is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
             return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
-        # The board lies where the last still was, which need not be the end of a turn that counts.
+        # The board lies as in the last still, which need not be the end of an accepted turn.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
@@ -91,15 +90,15 @@ class Coach:
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
 
     def _says(self, measured: np.ndarray) -> str:
-        """For a board with a prior: how many turns are enough, or why the prior does not hold."""
+        """Describe, for a board with a prior, how many turns are enough, or why the prior is rejected."""
         if self._beforehand is None or self._board.says:
             return self._board.says
         more = self.turns_to_go(measured)
         return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
 
     def turns_to_go(self, measured: np.ndarray) -> int | None:
-        """How many of the turns that it would ask for reach every target, from where the accelerometer reads ``measured`` (3,); None: more
-        than ``MOST_TO_GO``."""
+        """Return how many of its requested turns reach every target, from where the accelerometer reads ``measured`` (3,); None: more than
+        ``MOST_TO_GO``."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         information = np.linalg.inv(self.covariance / np.outer(self.targets, self.targets))
         for count in range(MOST_TO_GO):
@@ -110,7 +109,7 @@ class Coach:
         return None
 
     def look(self, progress: Progress) -> None:
-        """Update the columns and the prior with what the session has so far."""
+        """Update the columns and the prior from the session so far."""
         self._progress = progress
         self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
         before, self._seen = self._seen, {}
@@ -128,12 +127,12 @@ class Coach:
 
     @property
     def targets(self) -> np.ndarray:
-        """(12,), or (21,) where the session calibrates its accelerometer, too."""
+        """Targets (12,), or (21,) where the session also calibrates its accelerometer."""
         return self._gyro_targets if self._own is None else np.concatenate([self._gyro_targets, accel.TARGETS])
 
     @property
     def covariance(self) -> np.ndarray:
-        """(P, P) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
+        """Covariance (P, P) as from ``uncertainty.parameter_covariance``, without errors shared by neighbours and the Earth's heading."""
         seen = list(self._seen.values())
         own = np.array([each.own for each in seen])
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
@@ -148,16 +147,17 @@ class Coach:
 
     @property
     def sigma(self) -> np.ndarray:
-        """(P,) one sigma of each parameter in units of its target."""
+        """One sigma (P,) of each parameter in units of its target."""
         return np.sqrt(np.diag(self.covariance)) / self.targets
 
     def best_turn(self, measured: np.ndarray) -> Turn:
-        """The turn to make where the accelerometer reads ``measured`` (3,) m/s^2."""
+        """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force)[0]
 
     def _best(self, information: np.ndarray, force: np.ndarray) -> tuple[Turn, np.ndarray]:
-        """The best turn beside an information (P, P), in units of the targets, from where force (3,) is felt; and its rows (2 or 3, P)."""
+        """Return the best turn given an information (P, P), in units of the targets, from an attitude with force (3,), and its rows
+        (2 or 3, P)."""
         sigma = np.sqrt(np.diag(np.linalg.inv(information)))
         turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, PLANNED_FULL_SCALE * self._progress.gyro_fs_rps)
         rows = self._rows(force, turns) * self.targets
@@ -166,14 +166,14 @@ class Coach:
             best = int(np.argmax(np.linalg.slogdet(after)[1]))
         else:
             left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
-            if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is known worst: the attitude that helps its worst number most
+            if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is least certain: choose the attitude for its worst parameter
                 best = int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))
             else:
                 best = int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))
         return turns[best], rows[best]
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
-        """(M, 2 or 3, P): what each turn would add, by its noise: its two angles, and the length of gravity in the still behind it."""
+        """Return rows (M, 2 or 3, P) of each turn over its noise: its two angles, and the length of gravity in the still after it."""
         angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in self._seen.values()])))
         gyro = columns(force, turns) / angle
         if self._own is None:
@@ -188,19 +188,19 @@ class Coach:
         return np.concatenate([np.concatenate([gyro, tilt], axis=-1), np.concatenate([nothing, length], axis=-1)], axis=1)
 
     def _directions(self, turn: AcceptedTurn) -> np.ndarray:
-        """(2, 3): which way gravity pulls at both ends, by what is known of the accelerometer."""
+        """Return the directions (2, 3) of gravity at both ends, by the estimated accelerometer."""
         force = np.array([still.accel_mean for still in turn.segment.stills])
         force = force if self._own is None else self._own.accelerometer.correct(force)
         return force / np.linalg.norm(force, axis=1, keepdims=True)
 
     def _of(self, turn: AcceptedTurn) -> _Seen:
-        """A segment: its two angles' columns and their noise."""
+        """Return a segment's columns for its two angles and their noise."""
         first, last = turn.segment.stills
         measured = turn.samples.gyro[None]
         bias = (first.gyro_mean + last.gyro_mean) / 2
         force = self._directions(turn)
         start, end = (rotation.from_gravity(direction)[None] for direction in force)
-        # The Earth's place is taken by the bias: what is left is the turn, as nearly as the sensor's own errors of 1 % matter here.
+        # The bias is subtracted in place of the Earth's rate: the rest is the turn, accurate enough with sensor errors of 1 %.
         batch = Batch(measured, turn.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
         attitudes = closure.attitudes(batch, measured)
         own = gyro_variance(batch, attitudes, [turn.noise])[0, :2, :2]
@@ -225,7 +225,7 @@ def _vector(vector: np.ndarray) -> tuple[float, float, float]:
 
 
 def _said(parameter: int, sigma: float) -> str:
-    """A parameter and how far it is from its target."""
+    """Describe a parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
     return f"{_name(parameter)} ({far})"
 

@@ -37,7 +37,7 @@ SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "l
 
 
 def requested_by_explain(folder: Path) -> str | None:
-    """``next`` of DIR/explain/explain.json; None where nothing was explained, nothing asked, or the logs are not those any more.
+    """Return ``next`` of DIR/explain/explain.json; None without an explanation or a request, or where the logs have changed.
 
     FormatError for an explanation that cannot be read.
     """
@@ -45,36 +45,36 @@ def requested_by_explain(folder: Path) -> str | None:
     if not path.exists():
         return None
     explained = read_required(path, SHAPE, "explain again, or remove it")
-    # Logs that were recorded since do not answer it before they are explained, too.
+    # Logs recorded since do not fulfil the request until they are explained, too.
     same = all(_sha256(folder, name) == sha256 for name, sha256 in explained.get("logs", {}).items())
     return printable(explained.get("next") or "") or None if same else None
 
 
 def _sha256(folder: Path, name: str) -> str | None:
-    """Of a file of this folder; None where there is none, or where the name leads elsewhere."""
+    """Return the hash of a file of this folder; None where there is none, or where the name leads elsewhere."""
     try:
         return sha256_of(folder / name) if Path(name).name == name else None
-    except (FormatError, ValueError):  # a name that no file can have
+    except (FormatError, ValueError):  # an invalid file name
         return None
 
 
 # A single turn about one body axis, from a still with some axis up, adds its own closure residual: two angles, linear in the gyroscope's 12
-# parameters through the same sensitivity as everything else, and in the accelerometer's nine through the tilt at both ends.  Its two stills
-# add the length of gravity in their attitudes.  Its worth is how much it lowers the variance of the parameter that is least certain beside
-# its target, whichever sensor's it is.
+# parameters through the same sensitivity as all segments, and in the accelerometer's nine through the tilt at both ends.  Its two stills
+# add the length of gravity in their attitudes.  It is rated by how much it lowers the variance of the parameter that is least certain
+# relative to its target, of either sensor.
 
-#: one sigma that a 40-segment session of an ASM330LHH reaches: what is worse than this is worth another turn
+#: one sigma that a 40-segment session of an ASM330LHH reaches: a larger one justifies another turn
 TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
-#: of a scale that was given: what that is taken to be good for, since gravity's length tells the scale that all axes share no better
+#: target of a given scale: its assumed accuracy, since gravity's length shows the common scale of all axes no better
 GIVEN_SCALE = 1e-3 * GIVEN_SIGMA_MG
-TURNS_DEG = (270, 225)  #: which end on a side, and on an edge
+TURNS_DEG = (270, 225)  #: turns that end on a side, and on an edge
 TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
-MOST = 40  #: turns that are looked ahead
+MOST = 40  #: longest plan
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """words for the operator; parameter that it helps; sigma of that parameter now and after, in units of its target."""
+    """A proposed movement: words for the operator; the parameter that it improves; its sigma now and after, in units of its target."""
 
     words: str
     parameter: str
@@ -84,8 +84,8 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class RecordingPlan:
-    """proposals; asked: what `explain` asked for there, if it did; enough: how many such turns reach every target, None for more than
-    ``MOST``; lot: what came from the lot, where one was given."""
+    """The plan of a session: proposals; asked: the recording that `explain` requested, if any; enough: how many such turns reach every
+    target, None for more than ``MOST``; lot: the use of a production lot, if one was given."""
 
     proposals: list[Proposal]
     asked: str | None
@@ -94,7 +94,7 @@ class RecordingPlan:
 
 
 def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
-    """The plan for a session; lot: file of a lot of units.  Raises what ``build_problem`` and the annex's ``lot_for`` raise."""
+    """Plan a session; lot: file of a production lot.  Raises the errors of ``build_problem`` and ``lot_for``."""
     session, _ = with_own_accelerometer(read_session(folder))
     given = None if lot is None else need("a lot as prior").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
@@ -114,8 +114,8 @@ def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingP
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """covariance (P, P), SI, of what a session tells: the accelerometer's nine numbers, where it tells of them, then the gyroscope's 12;
-    sigma_rad of a turn's angle and sigma_mps2 of a still's length, as they are found to miss; with_gravity: whether its length is known."""
+    """The uncertainty after a session: covariance (P, P), SI, of the accelerometer's nine parameters, where observed, then the gyroscope's
+    12; estimated sigma_rad of a turn's angle and sigma_mps2 of a still's length; with_gravity: whether gravity's length is known."""
 
     covariance: np.ndarray
     sigma_rad: float
@@ -124,13 +124,13 @@ class Known:
 
     @property
     def names(self) -> list[str]:
-        """Of the parameters, as a person says them."""
+        """Names of the parameters for display."""
         gyroscope = [parameter_words(name) for name in linear.NAMES]
         return gyroscope if len(self.covariance) == linear.PARAMETERS else [*JOINT_NAMES[:PARAMETERS], *gyroscope]
 
     @property
     def targets(self) -> np.ndarray:
-        """(P,) one sigma, SI."""
+        """Target (P,) of each sigma, SI."""
         if len(self.covariance) == linear.PARAMETERS:
             return TARGETS
         own = turns.TARGETS.copy()
@@ -140,12 +140,12 @@ class Known:
 
 
 def known_of(problem: Problem) -> Known:
-    """With all noise that the recording shows, both sensors together; the gyroscope alone where no stills tell of the accelerometer."""
+    """Estimate the uncertainty of both sensors with all estimated noise; of the gyroscope alone where no stills show the accelerometer."""
     given = problem.session.config.accelerometer
     mode = "prior" if given.source == "given" else "fit"
     joint = fit_joint(problem, mode, given.sigma_mg or GIVEN_SIGMA_MG)
     if joint is not None and joint.p_value is not None and joint.p_value <= REFUTED_P:
-        joint = fit_joint(problem, "fit")  # what no longer holds is no knowledge
+        joint = fit_joint(problem, "fit")  # a rejected calibration is not used
     level = problem if joint is None else recalibrated(problem, joint)
     noise = None if joint is None else stated_noise(level)
     if joint is None or noise is None:
@@ -158,7 +158,7 @@ def known_of(problem: Problem) -> Known:
 
 
 def parameter_words(name: str) -> str:
-    """``E_xy`` as a person says it."""
+    """Return the display name of ``E_xy``."""
     kind, axes = name.split("_")
     if kind == "B":
         return f"bias of {axes}"
@@ -166,7 +166,7 @@ def parameter_words(name: str) -> str:
 
 
 def _greedy(known: Known, count: int) -> list[Proposal]:
-    """The best movement, then the best after that, …, until every parameter reaches its target."""
+    """Choose the best movement, then the best after that, …, until every parameter reaches its target."""
     targets, names = known.targets, known.names
     moves = [(move.words, _rows(move, known) * targets) for move in _moves()]
     information, proposals = np.linalg.inv(known.covariance / np.outer(targets, targets)), []
@@ -185,7 +185,7 @@ def _greedy(known: Known, count: int) -> list[Proposal]:
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """words; attitudes (2, 4) at its ends, and the directions of force (2, 3) in them; gyroscope (2, 12): columns of its closure."""
+    """A movement: words; attitudes (2, 4) at its ends, the directions of force (2, 3) there; gyroscope (2, 12): columns of its closure."""
 
     words: str
     q_tb: np.ndarray
@@ -194,14 +194,14 @@ class Move:
 
 
 def _rows(move: Move, known: Known) -> np.ndarray:
-    """(r, P): what a move's closure and its stills' lengths tell, each in its own sigmas."""
+    """Return the rows (r, P) of a move's closure and its stills' lengths, each in its own sigmas."""
     closes = move.gyroscope / known.sigma_rad
     if len(known.covariance) == linear.PARAMETERS:
         return closes
     force = move.up * STANDARD_GRAVITY_MPS2
     tilt = tilt_columns(move.q_tb, IDENTITY, force)[:, :2] / known.sigma_rad
     lengths = length_columns(IDENTITY, force) / known.sigma_mps2
-    if not known.with_gravity:  # then only their difference tells
+    if not known.with_gravity:  # then only their difference is data
         lengths = (lengths[:1] - lengths[1:]) / np.sqrt(2)
     return np.concatenate(
         [np.concatenate([tilt[0] - tilt[1], closes], axis=1), np.pad(lengths, ((0, 0), (0, linear.PARAMETERS)))],
@@ -209,7 +209,7 @@ def _rows(move: Move, known: Known) -> np.ndarray:
 
 
 def _moves() -> list[Move]:
-    """Six stills, three axes, two senses; three quarters of a turn, which end on a side, and five eighths, which end on an edge."""
+    """Return moves from six stills about three axes in two senses: three quarters of a turn to a side, and five eighths to an edge."""
     found = []
     for up, turn_deg in product(SIDES, TURNS_DEG):
         for part in parts_from(up, turn_deg, TURN_S):

@@ -22,69 +22,69 @@ from tinygc.models import linear
 
 # Resting attitudes: on one of the board's six sides, or on an edge between two of them.
 #
-# A hand knows the vertical and the board's own axes where they are level or upright; it knows nothing in between.
+# A person can align the board's axes with the vertical and the level, but with nothing in between.
 
 SIDES = np.array([sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)])
 EDGES = np.array([(a + b) / np.sqrt(2) for a, b in product(SIDES, SIDES) if np.argmax(np.abs(a)) < np.argmax(np.abs(b))])
 
 
 def nearest_up(accel: np.ndarray, with_edges: bool = False) -> np.ndarray:
-    """(3,) unit: what of the board points up where its accelerometer reads accel (3,), had somebody set it straight."""
+    """Return the unit vector (3,) of the board that would point up if it were set straight; accel (3,): its accelerometer's reading."""
     among = np.concatenate([SIDES, EDGES]) if with_edges else SIDES
     return among[int(np.argmax(among @ accel))]
 
 
 def up_words(up: np.ndarray) -> str:
-    """``-x``; on an edge ``x and -z``."""
+    """Describe an up direction: ``-x``; on an edge ``x and -z``."""
     return " and ".join(f"{'-' if part < 0 else ''}{name}" for name, part in zip("xyz", up, strict=True) if abs(part) > 0.1)
 
 
 def on_a_side(up: np.ndarray) -> bool:
-    """Whether it lies on a side, and not on an edge."""
+    """Whether the board lies on a side, and not on an edge."""
     return bool(np.abs(up).max() > 0.9)
 
 
 def straight(up: np.ndarray) -> np.ndarray:
-    """(3,) what of a board that was turned by quarters or eighths points up, without rounding errors."""
+    """Return the up direction (3,) of a board turned by quarters or eighths, without rounding errors."""
     return nearest_up(up, with_edges=True)
 
 
-# The information of a turn and of its stills on an uncalibrated accelerometer: nine more parameters, in the same linear terms.
+# The information of a turn and of its stills on an uncalibrated accelerometer: nine more parameters, linear as well.
 #
 # The force is f = M (m - b), M upper triangular, in the order and by the derivatives of ``session.detect.accelerometer``.  In every still
-# its length is gravity's: one row.  Its direction is the attitude at both ends of a turn: an error of f at the start turns the attitude
-# that is predicted for the end, one at the end turns the attitude that it is compared with.
+# its length is gravity's: one row.  Its direction gives the attitude at both ends of a turn: an error of f at the start rotates the
+# predicted end attitude, one at the end rotates the measured one.
 
-#: a tilt of 0.05 mrad, which is the target of the gyroscope's misalignments, too
+#: a tilt of 0.05 mrad, as the target of the gyroscope's misalignments
 TARGETS = np.array([50e-6] * 6 + [50e-6 * G] * 3)
-#: what an accelerometer may be off by before any still was seen: 10 %, and 0.6 g (an MPU-9250 had 0.5 g)
+#: prior sigma of an uncalibrated accelerometer: 10 %, and 0.6 g (an MPU-9250 had 0.5 g)
 PRIOR_SIGMA = np.array([0.1] * 6 + [0.6 * G] * 3)
-#: m/s^2: what a MEMS accelerometer wanders by within minutes, until the stills themselves say how far they miss
+#: m/s^2: drift of a MEMS accelerometer within minutes, until it is estimated from the stills' residuals
 WANDERS_MPS2 = 0.05 * MG
-SPARE = 6  #: stills beyond nine that say it
+SPARE = 6  #: stills beyond nine that this estimate needs
 UNCALIBRATED = Accelerometer(source="none")
 
 
 @dataclass(frozen=True, eq=False)
 class OwnAccelerometer:
-    """accelerometer: as it is known so far (M upper triangular), or as it comes; sigma_mps2: of a still beyond white noise, each axis."""
+    """The accelerometer as estimated so far (M upper triangular), or uncalibrated; sigma_mps2: of a still beyond white noise, each axis."""
 
     accelerometer: Accelerometer
     sigma_mps2: float
 
     @property
     def x(self) -> np.ndarray:
-        """(9,) as ``session.detect.accelerometer`` orders them."""
+        """Parameters (9,) in the order of ``session.detect.accelerometer``."""
         return np.concatenate([self.accelerometer.matrix[UPPER], self.accelerometer.bias_mps2])
 
     def length_rows(self, force: np.ndarray) -> np.ndarray:
-        """(S, 9) m/s^2 per unit: how each number changes the length of forces (S, 3), as they are by what is known."""
+        """Return the derivative (S, 9) m/s^2 per unit of the length of forces (S, 3), by each parameter."""
         return length_columns(self.x, self.accelerometer.measured(force))
 
     def tilt_rows(self, first: np.ndarray, last: np.ndarray, q_first: np.ndarray, q_last: np.ndarray) -> np.ndarray:
-        """(S, 2, 9) rad per unit: how each number turns the end attitude that is predicted, beside the one that gravity shows.
+        """Return the derivative (S, 2, 9) rad per unit of the predicted end attitude, relative to that from gravity, by each parameter.
 
-        first, last (S, 3) m/s^2: the force at both ends by what is known; q_first, q_last (S, 4): the attitudes there, of which the second
+        first, last (S, 3) m/s^2: the estimated force at both ends; q_first, q_last (S, 4): the attitudes there, of which the second
         is the predicted one.
         """
         start, end = (tilt_columns(q, self.x, self.accelerometer.measured(force)) for q, force in ((q_first, first), (q_last, last)))
@@ -92,7 +92,7 @@ class OwnAccelerometer:
 
 
 def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> OwnAccelerometer:
-    """From what the stills give so far (None: nothing), and how far they miss gravity's length under it."""
+    """Return the accelerometer estimated from the stills (None: not yet), with its sigma from their residuals of gravity's length."""
     if accelerometer is None or len(stills) < PARAMETERS + SPARE:
         return OwnAccelerometer(accelerometer or UNCALIBRATED, WANDERS_MPS2)
     length = np.linalg.norm(accelerometer.correct(np.array([still.accel_mean for still in stills])), axis=1)
@@ -101,7 +101,7 @@ def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> 
 
 
 def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: Noise) -> np.ndarray:
-    """(9, 9): what the lengths of gravity in the stills tell."""
+    """Return the information (9, 9) of gravity's length in the stills."""
     force = own.accelerometer.correct(np.array([still.accel_mean for still in stills]))
     white = float(np.mean(noise.velocity_random_walk**2)) / np.array([still.duration_s for still in stills])
     rows = own.length_rows(force) / np.sqrt(white + own.sigma_mps2**2)[:, None]
@@ -110,26 +110,26 @@ def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: 
 
 # The turns that an operator can make from an attitude, and their columns of the linear sensitivity.
 #
-# One movement, or two without a rest between, each about one axis that a hand knows: the board's own axis that stands upright, or one that
-# is level; by quarter turns.  The board is taken for set straight before, on the side that it lies nearest to, and it ends on a side.  So
-# "by 90° about y" and "until -x is up" are the same turn, and the errors of the last turn are not carried on.  Words, picture
-# and estimate are of this one turn.
+# One movement, or two without a rest between, each by quarter turns about an axis that a person can identify: the board's upright axis, or
+# a level one.  The board is assumed to be set straight before, on the side that it lies nearest to, and it ends on a side.  So
+# "by 90° about y" and "until -x is up" are the same turn, and the errors of the last turn do not accumulate.  The words, the picture
+# and the estimate describe this one turn.
 
 QUARTERS = (90, 180, 270, 360)
-#: an accelerometer's axes are seen askew only between the sides: such a turn ends on an edge, or begins there
+#: an accelerometer's nonorthogonality is observable only between the sides: such a turn ends on an edge, or begins there
 EIGHTHS = (45, 90, 135, 180, 225, 270, 315, 360)
-MOST_DEG = 360  #: of two movements together: what one hand does
-SINGLE_S, PAIR_S = 3.0, 4.0  #: of one movement; of two, shared by their angles; longer where the full scale is small
-SLANTED_RAD = 20 * DEG  #: a board that lies further from straight is to be set straight in so many words
-PEAK = 2.0  #: of a smooth turn's rate, beside its mean
-STRAIGHT_S = 1.0  #: of setting it straight, where the estimate reckons with it
+MOST_DEG = 360  #: total of two movements that one hand can make
+SINGLE_S, PAIR_S = 3.0, 4.0  #: duration of one movement; of two, divided by their angles; longer where the full scale is small
+SLANTED_RAD = 20 * DEG  #: tilt from straight above which the operator is told to set the board straight
+PEAK = 2.0  #: peak over mean rate of a smooth turn
+STRAIGHT_S = 1.0  #: duration of setting it straight, where the estimate includes it
 STILL_S, RATE_HZ = 1.0, 20.0
 LEVEL = 0.1  #: cosine, on sides and edges: below it an axis is level
 
 
 @dataclass(frozen=True, eq=False)
 class TurnPart:
-    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): the same, in the body."""
+    """A movement about one axis (3,), a unit vector of the body; words: what to do, and what is up then; up (3,): in body axes."""
 
     axis: np.ndarray
     angle_rad: float
@@ -140,29 +140,29 @@ class TurnPart:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """What lies between two stills.  straightened: how the board is set straight first; up (3,) unit: what of it points up then."""
+    """A turn between two stills.  straightened: the movement that sets the board straight first; up (3,) unit: what points up then."""
 
     straightened: TurnPart
     parts: tuple[TurnPart, ...]
 
     @property
     def up(self) -> np.ndarray:
-        """(3,) unit: what of the board points up where the movements begin."""
+        """The up direction (3,), a unit vector, where the movements begin."""
         return self.straightened.up
 
     @property
     def words(self) -> str:
-        """What to do, for the operator."""
+        """Instructions for the operator."""
         said = ", then at once ".join(part.words for part in self.parts)
         return f"{self.straightened.words}turn {said} ({sum(part.seconds for part in self.parts):.0f} s)"
 
     def carries(self, accel: np.ndarray) -> np.ndarray:
-        """What a still accelerometer that read accel (3,) before the turn reads after it."""
+        """Return the reading after the turn of an accelerometer at rest that read accel (3,) before it."""
         return self.parts[-1].up * np.linalg.norm(accel)
 
 
 def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_rps: float = np.inf) -> list[Turn]:
-    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: no turn's peak is above."""
+    """Return all turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: largest peak rate."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
     straightened = _straightened(accel / np.linalg.norm(accel), up)
     together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
@@ -182,7 +182,7 @@ def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_
 
 
 def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
-    """(M, 2, 12) rad per unit of each parameter: what each turn adds, begun where the accelerometer reads accel (3,)."""
+    """Return columns (M, 2, 12) rad per unit of each parameter, of turns begun where the accelerometer reads accel (3,)."""
     movements = [(turn.straightened, *turn.parts) for turn in turns]
     lengths = np.array([sum(part.seconds for part in parts) for parts in movements])[:, None] + 2 * STILL_S
     t = np.arange(0, lengths.max(), 1 / RATE_HZ)
@@ -200,7 +200,7 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
 
 
 def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:
-    """Attitudes (M, 4) before and after each turn, begun where the accelerometer reads accel (3,)."""
+    """Return attitudes (M, 4) before and after each turn, begun where the accelerometer reads accel (3,)."""
     first = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
     last = first
     for parts in _abreast([(turn.straightened, *turn.parts) for turn in turns]):
@@ -212,13 +212,13 @@ _NOTHING = TurnPart(np.zeros(3), 0.0, 1.0, "", np.zeros(3))
 
 
 def _abreast(movements: list[tuple[TurnPart, ...]]) -> list[list[TurnPart]]:
-    """The first part of each, then the second of each, and so on."""
+    """Return the first parts of all, then the second parts, and so on."""
     most = max(map(len, movements))
     return [[parts[number] if number < len(parts) else _NOTHING for parts in movements] for number in range(most)]
 
 
 def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
-    """The shortest way from where lies (3,) points up to where ``up`` does."""
+    """Return the shortest rotation from where lies (3,) points up to where ``up`` does."""
     axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
     length = np.linalg.norm(axis)
     axis = axis / length if length > 0 else axis
@@ -228,11 +228,11 @@ def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
 
 
 def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:
-    """About what stands upright, and about what is level, both ways.  up (3,): what points up before."""
+    """Return turns about the upright axis and about level axes, in both senses.  up (3,): the up direction before."""
     return list(_parts_from(tuple(up.tolist()), degrees, seconds, whose))
 
 
-@cache  # there are 18 ways to lie, and every advice needs some hundred movements
+@cache  # there are 18 resting attitudes, and each advice needs some hundred movements
 def _parts_from(lies: tuple[float, ...], degrees: int, seconds: float, whose: str) -> tuple[TurnPart, ...]:
     up, angle, found = np.array(lies), degrees * DEG, []
     if degrees % 90 == 0:
@@ -252,24 +252,24 @@ def _parts_from(lies: tuple[float, ...], degrees: int, seconds: float, whose: st
 
 
 def _turned(up: np.ndarray, axis: np.ndarray, degrees: int) -> np.ndarray:
-    """What of the board points up after a turn about a level axis of it."""
+    """Return the up direction after a turn about a level axis of the board."""
     return straight(rotation.matrix(rotation.exp(axis * degrees * DEG)).T @ up)
 
 
 # Candidate turns sample by sample, for the response of competing laws to each.
 #
-# A single turn from a side, as ``proposals`` and ``turns`` know it, slowly and quickly, with a still before and after it.
+# A single turn from a side, as in the plan of a session, slowly and quickly, with a still before and after it.
 
 SPLITTING_STILL_S, SPLITTING_RATE_HZ = 1.0, 25.0
-#: of one turn: briskly, as usual, slowly
+#: durations of one turn: brisk, usual, slow
 TURNS_S = (1.5, 3.0, 8.0)
-#: of full scale, that no turn's peak comes near
+#: largest peak rate of a turn as a share of full scale
 MOST_OF_SCALE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateTurn:
-    """words for the operator; movement, still at both ends; sensitivity (N, 2, 3) s of its closure; stills: rows at rest, before, after."""
+    """A turn: words for the operator; movement, still at both ends; sensitivity (N, 2, 3) s of its closure; stills: rows before, after."""
 
     words: str
     movement: Movement
@@ -278,7 +278,7 @@ class CandidateTurn:
 
 
 def trials(like: Movement) -> list[CandidateTurn]:
-    """Turns by quarters from each side; like: a log of the sensor, whose full scale, temperature and vibration hold."""
+    """Return turns by quarters from each side; like: a log of the sensor with the full scale, temperature and vibration to use."""
     found = []
     for seconds in TURNS_S:
         moves = [
@@ -293,7 +293,7 @@ def trials(like: Movement) -> list[CandidateTurn]:
 
 
 def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Movement) -> list[CandidateTurn]:
-    """Of one duration."""
+    """Return the turns of one duration."""
     t = np.arange(0, seconds + 2 * SPLITTING_STILL_S, 1 / SPLITTING_RATE_HZ)
     speed = PEAK / seconds * np.sin(np.pi * np.clip((t - SPLITTING_STILL_S) / seconds, 0, 1)) ** 2
     rate = speed[:, None] * np.array([part.axis * part.angle_rad for _, part in moves])[:, None]
@@ -318,7 +318,7 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
 
 
 def _movement(t: np.ndarray, rate: np.ndarray, force: np.ndarray, like: Movement) -> Movement:
-    """At the log's middle temperature and vibration; at its beginning in time."""
+    """Return the movement at the log's median temperature and vibration; its time begins with the log."""
     return Movement(
         t_s=like.t_s[0] + t,
         dt_s=1 / SPLITTING_RATE_HZ,

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-# The crossed study of measurement-system analysis by analysis of variance: every appraiser measures every part as often.
+# Crossed study of measurement-system analysis by analysis of variance: every appraiser measures every part equally often.
 #
 #     y = mean + part + appraiser + part x appraiser + repeat
 #
 # Source: AIAG, Measurement Systems Analysis, 4th edition, chapter III section B and appendix A; intervals by generalised pivotal
 # quantities, R. K. Burdick, C. M. Borror, D. C. Montgomery, Design and Analysis of Gauge R&R Studies, SIAM 2005.
 
-#: the interaction is pooled with repeatability where chance gives as much as often as this (AIAG's choice: 0.25 guards the more)
+#: p-value from which the interaction is pooled with repeatability (AIAG uses 0.25, which is more cautious)
 POOL_P = 0.25
 DRAWS = 20_000
 NAN = float("nan")
@@ -23,8 +23,11 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Anova:
-    """Sums of squares, degrees of freedom, of parts, appraisers, interaction and repeats (4,); interaction_f and interaction_p, NaN
-    without repeats in a cell; pooled: whether the interaction counts as repeatability; parts, appraisers, trials: how many."""
+    """Analysis of variance: sums of squares, degrees of freedom, of parts, appraisers, interaction and repeats (4,).
+
+    interaction_f and interaction_p, NaN without repeats in a cell; pooled: whether the interaction counts as repeatability; parts,
+    appraisers, trials: how many.
+    """
 
     squares: np.ndarray
     freedom: np.ndarray
@@ -37,12 +40,12 @@ class Anova:
 
     @property
     def mean_squares(self) -> np.ndarray:
-        """(4,); NaN where there is no freedom."""
+        """Return (4,); NaN for zero degrees of freedom."""
         return np.divide(self.squares, self.freedom, out=np.full(4, np.nan), where=self.freedom > 0)
 
 
 def anova(y: np.ndarray, pool_p: float = POOL_P) -> Anova:
-    """Of a crossed, balanced study y (parts, appraisers, trials); pool_p: from which p-value on the interaction is pooled."""
+    """Analyse a crossed, balanced study y (parts, appraisers, trials); pool_p: p-value from which the interaction is pooled."""
     parts, appraisers, trials = y.shape
     whole, part, who, cell = y.mean(), y.mean(axis=(1, 2)), y.mean(axis=(0, 2)), y.mean(axis=2)
     squares = np.array(
@@ -63,9 +66,10 @@ def anova(y: np.ndarray, pool_p: float = POOL_P) -> Anova:
 
 
 def components(table: Anova, mean_squares: np.ndarray | None = None) -> np.ndarray:
-    """(…, 4): variances of parts, appraisers, their interaction and repeats, none below 0; mean_squares (…, 4): instead of the table's.
+    """Return (…, 4): variances of parts, appraisers, their interaction and repeats, none below 0; mean_squares (…, 4): instead of the
+    table's.
 
-    Without repeats in a cell, or where it is pooled, what is left beside parts and appraisers is repeatability.
+    Without repeats in a cell, or where the interaction is pooled, the remainder after parts and appraisers is repeatability.
     """
     ms = table.mean_squares if mean_squares is None else mean_squares
     n, o, r = table.parts, table.appraisers, table.trials
@@ -82,10 +86,10 @@ def components(table: Anova, mean_squares: np.ndarray | None = None) -> np.ndarr
 
 
 def drawn(table: Anova, seed: int = 0, draws: int = DRAWS) -> np.ndarray:
-    """(draws, 4): components as the data leave them open, each mean square by its chi-square."""
+    """Return (draws, 4): components drawn from their distribution, each mean square by its chi-square."""
     rng = np.random.default_rng(seed)
     chi = rng.chisquare(np.maximum(table.freedom, 1), size=(draws, 4))
-    if table.pooled:  # one error, of the freedom of both
+    if table.pooled:  # one error, with the degrees of freedom of both
         both = table.freedom[2:].sum()
         error = np.sum(table.squares[2:]) / rng.chisquare(max(both, 1), size=draws)
         squares = np.column_stack([table.squares[:2] / chi[:, :2], error, error])
@@ -94,18 +98,19 @@ def drawn(table: Anova, seed: int = 0, draws: int = DRAWS) -> np.ndarray:
     return components(table, np.where(table.freedom > 0, squares, 0.0))
 
 
-# Variances of parts, appraisers, their interaction and repeats where the study is not balanced: by restricted likelihood.
+# Variances of parts, appraisers, their interaction and repeats in an unbalanced study: by restricted likelihood.
 #
-# Repeats within a cell (one part, one appraiser) are summed up first, then parts, so that only a matrix of appraisers is left, however
-# many sessions there are.  A balanced study gives what analysis of variance gives wherever no variance is at zero.
+# Repeats within a cell (one part, one appraiser) are summed first, then parts, so that only a matrix of appraisers remains, for any number
+# of sessions. A balanced study gives the analysis of variance's result unless a variance is zero.
 
-#: of the largest variance: what a variance of zero is in a logarithm
+#: floor of a variance relative to the largest one, for its logarithm
 _LEAST = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """mean and count (C,) of each cell; part and appraiser (C,) as numbers; inside: sum of squares within cells, of so much freedom."""
+    """Summary of the cells: mean and count (C,) of each; part and appraiser (C,) as numbers; inside: sum of squares within cells, and its
+    freedom."""
 
     mean: np.ndarray
     count: np.ndarray
@@ -116,7 +121,7 @@ class Cells:
 
 
 def cells_of(y: np.ndarray, part: np.ndarray, appraiser: np.ndarray) -> Cells:
-    """Of sessions y (S,), with numbers of their parts and appraisers (S,)."""
+    """Summarise sessions y (S,), with numbers of their parts and appraisers (S,)."""
     _, part = np.unique(part, return_inverse=True)
     _, appraiser = np.unique(appraiser, return_inverse=True)
     number = part * (appraiser.max() + 1) + appraiser
@@ -128,7 +133,7 @@ def cells_of(y: np.ndarray, part: np.ndarray, appraiser: np.ndarray) -> Cells:
 
 
 def told(cells: Cells) -> np.ndarray:
-    """(4,) bool: which of the variances of parts, appraisers, interaction and repeats such a study can tell."""
+    """Return (4,) bool: which of the variances of parts, appraisers, interaction and repeats the study determines."""
     parts, who, n = cells.part.max() + 1, cells.appraiser.max() + 1, len(cells.mean)
     repeats = cells.freedom > 0
     beyond = n > parts + who - 1
@@ -136,7 +141,7 @@ def told(cells: Cells) -> np.ndarray:
 
 
 def minus_twice_log_likelihood(variances: np.ndarray, cells: Cells) -> float:
-    """Restricted, up to a constant, of the four variances."""
+    """Return -2 log of the restricted likelihood of the four variances, up to a constant."""
     part, who, both, again = variances
     D = both + again / cells.count
     n, parts, people = len(D), cells.part.max() + 1, cells.appraiser.max() + 1
@@ -146,7 +151,7 @@ def minus_twice_log_likelihood(variances: np.ndarray, cells: Cells) -> float:
     cross = np.bincount(cells.part * people + cells.appraiser, w, parts * people).reshape(parts, people)
 
     def whitened(x: np.ndarray) -> np.ndarray:
-        """Parts and cells undone: K^-1 x."""
+        """Remove the covariance of parts and cells: K^-1 x."""
         return w * (x - (g * np.bincount(cells.part, w * x, parts))[cells.part])
 
     S = np.diag(np.bincount(cells.appraiser, w, people)) - cross.T @ (cross * g[:, None])
@@ -161,7 +166,8 @@ def minus_twice_log_likelihood(variances: np.ndarray, cells: Cells) -> float:
 
 
 def variances(cells: Cells) -> tuple[np.ndarray, np.ndarray]:
-    """(4,): of parts, appraisers, interaction and repeats, and (4, 4) the covariance of their logarithms; NaN for what is not told."""
+    """Return variances (4,) of parts, appraisers, interaction and repeats, and the covariance (4, 4) of their logarithms; NaN if
+    undetermined."""
     from scipy.optimize import minimize
 
     can = told(cells)
@@ -189,7 +195,7 @@ def variances(cells: Cells) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _curvature(cost: Callable[[np.ndarray], float], x: np.ndarray, step: float = 0.05) -> np.ndarray:
-    """Second derivatives by differences."""
+    """Return the second derivatives by differences."""
     E = np.eye(len(x)) * step
 
     def bent(a: np.ndarray, b: np.ndarray) -> float:
@@ -200,29 +206,31 @@ def _curvature(cost: Callable[[np.ndarray], float], x: np.ndarray, step: float =
 
 # Repeatability and reproducibility of a lot's sessions, in the terms of measurement-system analysis: %GRR, ndc.
 #
-# The parts are units, the trials are sessions, the appraisers are who turned them: operators, or stations where only these are named.
-# EV equipment variation (repeatability), AV appraiser variation (reproducibility, the interaction in it), GRR both together, PV part
-# variation, TV total variation; all one sigma.  ndc = 1.41 PV / GRR.
+# The parts are units, the trials are sessions, the appraisers are the operators, or stations where only these are named. EV equipment
+# variation (repeatability), AV appraiser variation (reproducibility, including the interaction), GRR both together, PV part variation, TV
+# total variation; all one sigma. ndc = 1.41 PV / GRR.
 
-#: distinct categories per PV / GRR, AIAG
+#: factor of PV / GRR for the number of distinct categories, AIAG
 NDC = 1.41
 #: sigmas of a study's width and of a tolerance's, AIAG's fourth edition
 WIDTH = 6.0
-#: of an interval
+#: confidence level of an interval
 CONFIDENCE = 0.95
-#: sessions that the likelihood looks at, those of units with several before others
+#: most sessions in the likelihood; those of units with several come first
 MOST_SESSIONS = 4000
-#: AIAG's limits: below the first acceptable, from the second on not
+#: AIAG's limits: below the first acceptable, from the second on not acceptable
 ACCEPTABLE, MARGINAL = 10.0, 30.0
 _DRAWS = 4000
 
 
 @dataclass(frozen=True, eq=False)
 class Gauge:
-    """One number's study.  ev, av, interaction (part of av), grr, pv, tv: one sigma each in the number's unit, NaN where sessions cannot
-    tell; percent_grr of tv and percent_tolerance, of the limits' distance, %; ndc, not cut to a whole number; ``*_interval``: from, to, at
-    95 %.  method: ``anova`` or ``likelihood``; table: the analysis of variance; appraisers: what they are, or empty; parts, sessions:
-    how many; why: what could not be told, and why.
+    """Study of one number.
+
+    ev, av, interaction (part of av), grr, pv, tv: one sigma each in the number's unit, NaN where undetermined; percent_grr of tv and
+    percent_tolerance, of the distance between limits, %; ndc, not cut to a whole number; ``*_interval``: from, to, at 95 %.  method:
+    ``anova`` or ``likelihood``; table: the analysis of variance; appraisers: what they are, or empty; parts, sessions: how many; why:
+    undetermined quantities, with the reason.
     """
 
     ev: float
@@ -245,7 +253,7 @@ class Gauge:
 
     @property
     def verdict(self) -> str:
-        """AIAG's words for %GRR."""
+        """Return AIAG's verdict for %GRR."""
         if not np.isfinite(self.percent_grr):
             return "not told"
         return "acceptable" if self.percent_grr < ACCEPTABLE else "marginal" if self.percent_grr <= MARGINAL else "not acceptable"
@@ -254,7 +262,8 @@ class Gauge:
 def gauge(
     y: np.ndarray, part: np.ndarray, appraiser: np.ndarray | None, tolerance: float = NAN, what: str = "operator", seed: int = 0
 ) -> Gauge:
-    """Of sessions y (S,), numbers of their units (S,), and of their appraisers (S,) or None; tolerance: upper less lower limit, or NaN."""
+    """Study sessions y (S,), with numbers of their units (S,), and of their appraisers (S,) or None; tolerance: upper less lower limit, or
+    NaN."""
     fine = np.isfinite(y)
     y, part = y[fine], part[fine]
     who = np.zeros(len(y), dtype=int) if appraiser is None else appraiser[fine]
@@ -303,7 +312,7 @@ def gauge(
 
 
 def _crossed(y: np.ndarray, part: np.ndarray, who: np.ndarray) -> np.ndarray | None:
-    """(parts, appraisers, trials) where every appraiser has measured every part as often, else None."""
+    """Return (parts, appraisers, trials) where every appraiser has measured every part equally often, else None."""
     parts, p = np.unique(part, return_inverse=True)
     people, w = np.unique(who, return_inverse=True)
     cell = p * len(people) + w
@@ -314,7 +323,7 @@ def _crossed(y: np.ndarray, part: np.ndarray, who: np.ndarray) -> np.ndarray | N
 
 
 def _looked_at(of: np.ndarray, seed: int) -> np.ndarray:
-    """Numbers of sessions, whole units at a time, those with several sessions first."""
+    """Return the sessions used, whole units at a time, those with several sessions first."""
     if len(of) <= MOST_SESSIONS:
         return np.arange(len(of))
     count = np.bincount(of)

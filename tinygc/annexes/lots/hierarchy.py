@@ -1,4 +1,4 @@
-"""Mean, drift, spread and repeatability of a lot, apart from measurement noise (docs/lots.md)."""
+"""Mean, drift, spread and repeatability of a lot, without measurement noise (docs/lots.md)."""
 
 from __future__ import annotations
 
@@ -10,29 +10,32 @@ from scipy.special import chdtrc, gammaln, logsumexp, stdtr
 from session.io.numeric import MEDIAN_SIGMAS
 from tinygc.annexes.lots.sessions import COUNT, LotSessions, UnitChunk
 
-# One pass over a lot: what all units together say of mean, spread and repeatability, given what is believed of them (EM, REML).
+# One pass over a lot: all units' contribution to mean, spread and repeatability, given the current estimate (EM, REML).
 #
 #     y_us = X_u beta + b_u + v_us + e_us     b_u ~ (0, Sigma / w_u)     v_us ~ N(0, V)     e_us ~ N(0, R_us), as stated
 #
-# X_u beta is the mean and its drift through production.  w_u has the gamma distribution that makes units and their noise Student's t.  A
-# unit that does not belong has one number, or all of them, several times as far off, and counts for the lot by the probability that it
-# does belong.  beta has no prior, so what it costs of freedom is given back: Sigma is the restricted likelihood's.
+# X_u beta is the mean and its drift through production. w_u has the gamma distribution that makes units and their noise Student's t. A unit
+# that does not belong has one number, or all of them, several times as far off; each unit is weighted by its probability of belonging. beta
+# has no prior, so its degrees of freedom are accounted for: Sigma is the restricted likelihood's.
 
-#: by how many times its spread a number of a unit that does not belong is off: all as probable
+#: factors by which a number of a unit that does not belong is off, in spreads: equally probable
 OFF_SCALES = np.array([5.0, 15.0, 50.0])
-#: a repeated session this improbable beside its unit's others is no measure of how sessions repeat
+#: p-value of a repeated session, against the unit's others, below which it does not count for repeatability
 BAD_SESSION_P = 1e-4
-#: units of a lot in which none is said not to belong: of so few, nobody knows which
+#: fewest units for outliers: with fewer, the outlying one is not identifiable
 FEWEST_JUDGED = 10
-#: exact restricted likelihood up to so many units; beyond, the mean's uncertainty is shared out by the mean weight
+#: most units for the exact restricted likelihood; beyond, the mean's uncertainty is shared out by the mean weight
 EXACT_UNITS = 3000
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """In scales about the centre: beta (2, 21), mean at the middle of production and drift over all of it; beta_covariance (42, 42);
-    spread Sigma (21, 21) of the t distribution's normal, not its covariance; repeatability V (21, 21); tails, degrees of freedom; off,
-    the share of units that do not belong."""
+    """Current estimate, in scales about the centre.
+
+    beta (2, 21), mean at the middle of production and drift over all of it; beta_covariance (42, 42); spread Sigma (21, 21) of the t
+    distribution's normal, not its covariance; repeatability V (21, 21); tails, degrees of freedom; off, the share of units that do not
+    belong.
+    """
 
     beta: np.ndarray
     beta_covariance: np.ndarray
@@ -44,8 +47,11 @@ class Belief:
 
 @dataclass(eq=False)
 class Sums:
-    """Over the units so far: weights, beta's normal equations, Sigma's and V's moments, twice Fisher's information of their variances, and
-    of each unit its squared distance delta, how many numbers it tells, and the probability that it belongs."""
+    """Sums over the units so far.
+
+    weights, beta's normal equations, Sigma's and V's moments, twice Fisher's information of their variances, and of each unit its squared
+    distance delta, the number of its known values, and the probability that it belongs.
+    """
 
     belongs: float = 0.0
     information: np.ndarray = field(default_factory=lambda: np.zeros((2 * COUNT, 2 * COUNT)))
@@ -63,8 +69,10 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class Combined:
-    """Each unit's sessions as one: y (U, 21) and noise (U, 21, 21), V in it; precision (S, 21, 21) of each session of the units with
-    more than one, and which sessions those are (S,)."""
+    """Each unit's sessions combined: y (U, 21) and noise (U, 21, 21), V in it.
+
+    precision (S, 21, 21) of each session of the units with more than one, and which sessions those are (S,).
+    """
 
     y: np.ndarray
     noise: np.ndarray
@@ -73,7 +81,7 @@ class Combined:
 
 
 def combined(chunk: UnitChunk, repeatability: np.ndarray) -> Combined:
-    """Sessions of each unit, weighed by what they state and by how units repeat."""
+    """Combine the sessions of each unit, weighted by their stated covariance and the repeatability."""
     noise = chunk.noise + repeatability
     more = chunk.count > 1
     unit = np.repeat(np.arange(len(chunk.count)), chunk.count)
@@ -89,7 +97,7 @@ def combined(chunk: UnitChunk, repeatability: np.ndarray) -> Combined:
 
 
 def log_density(delta: np.ndarray, told: np.ndarray, tails: float) -> np.ndarray:
-    """(U,): of Student's t in ``told`` numbers at a squared distance, without the determinant."""
+    """Return (U,), log density of Student's t in ``told`` numbers at a squared distance, without the determinant."""
     if np.isinf(tails):
         return -0.5 * delta - 0.5 * told * np.log(2 * np.pi)
     shape = gammaln((tails + told) / 2) - gammaln(tails / 2) - 0.5 * told * np.log(tails * np.pi)
@@ -97,7 +105,7 @@ def log_density(delta: np.ndarray, told: np.ndarray, tails: float) -> np.ndarray
 
 
 def membership(delta: np.ndarray, told: np.ndarray, pulled: np.ndarray, W: np.ndarray, belief: Belief) -> np.ndarray:
-    """(U,): the probability that a unit belongs, against one number, or all of them, being ``OFF_SCALES`` times as far off."""
+    """Return (U,): the probability that a unit belongs, against one number, or all of them, being ``OFF_SCALES`` times as far off."""
     alone = log_density(delta, told, belief.tails)
     size = OFF_SCALES[:, None, None] ** 2 * np.diag(belief.spread)
     share = size * np.einsum("uii->ui", W)
@@ -109,7 +117,7 @@ def membership(delta: np.ndarray, told: np.ndarray, pulled: np.ndarray, W: np.nd
 
 
 def add(sums: Sums, chunk: UnitChunk, belief: Belief, units: int) -> None:
-    """A chunk's units into the sums; units: how many there are in all."""
+    """Add a chunk's units to the sums; units: total number."""
     of = combined(chunk, belief.repeatability)
     W = np.linalg.inv(of.noise + belief.spread)
     along = chunk.place - 0.5
@@ -144,7 +152,7 @@ def add(sums: Sums, chunk: UnitChunk, belief: Belief, units: int) -> None:
 
 
 def _repeats(sums: Sums, chunk: UnitChunk, of: Combined, W: np.ndarray, pulled: np.ndarray, member: np.ndarray, belief: Belief) -> None:
-    """V's moments, of the units with more than one session."""
+    """Add V's moments, from the units with more than one session."""
     unit = np.repeat(np.arange(len(chunk.count)), chunk.count)[of.several]
     along = chunk.place - 0.5
     z = belief.beta[0] + along[:, None] * belief.beta[1] + pulled @ belief.spread
@@ -165,39 +173,38 @@ def _repeats(sums: Sums, chunk: UnitChunk, of: Combined, W: np.ndarray, pulled: 
     sums.repeat_info += np.sum((keep * (more - 1) / more)[:, None] / variance**2, axis=0)
 
 
-# Mean, drift, spread and repeatability of a lot, apart from what single sessions could not measure better (docs/lots.md).
+# Mean, drift, spread and repeatability of a lot, without the measurement noise of single sessions (docs/lots.md).
 #
-# The passes are those of ``one_pass.py``.  A large lot is begun with a part of it, then a larger one: all of it is needed only for the
-# last digits.
+# A pass is ``add`` over all chunks. A large lot starts with a part of it, then a larger one: all of it is needed only for the last digits.
 
-#: units of the first, smaller lot, and by what each following one is larger
+#: units of the first, smaller lot, and the growth factor of the following ones
 BEGIN_UNITS, GROWTH = 1500, 8
-#: passes at most; over a part of the units, and over all of more than a part
+#: most passes; over a part of the units, and over all of more than a part
 MOST_PASSES, LAST_PASSES = 400, 9
-#: a change of every number below this share of its own sigma ends the passes
+#: convergence: change of every number below this share of its own sigma
 SETTLED = 0.1
-#: of the likelihood ratio between tails and none: tails are said where chance gives as much in one lot of a hundred
+#: p-value of the likelihood ratio between tails and none, below which tails are used: one lot of a hundred by chance
 TAILS_P = 0.01
-#: fewer degrees of freedom have no covariance worth the name
+#: fewest degrees of freedom: below, the covariance is meaningless
 LEAST_TAILS = 2.5
-#: a drift of any number this improbable by chance (over all of them) belongs into the mean of the next unit
+#: p-value of a drift of any number (over all of them) below which it is included in the mean of the next unit
 DRIFT_P = 0.01
-#: passes before a leap; the fastest that steps are believed to go on, and the farthest leap of a variance's logarithm
+#: passes before an extrapolation; largest ratio of successive steps, and largest extrapolation of a variance's logarithm
 LEAP_AFTER, FASTEST, LEAP = 3, 0.97, 1.5
-#: of a leap the next one may be no longer: leaps to and fro come to an end
+#: limit of an extrapolation relative to the last one, so that oscillation decays
 TIRED = 0.9
 _LEAST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """SI, in the order of ``NAMES``, NaN where not told.
+    """Estimates of a lot, SI, in the order of ``NAMES``, NaN where unknown.
 
     mean (21,) at the middle of production and mean_covariance (21, 21); drift (21,) from the first unit to the last, drift_covariance;
-    drift_p, that none of them drifts; next_mean (21,) and next_covariance of the next unit's, with the drift where there is one (drifts);
-    spread (21, 21), covariance between units; spread_freedom (21,): of chi-square, how well its variances are known; tails;
-    repeatability (21, 21) and repeatability_freedom (21,); noise (21,): one sigma of a session, as stated, root mean square; off: share
-    of units that do not belong; belongs (U,): the probability that each does; belief: the same in scales; passes, and whether settled.
+    drift_p, that none of them drifts; next_mean (21,) and next_covariance of the next unit's, with the drift if it is significant (drifts);
+    spread (21, 21), covariance between units; spread_freedom (21,): its variances' degrees of freedom of chi-square; tails; repeatability
+    (21, 21) and repeatability_freedom (21,); noise (21,): one sigma of a session, as stated, root mean square; off: share of units that do
+    not belong; belongs (U,): the probability that each does; belief: the same in scales; passes, and whether settled.
     """
 
     mean: np.ndarray
@@ -222,7 +229,7 @@ class Hierarchy:
 
 
 def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
-    """The lot's numbers by restricted likelihood; tails: whether units may be Student's t about the mean."""
+    """Estimate the lot's numbers by restricted likelihood; tails: whether Student's t is allowed as the units' distribution."""
     belief, passes = _begin(lot), 0
     rng = np.random.default_rng(0)
     shuffled = rng.permutation(lot.units)
@@ -239,14 +246,14 @@ def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
 
 
 def _part(lot: LotSessions, shuffled: np.ndarray, size: int) -> np.ndarray:
-    """So many units by chance, up to half of them such that have several sessions: repeatability is slowest to settle."""
+    """Draw this many units, up to half of them with several sessions, since repeatability converges most slowly."""
     several = shuffled[lot.count[shuffled] > 1][: size // 2]
     rest = shuffled[~np.isin(shuffled, several)]
     return np.concatenate([several, rest[: size - len(several)]])
 
 
 def _begin(lot: LotSessions) -> Belief:
-    """From medians: no mean, the scales as spread, and what sessions of one unit differ by as repeatability."""
+    """Start from medians: zero mean, the scales as spread, and the differences between sessions of one unit as repeatability."""
     y = (lot.values - lot.centre) / lot.scale
     noise = np.zeros(COUNT)
     noise[lot.known] = np.nanmedian((lot.sigmas()[:, lot.known] / lot.scale[lot.known]) ** 2, axis=0)
@@ -262,7 +269,7 @@ def _begin(lot: LotSessions) -> Belief:
 
 
 def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: int, tails: bool) -> tuple[Belief, Sums, int, bool]:
-    """Passes until nothing moves any more by what could be seen; every third one leaps to where the two before it were heading."""
+    """Run passes until all changes are small against the sigmas; every third one extrapolates the two before it."""
     count = lot.units if units is None else len(units)
     sums, steps, leap = Sums(), [], LEAP
     for number in range(1, most + 1):
@@ -282,14 +289,14 @@ def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: in
 
 
 def _step(lot: LotSessions, before: Belief, after: Belief) -> np.ndarray:
-    """(2, 21): by how much the logarithms of both kinds of variances changed."""
+    """Return (2, 21), the change of the logarithms of both kinds of variances."""
     known = np.stack([lot.known, lot.twice])
     sizes = [np.stack([np.diag(each.spread), np.diag(each.repeatability)]) for each in (before, after)]
     return np.where(known, np.log(np.maximum(sizes[1], _LEAST) / np.maximum(sizes[0], _LEAST)), 0.0)
 
 
 def _rates(steps: list[np.ndarray]) -> np.ndarray:
-    """(2, 21): how much of a step the next one is; 0 where that is not known yet."""
+    """Return (2, 21), the ratio of the next step to this one; 0 where not known yet."""
     if len(steps) < 2:
         return np.zeros_like(steps[-1])
     before = np.where(np.abs(steps[-2]) > 1e-12, steps[-2], np.inf)
@@ -297,7 +304,7 @@ def _rates(steps: list[np.ndarray]) -> np.ndarray:
 
 
 def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray, longest: float) -> Belief:
-    """Variances where steps that shrink at their rate end, their logarithms changed by at most so much."""
+    """Extrapolate the variances to the limit of geometric steps, with at most this change of their logarithms."""
     spread, again = np.exp(np.clip(step * rate / (1 - rate), -longest, longest) / 2)
     grown = belief.spread * np.outer(spread, spread)
     return replace(belief, spread=grown, repeatability=belief.repeatability * np.outer(again, again))
@@ -323,7 +330,7 @@ def _updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bo
 
 
 def _sound(matrix: np.ndarray, freedom: float, told: int, known: np.ndarray) -> np.ndarray:
-    """Symmetric, correlations drawn to none by what so few units cannot tell, and zero where nothing is known."""
+    """Make symmetric, shrink correlations towards zero for few units, and set unknown numbers to zero."""
     diagonal = np.maximum(np.diag(matrix), _LEAST)
     found = (matrix + matrix.T) / 2 * (freedom**2 / (freedom**2 + (told + 1) ** 2))
     np.fill_diagonal(found, diagonal)
@@ -331,11 +338,11 @@ def _sound(matrix: np.ndarray, freedom: float, told: int, known: np.ndarray) -> 
 
 
 def _tails(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
-    """Degrees of freedom by likelihood; infinity where a normal distribution explains the distances as well."""
+    """Return the maximum-likelihood degrees of freedom; infinity where a normal distribution fits the distances as well."""
     from scipy.optimize import minimize_scalar
 
     def cost(inverse: float) -> float:
-        # The determinant belongs to the scale, which is fitted beside: the covariance is held, not the scale.
+        # The determinant belongs to the scale, which is fitted separately: the covariance is fixed, not the scale.
         tails = 1 / inverse if inverse > 0 else np.inf
         return -float(member @ log_density(delta, told, tails))
 
@@ -345,16 +352,16 @@ def _tails(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
 
 
 def _moved(lot: LotSessions, before: Belief, after: Belief, sums: Sums, step: np.ndarray, rate: np.ndarray) -> float:
-    """The largest change that is still to come, in its own sigmas."""
+    """Return the largest expected remaining change, in its own sigmas."""
     sigma = np.sqrt(np.maximum(np.diag(after.beta_covariance), 1e-12)).reshape(2, COUNT)
     freedom = np.stack([np.diag(after.spread) ** 2 * sums.spread_info, np.diag(after.repeatability) ** 2 * sums.repeat_info])
-    # Of a variance's own sigma, 2 / freedom of its square; one of less than a freedom is not told from none.
+    # A variance's own sigma is from 2 / freedom of its square; with less than one degree of freedom it is not distinct from zero.
     sizes = np.abs(step) / (1 - rate) * np.sqrt(np.where(freedom > 1, freedom, 0.0) / 2)
     return float(max(np.max(np.abs(after.beta - before.beta) / sigma), np.max(sizes)))
 
 
 def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bool) -> Hierarchy:
-    """In SI."""
+    """Convert the estimate to SI."""
     factor = belief.tails / (belief.tails - 2) if np.isfinite(belief.tails) else 1.0
     numbers = max(int(lot.known.sum()), 1)
     # Fisher's information of Student's t about a mean
@@ -402,7 +409,7 @@ def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
 
 
 def _without_drift(lot: LotSessions, sums: Sums, widened: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and its covariance where nothing drifts."""
+    """Return the mean and its covariance without drift."""
     known = lot.known
     block = np.ix_(known, known)
     covariance = np.zeros((COUNT, COUNT))
@@ -411,13 +418,15 @@ def _without_drift(lot: LotSessions, sums: Sums, widened: float) -> tuple[np.nda
 
 
 def _hidden(matrix: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Symmetric to the last bit, NaN in rows and columns."""
+    """Make exactly symmetric, with NaN in the hidden rows and columns."""
     return np.where(hidden[:, None] | hidden, np.nan, (matrix + matrix.T) / 2)
 
 
 def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
-    """Of chi-square, of the spread's and the repeatability's variances (21,): 2 variance^2 / (its own variance), by Fisher's information of
-    each alone; tails make them less."""
+    """Return the degrees of freedom of chi-square of the spread's and the repeatability's variances (21,).
+
+    2 variance^2 / (its own variance), by Fisher's information of each alone; tails reduce them.
+    """
     spread, again = np.diag(belief.spread), np.diag(belief.repeatability)
     kurtosis = (belief.tails + 2) / (belief.tails + 3) if np.isfinite(belief.tails) else 1.0
     freedom = spread**2 * sums.spread_info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
@@ -425,6 +434,6 @@ def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray,
 
 
 def without_tails(belief: Belief) -> Belief:
-    """The same, normal, with the covariance that it has."""
+    """Return the normal belief with the same covariance."""
     factor = belief.tails / (belief.tails - 2) if np.isfinite(belief.tails) else 1.0
     return replace(belief, spread=belief.spread * factor, tails=np.inf)

@@ -1,7 +1,7 @@
-"""Units and sessions that do not belong to a lot, and why: which numbers, by how many sigmas of the lot, or what combination of them.
+"""Units and sessions that do not belong to a lot, with reasons: outlying numbers in sigmas of the lot, or their combination.
 
-A unit is odd where its numbers are far from the lot's for what the lot spreads and its sessions do not know.  A session is bad where it
-is far from the other sessions of its own unit, or where its closure is above its floor by more than the lot's sessions are.
+A unit is an outlier where its numbers are far from the lot's, relative to the lot's spread and its sessions' uncertainty.  A session is an
+outlier where it is far from the other sessions of its own unit, or where the ratio of its closure to its floor is far above the lot's.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from tinygc.annexes.lots.hierarchy import Hierarchy, combined
 from tinygc.annexes.lots.lot import OWN, SENSOR_ERRORS, jacobian
 from tinygc.annexes.lots.sessions import LotSessions
 
-#: p-value over all units and numbers, or all sessions, below which one does not belong: by chance one in a hundred lots has any
+#: family-wise p-value, over all units and numbers, or all sessions, of an outlier: one false one in a hundred lots
 FAMILY_P = 0.01
-#: units for each number that a covariance needs before combinations are judged by it
+#: fewest units for each number of a covariance, for tests of combinations
 UNITS_PER_NUMBER = 3
-#: sessions that a spread of closures is taken from
+#: fewest sessions for a spread of closures
 FEWEST_CLOSURES = 8
 UNIT, SESSION, UNKNOWN = "unit", "session", "unit or session"
 
 
 @dataclass(frozen=True)
 class Reason:
-    """what: a number's key, ``combination`` or ``closure``; value, of the number less the lot's mean in its unit, of a closure the ratio to
-    its floor; sigmas of the lot."""
+    """Reason for an outlier.
+
+    what: a number's key, ``combination`` or ``closure``; value, of the number less the lot's mean in its unit, of a closure the ratio to
+    its floor; sigmas of the lot.
+    """
 
     what: str
     value: float
@@ -37,8 +40,11 @@ class Reason:
 
 @dataclass(frozen=True)
 class Outlier:
-    """serial, session (of a bad one, else empty); kind: ``unit``, ``session``, or ``unit or session`` where one session cannot tell;
-    p_value over the whole lot; reasons, the largest first; says: a sentence."""
+    """An outlier: serial, session (of an outlying session, else empty).
+
+    kind: ``unit``, ``session``, or ``unit or session`` where a single session leaves that open; p_value over the whole lot; reasons, the
+    largest first; says: a sentence.
+    """
 
     serial: str
     session: str
@@ -49,21 +55,21 @@ class Outlier:
 
 
 def outliers(lot: LotSessions, found: Hierarchy) -> list[Outlier]:
-    """The least probable first."""
+    """Return the outliers, the least probable first."""
     closures = _closures(lot)
     sessions, excused = _bad_sessions(lot, found, closures)
     return sorted([*sessions, *_odd_units(lot, found, closures, excused)], key=lambda each: each.p_value)
 
 
 def _closures(lot: LotSessions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(S,) each: closure over floor, its sigmas above the lot's, and the p-value of that; 1 where it is not known."""
+    """Return (S,) each: closure over floor, its sigmas above the lot's, and the p-value of that; 1 where unknown."""
     ratio = lot.closure_deg / np.where(lot.floor_deg > 0, lot.floor_deg, np.nan)
     logs = np.log(np.where(ratio > 0, ratio, np.nan))
     fine = np.isfinite(logs)
     sigmas, p = np.zeros(len(ratio)), np.ones(len(ratio))
     if fine.sum() >= FEWEST_CLOSURES:
         middle = np.median(logs[fine])
-        # A closure of some dozen segments is never known better than to some percent.
+        # a closure of some dozen segments is uncertain by at least some percent
         spread = max(float(sigma_of(logs[fine] - middle)), 0.05)
         sigmas[fine] = (logs[fine] - middle) / spread
         p[fine] = stdtr(fine.sum() - 1, -sigmas[fine])
@@ -72,7 +78,7 @@ def _closures(lot: LotSessions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _bad_sessions(lot: LotSessions, found: Hierarchy, closures: tuple) -> tuple[list[Outlier], set[int]]:
-    """Sessions that do not agree with their unit's others, and those with a closure that is the session's own; units of the former."""
+    """Return sessions that contradict their unit's others, and those with an outlying closure; the units of the former."""
     made, units = [], set()
     several = np.flatnonzero(lot.count > 1)
     per_unit = 2 * max(int(lot.count[several].sum()), 1)
@@ -91,7 +97,7 @@ def _bad_sessions(lot: LotSessions, found: Hierarchy, closures: tuple) -> tuple[
             u = part[number[s]]
             mine = np.flatnonzero(number == number[s])
             if len(mine) == 2 and far[s] < far[mine].max():
-                continue  # of two, the one that is surer of itself is taken for the better
+                continue  # of two sessions, the one with the smaller sigmas is taken as correct
             if len(mine) > 2 and p[s] > p[mine].min():
                 continue
             reasons = _numbers(J * S, d[s], own[s], told[s])
@@ -143,7 +149,7 @@ def _odd_units(lot: LotSessions, found: Hierarchy, closures: tuple, excused: set
                     made.append(_said(lot.serials[number], lot.names[row], SESSION, closed[u] * lot.sessions, closure, words))
                 continue
             if bad and lot.count[number] == 2:
-                continue  # the disagreement of its two sessions has said it
+                continue  # reported already as a contradiction between its two sessions
             alone = np.flatnonzero(p_each[u] * q[u] * tests < FAMILY_P)
             order = alone[np.argsort(-np.abs(z[u, alone]))]
             reasons = [Reason(SENSOR_ERRORS[n].key, float(moved[u, n]), float(z[u, n])) for n in order[:5]]
@@ -168,7 +174,7 @@ def _closure_reason(closures: tuple, row: int) -> list[Reason]:
 
 
 def _numbers(JS: np.ndarray, d: np.ndarray, covariance: np.ndarray, told: np.ndarray) -> list[Reason]:
-    """By sigmas, the largest first."""
+    """Return the reasons by sigmas, the largest first."""
     moved = JS @ np.where(told, d, 0.0)
     sigma = np.sqrt(np.diag(JS @ np.where(told[:, None] & told, covariance, 0.0) @ JS.T))
     z = np.where(told[OWN], moved / np.maximum(sigma, 1e-300), 0.0)
@@ -176,7 +182,7 @@ def _numbers(JS: np.ndarray, d: np.ndarray, covariance: np.ndarray, told: np.nda
 
 
 def _combination(JS: np.ndarray, r: np.ndarray, covariance: np.ndarray, told: np.ndarray, delta: float) -> list[Reason]:
-    """No number alone: the distance of all, and the numbers that the others least expect as they are."""
+    """Describe the distance of all numbers together, and the numbers least expected given the others."""
     some = np.flatnonzero(told[OWN])
     error_covariance = (JS @ np.where(told[:, None] & told, covariance, 0.0) @ JS.T)[np.ix_(some, some)]
     size = np.sqrt(np.diag(error_covariance))

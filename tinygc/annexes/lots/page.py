@@ -20,14 +20,14 @@ from tinygc.reporting.html.page import document
 
 # Control charts as SVG: units by production order with their limits, and the moving average below.
 
-#: single points up to so many; beyond, bands of the least and the largest
+#: most single points; beyond, bands of minimum and maximum are drawn
 MOST_POINTS = 600
 MOST_TITLES = 60
 HEIGHT, LOW = 220, 130
 
 
 def control_figure(chart: ControlChart, error: SensorError, serials: list[str]) -> str:
-    """Individuals and EWMA of one number; serials (U,) of units, in the order of production."""
+    """Draw individuals and EWMA of one number; serials (U,) of units, in the order of production."""
     said = [f"{chart.limit:.1f} sigmas are the limit of a single point: one false alarm in a hundred lots, over all charts."]
     for rule in chart.broken:
         said.append(f"{escape(rule.capitalize())}: {chart.counts[rule]} times, by chance {significant(chart.chance[rule], 2)}.")
@@ -43,7 +43,7 @@ def _axis(chart: ControlChart) -> Axis:
 
 def _individuals(chart: ControlChart, error: SensorError, serials: list[str], width: int) -> str:
     limit = chart.limit * chart.sigma
-    # Wild points lie at the frame: they must not press all others into a line.
+    # outliers are drawn at the frame, so that they do not compress the scale
     usual = chart.y[np.abs(chart.score) <= chart.limit]
     high, low = chart.centre + np.median(limit), chart.centre - np.median(limit)
     y = linear_axis(np.concatenate([usual, [high, low]]), f"{error.name}, {error.unit}")
@@ -68,15 +68,15 @@ def _ewma(chart: ControlChart, error: SensorError, width: int) -> str:
     return drawn.line(chart.place + 1.0, chart.ewma, "physics").svg()
 
 
-# What a page says of a lot: a section each for numbers, measurement system, capability, control charts and what does not belong.
+# Sections of a lot's page: numbers, measurement system, capability, control charts and outliers.
 
-#: charts on a page: those that ring first
+#: most charts on a page; those with alarms come first
 MOST_CHARTS, MOST_OUTLIERS = 6, 50
 BY_KEY = {each.key: each for each in SENSOR_ERRORS}
 
 
 def lot_sections(report: LotReport) -> list[Section]:
-    """Sections of a page, those that have something to say."""
+    """Return the sections of a page that are not empty."""
     made = [_numbers(report), _outliers(report), _effects(report), _charts(report), _gauges(report), _capabilities(report)]
     return [section for section in made if section is not None]
 
@@ -88,7 +88,7 @@ def _numbers(report: LotReport) -> Section:
         if not each.units:
             continue
         digits = decimals(each.mean_sigma)
-        fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
+        fine = max(digits, decimals(each.noise))  # noise is often far below the spread between units
         if report.hierarchy.drifts and each.drift_p_value < MARKED_P:
             marked.append(len(rows))
         lo, hi = each.spread_interval
@@ -149,7 +149,7 @@ def _charts(report: LotReport) -> Section | None:
 
 
 def _rings(report: LotReport, key: str) -> float:
-    """How loudly."""
+    """Return the severity of a chart's alarms."""
     chart = report.charts[key]
     return float(len(chart.alarms) > 0) + 2.0 * (len(chart.ewma_alarms) > 0) + 0.5 * len(chart.broken)
 
@@ -229,7 +229,7 @@ def _capabilities(report: LotReport) -> Section | None:
 
 
 def page(report: LotReport) -> str:
-    """The page as one HTML document."""
+    """Return the page as one HTML document."""
     name = escape(report.lot.sensor or "sensors")
     head = f'<header><p class="kicker">Lot statistics</p><h1>{name}: {report.lot.units} units</h1></header>'
     foot = f"<footer>Statistics of a lot's calibrations. TinyGC {escape(VERSION)}.</footer>"
@@ -237,7 +237,7 @@ def page(report: LotReport) -> str:
 
 
 def save(report: LotReport, path: Path) -> Path:
-    """Write the page, whole or not at all; returns its path."""
+    """Write the page atomically; return its path."""
     with result_folder(path.parent):
         write_text_whole(path, page(report))
     return path

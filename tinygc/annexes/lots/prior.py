@@ -1,8 +1,8 @@
-"""A lot as what is known of one unit's gyroscope before it is turned, and whether the unit belongs to it (docs/lots.md).
+"""A lot as prior of one unit's gyroscope, and the probability that the unit belongs to it (docs/lots.md).
 
-The next session's numbers are normal about the lot's mean, with the covariance of that mean, of the spread between units, and of what
-changes from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both are weighed,
-and what a unit that does not belong has from the lot is nothing.
+The next session's numbers are normal about the lot's mean, with the covariance of that mean, of the spread between units, and of the change
+from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both hypotheses are
+weighted, and the lot contributes nothing under the second.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from tinygc.annexes.lots.lot import Lot
 from tinygc.closure.prior import GaussianPrior
 from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA
 
-#: a covariance of twelve numbers from fewer units says more of these units than of the next one
+#: fewest units for a covariance of twelve numbers of the next unit
 FEWEST_UNITS = 10
-#: probability that a unit does not belong, before it is turned (benchmarks/lot_prior.py: what it costs and finds)
+#: prior probability that a unit does not belong (benchmarks/lot_prior.py: costs and benefits)
 OFF_LOT = 0.03
-#: times the lot's spread by which a unit that does not belong is off, all as probable
+#: factors by which a unit that does not belong is off, in spreads of the lot: equally probable
 OFF_SCALES = (3.0, 10.0, 30.0, 100.0)
-#: of the covariance before a session that noise and prior make: a direction that is less is not seen
+#: share of the predicted covariance, from noise and prior, below which a direction is unobserved
 UNSEEN = 1e-9
-#: of a parameter's generous prior: the least sigma that a lot may state, which keeps matrices ones that can be inverted
+#: least sigma from a lot, relative to a parameter's wide prior, which keeps matrices invertible
 LEAST = 1e-6
 
 
 def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> GaussianPrior:
-    """Of the next session of a unit that belongs to the lot.
+    """Return the prior of the next session of a unit that belongs to the lot.
 
-    start (12,): the centre of what the lot does not tell; tails: degrees of freedom, whose scale matrix it then has instead of the
-    covariance, where that is finite.
+    start (12,): the centre of numbers unknown to the lot; tails: degrees of freedom; if finite, the scale matrix is used instead of the
+    covariance.
     """
     mean, known = lot.mean[:PARAMETERS], np.isfinite(lot.mean[:PARAMETERS])
     known &= np.isfinite(np.diag(lot.spread)[:PARAMETERS])
@@ -47,7 +47,7 @@ def prior_of(lot: Lot, start: np.ndarray, tails: float = np.inf) -> GaussianPrio
 
 
 def require_usable(lot: Lot, sensor: str, where: str) -> None:
-    """Raises CalibrationError, in one line, where a lot tells nothing of a session's sensor."""
+    """Raise CalibrationError, in one line, where a lot contains nothing on a session's sensor."""
     if lot.sensor != sensor:
         raise CalibrationError(f"{where}: a lot of {lot.sensor}, and the session's sensor is {sensor}; give the lot of its own model")
     if lot.units < FEWEST_UNITS:
@@ -66,9 +66,12 @@ def require_usable(lot: Lot, sensor: str, where: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Belonging:
-    """Of a unit, whose turns say more or less of it: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot
-    and session together, of so many directions (freedom) that the session sees; p_value of so large a one in a unit that belongs; weight:
-    of the lot's covariance by its tails, 1 where the lot is normal."""
+    """Membership test of a unit.
+
+    probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session together, over the directions
+    (freedom) that the session observes; p_value of so large a one in a unit that belongs; weight: of the lot's covariance by its tails, 1
+    where the lot is normal.
+    """
 
     probability: float
     distance: float
@@ -78,10 +81,10 @@ class Belonging:
 
 
 def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray, tails: float = np.inf) -> Belonging:
-    """Whether a unit belongs, by where its fit with the lot's prior has moved from the lot's mean.
+    """Test whether a unit belongs, from the shift of its fit with the lot's prior away from the lot's mean.
 
-    moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): how the
-    fit follows the unit's true distance from the centre, I less the prior's share.  Where a session sees nothing, nothing moves.
+    moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): response
+    of the fit to the unit's true distance from the centre, I less the prior's share.  Unobserved directions do not move.
     """
     root = np.linalg.cholesky(prior.covariance)
     to = np.linalg.inv(root)
@@ -90,14 +93,14 @@ def belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: 
     inside = white + follows @ follows.T
     size, axes = np.linalg.eigh((inside + inside.T) / 2)
     seen = size > UNSEEN
-    project = axes[:, seen] / np.sqrt(size[seen])  # where a unit that belongs is unit normal
+    project = axes[:, seen] / np.sqrt(size[seen])  # a unit that belongs is unit normal here
     d = project.T @ y
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
         return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
     p_value = float(chdtrc(freedom, square) if not np.isfinite(tails) else fdtrc(freedom, tails, square / freedom))
     log_in = _log_in(square, freedom, tails)
-    # Off the lot: one number, or all, each by a normal so many times as wide.
+    # a unit that does not belong: one number, or all, each from a normal this many times as wide
     shift = project.T @ to
     outside = []
     for scale in OFF_SCALES:
@@ -124,14 +127,16 @@ def _log_in(square: float, freedom: int, tails: float) -> float:
 
 
 def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
-    """Logarithm of the density at d, less that of a unit normal's at zero."""
+    """Return the log density at d, less that of a unit normal at zero."""
     half = np.linalg.cholesky(covariance)
     return float(-np.sum(np.linalg.solve(half, d) ** 2) / 2 - np.log(np.diag(half)).sum())
 
 
 def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndarray) -> tuple[str, float] | None:
-    """The parameter of a fit without the lot's prior that is farthest from the lot's mean, of those that it has seen (12,), and by how many
-    sigmas of the lot; None where there is none."""
+    """Return the parameter, of those observed (12,), that is farthest from the lot's mean, and its distance in sigmas of the lot.
+
+    The fit is without the lot's prior; None where no parameter is observed.
+    """
     sigma = np.sqrt(np.diag(lot.spread)[:PARAMETERS])
     off = vector - lot.mean[:PARAMETERS]
     both = np.abs(off) / np.sqrt(sigma**2 + np.diag(covariance))

@@ -1,4 +1,4 @@
-"""Everything that a lot's sessions say of the lot: one function from the results of sessions to a record for tables, pages and files."""
+"""Report of a lot: one function from the results of sessions to a record for tables, pages and files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tinygc.annexes.lots.lot import (
 from tinygc.annexes.lots.outliers import Outlier, outliers
 from tinygc.annexes.lots.sessions import LotSessions, SessionErrors, lot_sessions, session_errors, stated
 
-#: points that a control chart needs
+#: fewest points for a control chart
 FEWEST_POINTS = 8
 CONFIDENCE = 0.95
 PER_UNITS = 1000
@@ -33,9 +33,11 @@ PER_UNITS = 1000
 
 @dataclass(frozen=True)
 class LotQuantity:
-    """One number of the lot in its unit: mean and its sigma; spread between units with its 95 % interval; noise, one sigma of a session
-    as stated; repeatability, one sigma from session to session beyond that, with its interval; drift per 1000 units, its sigma, and the
-    p-value that there is none; ratio of what sessions of one unit differ by to what they state, and its p-value.  NaN where not told.
+    """One number of the lot in its unit.
+
+    mean and its sigma; spread between units with its 95 % interval; noise, one sigma of a session as stated; repeatability, one sigma from
+    session to session beyond that, with its interval; drift per 1000 units, its sigma, and the p-value that there is none; ratio of the
+    differences between sessions of one unit to the stated sigmas, and its p-value.  NaN where unknown.
     """
 
     error: SensorError
@@ -56,8 +58,11 @@ class LotQuantity:
 
 @dataclass(frozen=True, eq=False)
 class LotReport:
-    """The lot as a prior; its numbers as people see them; charts, gauges and capabilities by a number's key; outliers; sessions and
-    readings that they are of; appraisers: ``operator`` or ``station``, or empty where fewer than two are named."""
+    """The lot as a prior, with its report.
+
+    its numbers in displayed units; charts, gauges and capabilities by a number's key; outliers; the sessions and readings used; appraisers:
+    ``operator`` or ``station``, or empty where fewer than two are named.
+    """
 
     lot: Lot
     quantities: tuple[LotQuantity, ...]
@@ -79,9 +84,10 @@ def lot_of(
     effects: Mapping[str, PooledEffect] | None = None,
     seed: int = 0,
 ) -> LotReport:
-    """Of the sessions of a lot, in any order; limits: lower and upper by a number's key (``capability.py``); seed: of intervals.
+    """Report on the sessions of a lot, in any order.
 
-    Raises CalibrationError where fewer than two units tell anything.
+    limits: lower and upper by a number's key (``capability.py``); seed: of intervals. Raises CalibrationError where fewer than two units
+    determine any number.
     """
     sessions = lot_sessions(results)
     found = hierarchy(sessions)
@@ -162,25 +168,27 @@ def _quantities(lot: LotSessions, found: Hierarchy, J: np.ndarray, read: Session
 
 
 def _interval(sigma: float, freedom: float) -> tuple[float, float]:
-    """95 % of a standard deviation that is known with so many degrees of freedom of chi-square."""
+    """Return the 95 % interval of a standard deviation with these degrees of freedom of chi-square."""
     if not (np.isfinite(sigma) and np.isfinite(freedom)):
         return (float("nan"), float("nan"))
-    if freedom < 1:  # not told from none
+    if freedom < 1:  # not distinct from zero
         return (0.0, float("nan"))
     lo, hi = 2 * gammaincinv(freedom / 2, [(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
     return (float(sigma * np.sqrt(freedom / lo)), float(sigma * np.sqrt(freedom / hi)))
 
 
 def _points(read: SessionErrors, n: int) -> np.ndarray:
-    """Rows of each unit's first session that tells a number: the test at the end of production, in its order."""
+    """Return the rows of each unit's first session with a value: the test at the end of production, in its order."""
     rows = np.flatnonzero(np.isfinite(read.values[:, n]))
     _, first = np.unique(read.unit[rows], return_index=True)
     return rows[first]
 
 
 def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
-    """Who turned: operators, or stations where only these differ; numbers of them, or None.  Two have to be named; sessions that
-    name none are one more beside them."""
+    """Return the kind of appraiser, operators, or stations where only these differ, and their numbers, or None.
+
+    At least two have to be named; sessions without a name form one more.
+    """
     for what, names in (("operator", lot.operators), ("station", lot.stations)):
         kinds, numbers = np.unique(np.array(names, dtype=object).astype(str), return_inverse=True)
         if len(kinds[kinds != ""]) > 1:

@@ -12,20 +12,23 @@ from session.io.errors import CalibrationError
 from session.io.numeric import sigma_of
 from tinygc.annexes.lots.lot import NAMES, UNITS, UnitResult, sensor_errors
 
-# The sessions of a lot as arrays: what a hundred thousand of them need of memory, and in the order of production.
+# Sessions of a lot as compact arrays, in the order of production, sized for a hundred thousand.
 
 COUNT = len(NAMES)
 TRIANGLE = np.triu_indices(COUNT)
-#: variance of a number that a session did not tell, in squares of the parameter's scale: it weighs nothing, and matrices stay invertible
+#: variance of an unknown number, in squares of the parameter's scale: it has no weight, and matrices stay invertible
 UNTOLD = 1e8
-#: units that are worked on at once: some 20 MB
+#: units processed at once: some 20 MB
 CHUNK = 1024
 
 
 @dataclass(frozen=True, eq=False)
 class UnitChunk:
-    """Units side by side, and their sessions: y (S, 21) and noise (S, 21, 21) in scales about the centre; first (U,) of each unit among
-    the sessions; count (U,); place (U,), of 0 to 1 through production; told (U,): how many numbers its sessions tell."""
+    """Units and their sessions.
+
+    y (S, 21) and noise (S, 21, 21) in scales about the centre; first (U,) of each unit among the sessions; count (U,); place (U,), of 0 to
+    1 through production; told (U,): number of values known from its sessions.
+    """
 
     y: np.ndarray
     noise: np.ndarray
@@ -37,11 +40,12 @@ class UnitChunk:
 
 @dataclass(frozen=True, eq=False)
 class LotSessions:
-    """values (S, 21), SI, NaN where not told; covariances (S, 231), their upper triangles, in units of scale (21,); told (S, 21).
+    """Sessions of a lot: values (S, 21), SI, NaN where unknown; covariances (S, 231), their upper triangles, in units of scale (21,).
 
-    Sessions of a unit lie side by side: first (U,), count (U,); serials (U,); place (U,): which unit was made first, second, …;
-    centre (21,) and scale (21,): median and robust sigma over all sessions, SI; known (21,): what at least two units tell; twice (21,):
-    of which at least one unit has two sessions.  keys, names, operators, stations (S,), closure and floor (S,) degrees; order (S,).
+    told (S, 21): known values.  Sessions of a unit are adjacent: first (U,), count (U,); serials (U,); place (U,): production index of the
+    unit; centre (21,) and scale (21,): median and robust sigma over all sessions, SI; known (21,): numbers known of at least two units;
+    twice (21,): numbers with two sessions of at least one unit.  keys, names, operators, stations (S,), closure and floor (S,) degrees;
+    order (S,).
     """
 
     values: np.ndarray
@@ -64,26 +68,26 @@ class LotSessions:
 
     @property
     def units(self) -> int:
-        """How many."""
+        """Return the number of units."""
         return len(self.first)
 
     @property
     def sessions(self) -> int:
-        """How many."""
+        """Return the number of sessions."""
         return len(self.values)
 
     @property
     def unit(self) -> np.ndarray:
-        """(S,): the unit of each session."""
+        """Return (S,): the unit of each session."""
         return np.repeat(np.arange(self.units), self.count)
 
     def sigmas(self) -> np.ndarray:
-        """(S, 21): stated, SI; NaN where not told."""
+        """Return the stated sigmas (S, 21), SI; NaN where unknown."""
         diagonal = np.flatnonzero(TRIANGLE[0] == TRIANGLE[1])
         return np.where(self.told, np.sqrt(self.covariances[:, diagonal]) * self.scale, np.nan)
 
     def covariance(self, sessions: np.ndarray | slice) -> np.ndarray:
-        """(…, 21, 21): stated, in scales; ``UNTOLD`` where not told."""
+        """Return the stated covariances (…, 21, 21), in scales; ``UNTOLD`` where unknown."""
         packed = self.covariances[sessions]
         full = np.empty((len(packed), COUNT, COUNT))
         full[:, TRIANGLE[0], TRIANGLE[1]] = packed
@@ -91,7 +95,7 @@ class LotSessions:
         return full
 
     def chunks(self, units: np.ndarray | None = None, at_once: int = CHUNK) -> Iterator[tuple[np.ndarray, UnitChunk]]:
-        """Numbers of units and what is told of them, some at a time; all units, or those that are given."""
+        """Yield the numbers of units and their data, chunk by chunk; all units, or the given ones."""
         numbers = np.arange(self.units) if units is None else units
         last = max(self.units - 1, 1)
         for begin in range(0, len(numbers), at_once):
@@ -105,12 +109,12 @@ class LotSessions:
 
 
 def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
-    """Of sessions in any order; those with one key count once, and a session without a serial number is a unit of its own.
+    """Collect sessions in any order; those with one key count once, and a session without a serial number is a unit of its own.
 
-    Raises CalibrationError where fewer than two units tell anything.
+    Raises CalibrationError where fewer than two units have any value.
     """
     rows, sensor_errors = [], set()
-    values, packed = [], bytearray()  # which grows in its place, and becomes the array without a copy
+    values, packed = [], bytearray()  # grows in place, and becomes the array without a copy
     for each in results:
         variance = np.diag(each.covariance)
         if each.key in sensor_errors or not (np.isfinite(each.values) & (variance > 0)).any():
@@ -163,7 +167,7 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
 
 
 def _scaled(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """told, centre and scale; covariances are brought into scales in place, what is not told into ``UNTOLD``."""
+    """Return told, centre and scale; covariances are scaled in place, with ``UNTOLD`` for unknown values."""
     i, j = TRIANGLE
     diagonal = np.flatnonzero(i == j)
     variance = covariances[:, diagonal]
@@ -181,14 +185,14 @@ def _scaled(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np
     return told, centre, scale
 
 
-# What each session read, as people see it: values with their stated sigmas, and whether units repeat as well as sessions state.
+# Values of each session in displayed units, with their stated sigmas, and a test of the stated sigmas by repeated sessions.
 
 _AT_ONCE = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class SessionErrors:
-    """values and sigmas (S, 21) in people's units and their order, NaN where not told; unit (S,); first (U,): the row of each unit's first
+    """values and sigmas (S, 21) in displayed units and their order, NaN where unknown; unit (S,); first (U,): the row of each unit's first
     session."""
 
     values: np.ndarray
@@ -198,7 +202,7 @@ class SessionErrors:
 
 
 def session_errors(lot: LotSessions, J: np.ndarray) -> SessionErrors:
-    """Of all sessions; J (21, 21): people's numbers by the lot's vector, at its mean."""
+    """Convert all sessions; J (21, 21): derivative of the displayed numbers by the lot's vector, at its mean."""
     JS = J * lot.scale
     sigmas = np.empty((lot.sessions, len(UNITS)))
     for begin in range(0, lot.sessions, _AT_ONCE):
@@ -211,8 +215,10 @@ def session_errors(lot: LotSessions, J: np.ndarray) -> SessionErrors:
 
 
 def stated(found: SessionErrors) -> tuple[np.ndarray, np.ndarray]:
-    """Whether stated sigmas are those by which sessions of one unit differ, each number alone, about each unit's own weighed mean: ratio
-    (21,), 1 where they are, and p-value (21,) of so large a ratio by chance; NaN where no unit has two sessions."""
+    """Compare the stated sigmas with the differences between sessions of one unit, each number alone, about each unit's weighted mean.
+
+    Returns ratio (21,), 1 where they agree, and p-value (21,) of so large a ratio by chance; NaN where no unit has two sessions.
+    """
     weight = np.where(np.isfinite(found.values), 1 / found.sigmas**2, 0.0)
     y = np.where(np.isfinite(found.values), found.values, 0.0)
     total = np.add.reduceat(weight, found.first)

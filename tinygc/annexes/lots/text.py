@@ -1,4 +1,4 @@
-"""A lot and a fleet's table in the terminal."""
+"""Terminal output of a lot and of a fleet's table."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_summary import Summary
 
 
-# A lot in the terminal: numbers, repeatability, charts, outliers, capability.
+# A lot: numbers, repeatability, charts, outliers, capability.
 
 NONE = "–"
 MOST_OUTLIERS = 10
 #: p-value below which a drift, or a ratio of repeats to stated sigmas, is marked
 MARKED_P = 0.01
-#: units from which on a drift per 1000 is said
+#: fewest units for a drift per 1000
 FEWEST_DRIFT = 30
-#: ppm below which a tail is a formula's, and no sensor's
+#: ppm below which a tail follows from the formula only, not from sensors
 LEAST_PPM = 0.001
 UNIT_OF = {each.key: each for each in SENSOR_ERRORS}
 
@@ -46,7 +46,7 @@ def lot_page(report: LotReport) -> Group:
 
 
 def effect_words(name: str, found: PooledEffect) -> str:
-    """Of an effect that the units have together: which, in how many, how surely."""
+    """Describe a pooled effect: its name, share of units, and significance."""
     as_well = f"; could as well be {', '.join(found.equivalent)}" if found.equivalent else ""
     return f"{name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}"
 
@@ -75,7 +75,7 @@ def _numbers(report: LotReport) -> Table:
         if not each.units:
             continue
         digits = decimals(each.mean_sigma)
-        fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
+        fine = max(digits, decimals(each.noise))  # noise is often far below the spread between units
         drift = drift_words(report, each, fixed)
         table.add_row(
             f"{each.error.name}, {each.error.unit}",
@@ -95,7 +95,7 @@ def _numbers(report: LotReport) -> Table:
 
 
 def drift_words(report: LotReport, each: LotQuantity, written: Callable[[float, int], str]) -> str:
-    """Per 1000 units with its sigma; a dash for a lot so small that this is no number for people."""
+    """Return the drift per 1000 units with its sigma; a dash for a lot too small for it."""
     if report.lot.units < FEWEST_DRIFT or not np.isfinite(each.drift_per_1000):
         return NONE
     digits = decimals(each.drift_sigma)
@@ -160,7 +160,7 @@ def _capabilities(report: LotReport) -> Table:
 
 
 def ppm(value: float) -> str:
-    """Parts per million, to what anybody could count."""
+    """Format parts per million, down to the smallest countable value."""
     return f"{value:.3g}" if value >= LEAST_PPM or value == 0 else f"< {LEAST_PPM:g}"
 
 
@@ -190,22 +190,22 @@ def _outliers(report: LotReport) -> list[Text]:
 
 
 def decimals(sigma: float) -> int:
-    """Two digits of a sigma."""
+    """Return the decimals that show two digits of a sigma."""
     return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
 
 
 def fixed(value: float, digits: int) -> str:
-    """With so many decimals, or a dash."""
+    """Format with this many decimals, or a dash."""
     return f"{value:.{digits}f}" if np.isfinite(value) else NONE
 
 
-# A fleet's table for the terminal: what it holds, in a few lines.
+# A fleet's table in a few lines.
 
 MOST_SHOWN = 8  #: of each list: the page has more
 
 
 def fleet_page(summary: Summary, tally: Tally | None) -> Group:
-    """For rich."""
+    """Return the summary, for rich."""
     lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
     failed = summary.failed + summary.died + summary.unreadable
     lines.append(

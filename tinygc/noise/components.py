@@ -21,25 +21,28 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
 
-# Motion faster than half the data rate: what a sum of readings misses, predicted from the recording alone.
+# Motion faster than half the data rate: its aliasing error in the closure, predicted from the recording alone.
 #
-# Every k-th reading, taken alone, misses more: the error is the spectrum's share that is folded onto the sum, and of a spectrum that
-# falls as a power of frequency it grows as a power p of the step.  What all readings miss is contained in what every k-th misses, so
+# With every k-th reading alone the error is larger: it is the aliased part of the spectrum, and for a spectrum that falls as a power of
+# frequency it grows as a power p of the step.  The error of all readings is contained in that of every k-th, so
 #
 #     |end(every k-th) - end(all)|^2 = (k^2p - 1) E^2,
 #
-# E the closure error of all readings.  p is common to the recording, E is each turn's own.  A sensor that filters below half its data
-# rate has less of it than this law says; a factor, estimated from the closure, carries that.  What noise or false readings add grows with
-# p = 0.5 and is no motion.
+# E is the closure error of all readings.  p is common to the recording, E belongs to each turn.  A sensor that filters below half its data
+# rate has less aliasing than this law predicts; a factor estimated from the closure accounts for that.  Noise or false readings grow with
+# p = 0.5 and are not motion.
 
-#: the exponent where nothing is missed
+#: the exponent without aliasing
 SMOOTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Undersampling:
-    """predicted_rad (S,) rms per angle that each turn misses at the recording's own data rate; exponent; missed_rad (K,) rms over all turns
-    and both angles beyond what all readings give, for every k-th of ``STEPS``; rate_hz of the recording."""
+    """Predicted aliasing error of the closure.
+
+    predicted_rad (S,): rms per angle of each turn at the recording's data rate; exponent; missed_rad (K,): rms over all turns and both
+    angles of the difference between every k-th and all readings, k from ``STEPS``; rate_hz of the recording.
+    """
 
     predicted_rad: np.ndarray
     exponent: float
@@ -48,19 +51,19 @@ class Undersampling:
 
     @property
     def rms_rad(self) -> float:
-        """Of tilt, over all turns: both angles together."""
+        """Predicted rms tilt error over all turns, both angles together."""
         return float(np.sqrt(2 * np.mean(self.predicted_rad**2)))
 
     def rate_needed_hz(self, missed_rad: float, allowed_rad: float) -> float:
-        """The data rate at which the rms of tilt would be down to this, where it is ``missed_rad`` at the recording's own."""
+        """Data rate that reduces the rms tilt error to ``allowed_rad`` from ``missed_rad`` at the recording's rate."""
         return float(self.rate_hz * max(missed_rad / allowed_rad, 1e-12) ** (1 / self.exponent))
 
 
 def undersampling(twin: Twin) -> Undersampling:
-    """Of a session's used segments, by the first linear fit.
+    """Predict the aliasing error of a session's used segments, by the first linear fit.
 
-    To first order an end's error is the sum of the rates' errors, turned into the table (``Twin.sensitivity``).  So the attitudes are
-    needed once, and what every k-th reading gives is a plain sum: within 1 % of integrating it (tests/test_undersampling.py).
+    To first order the error of an end is the sum of the rate errors in the table frame (``Twin.sensitivity``).  So the attitudes are
+    computed once, and every k-th reading takes a plain sum: within 1 % of its integration (tests/test_undersampling.py).
     """
     rate, at_s = _turned(twin)
     whole = _sum(rate, at_s)
@@ -69,7 +72,7 @@ def undersampling(twin: Twin) -> Undersampling:
     for step in STEPS:
         kept = [_every(rate.shape[1], step, offset) for offset in range(step)]
         apart = [np.mean((_sum(rate[:, rows], at_s[:, rows]) - whole) ** 2, axis=-1) for rows in kept]
-        # White noise is thinned out as well: its variance grows with the step.
+        # White noise is decimated as well: its variance grows with the step.
         missed.append(np.maximum(np.mean(apart, axis=0) - (step - 1) * walk, 0.0))
     square = np.array(missed)
     grows = thinning_exponent(square)
@@ -80,7 +83,7 @@ def undersampling(twin: Twin) -> Undersampling:
 
 
 def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
-    """(S, T, 2) rad/s about the table's level axes, and (S, T) s from each segment's beginning; padded with zeros that last no time."""
+    """Rates (S, T, 2) rad/s about the table's horizontal axes, and times (S, T) s from each segment's start; padding has no duration."""
     batch = twin.batch
     rate = twin.problem.first(batch.rate)
     level = np.einsum("stij,stj->sti", rotation.matrix(closure.attitudes(batch, rate))[..., :2, :], rate - batch.earth)
@@ -90,39 +93,39 @@ def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _every(count: int, step: int, offset: int) -> np.ndarray:
-    """Rows of every ``step``-th reading beginning with ``offset``, and those at both ends, which are at rest."""
+    """Rows of every ``step``-th reading from ``offset``, and of both ends, which are at rest."""
     return np.unique(np.concatenate([[0], np.arange(offset, count, step), [count - 1]]))
 
 
 def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
-    """(S, 2) rad, by trapezoids."""
+    """Integrate to (S, 2) rad by the trapezoidal rule."""
     return np.einsum("st,sti->si", np.diff(at_s, axis=1), rate[:, 1:] + rate[:, :-1]) / 2
 
 
-# Estimate variance components: restricted maximum likelihood (Patterson & Thompson 1971), with what is known beforehand as a prior.
+# Variance components by restricted maximum likelihood (Patterson & Thompson 1971), with priors on their sizes.
 #
 #     -2 log L(s) = log|C| + log|J' C^-1 J + D^-1| + r' P r + prior,      C = C_0 + sum s_k^2 V_k,
 #
-# r the residuals, J the columns of all that is fitted, D their prior.  In a long session C is taken block by block of neighbouring turns:
-# what is correlated over more than a block says little of the components and costs the cube of the session.
+# with r the residuals, J the columns of all fitted parameters, D their prior.  In a long session C is split into blocks of neighbouring
+# turns: correlations beyond a block add little information, and the cost of the full matrix grows as the cube of the session.
 
-#: steps of the search; it begins where the last one ended
+#: greatest number of steps of a search, which starts at the result of the last one
 SCORING_STEPS = 12
-#: blocks in which sizes are searched for, spread over a long session; the likelihood is that of all (benchmarks/explain_speed.py)
+#: number of blocks, spread over a long session, used in the search; the likelihood uses all (benchmarks/explain_speed.py)
 SEARCHED = 3
-#: of a component's usual size, as a variance: below, it is not there
+#: variance relative to a component's usual one, below which the component is absent
 NOTHING = 1e-4
 
 
 class Prior(NamedTuple):
-    """What is known of a size s beforehand: its median, and how far it may be from it, ln; upwards, if that is another."""
+    """Lognormal prior of a size s: its median and its spread (ln); a separate spread upwards, if it differs."""
 
     median: float
     spread: float
     spread_above: float | None = None
 
     def apart(self, s: float) -> tuple[float, float]:
-        """ln(s / median) in spreads, and the spread on its side."""
+        """ln(s / median) in units of the spread, and the spread on that side."""
         off = float(np.log(s / self.median))
         spread = self.spread if self.spread_above is None or off < 0 else self.spread_above
         return off / spread, spread
@@ -130,7 +133,7 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ComponentEstimate:
-    """s (K,) SI of each component, sigma (K,) of it, and value: -2 log of the restricted likelihood with the prior, less a constant."""
+    """s (K,) of the components, SI; its sigma (K,); value: -2 log of the restricted likelihood with the prior, up to a constant."""
 
     s: np.ndarray
     sigma: np.ndarray
@@ -149,9 +152,9 @@ def estimate(
     with_sigma: bool = False,
     steps: int = SCORING_STEPS,
 ) -> ComponentEstimate:
-    """Of residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V, K of (n, n); usual (K,).
+    """Estimate the sizes from residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V.
 
-    blocks: row numbers of each block.  start: s (K,) of an earlier search.
+    V: K matrices (n, n); usual (K,): usual sizes.  blocks: row numbers of each block.  start: s (K,) of an earlier search.
     """
     parts = [(r[b], J[b], base[np.ix_(b, b)], [_block(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
     begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
@@ -174,8 +177,8 @@ def estimate(
         return value, gradient * 2 * root
 
     least = np.array([0.0 if prior is None else 1e-6 for prior in priors])
-    # A component of twenty times its usual size is twenty steps away, as a variance four hundred; but at zero a root's slope is none, and
-    # only the variance's says whether the component is there.
+    # At twenty times its usual size a component is twenty steps away in s, but four hundred in its variance.  At zero, the slope in s
+    # vanishes, and only the slope in the variance shows whether the component is present.
     near = _lowest(cost_of_root, np.sqrt(begin), np.sqrt(least), steps).x ** 2
     found = _lowest(cost, near, least, steps)
     x = np.where(found.x < NOTHING, 0.0, found.x)
@@ -213,7 +216,7 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
         return value, gradient
     for (_, _, _, V), (factor, white) in zip(parts, kept, strict=True):
         inverse = inverse_lower(factor)
-        taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less what the columns take up
+        taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less the part absorbed by the columns
         P = inverse.T @ inverse - taken.T @ taken
         y = inverse.T @ (white[:, p] - white[:, :p] @ beta)
         for k, v in enumerate(V):
@@ -222,15 +225,14 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
 
 
 def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
-    """(K,) of the square root of x, from the curvature of all together; of one at zero, the size at which the likelihood has lost a
-    sigma."""
+    """Sigma (K,) of the square root of x, from the joint curvature; at zero, the size at which the likelihood has dropped by one sigma."""
     assert callable(cost)
     here, steps = cost(x)[1], np.maximum(0.3 * x, 0.02)
     curvature = np.array([(cost(x + step * unit)[1] - here) / step for step, unit in zip(steps, np.eye(len(x)), strict=True)])
     curvature = (curvature + curvature.T) / 2
     sigma = np.full(len(x), np.inf)
     there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
-    # Each is less well known beside the others than if they were known.
+    # The joint sigma of each is at least its sigma with the others known.
     variance = 2 * np.diag(np.linalg.pinv(curvature[np.ix_(there, there)], hermitian=True))
     alone = 2 / np.diag(curvature)[there]
     sigma[there] = np.sqrt(np.maximum(variance, alone)) / (2 * np.sqrt(x[there]))
@@ -241,17 +243,17 @@ def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
     return sigma
 
 
-# What the covariance of all channels may hold beside white noise: variance components, each with a name and a place.
+# The variance components of all channels besides white noise.
 #
-# A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``restricted_likelihood.py``).
+# A component is V_k s_k^2: V_k follows from the recording's geometry, s_k is estimated (``estimate``).
 #
-# - ``noise.bias_wander``: the bias wanders as flicker noise; it is known beforehand as well as its source is.
-# - ``noise.still_rate``: the mean rate of each still errs by itself: rests creep, the bias jumps between them.
-# - ``noise.reference``: the accelerometer's error in each attitude: it tilts the reference at the ends of two turns, and shows in gravity's
+# - ``noise.bias_wander``: bias drift as flicker noise, with a prior from the source of the bias instability.
+# - ``noise.still_rate``: an independent error of each still's mean rate: the body creeps, the bias jumps between stills.
+# - ``noise.reference``: the accelerometer's error in each attitude: it tilts the reference at the ends of two turns and changes gravity's
 #   length.
-# - ``noise.truth``: in its place between moments of truth: the truth's own error at each, which two neighbours share with opposite signs.
-# - ``noise.turn``: what each turn errs by beyond all that; equal for all turns.
-# - ``motion.undersampled``: motion faster than half the data rate; each turn's share is predicted (``undersampling.py``), s is a factor.
+# - ``noise.truth``: replaces it between moments of truth: the truth's error at each, shared by two neighbours with opposite signs.
+# - ``noise.turn``: a further independent error of each turn, of equal size for all turns.
+# - ``motion.undersampled``: motion faster than half the data rate; each turn's share is predicted (``undersampling``), s is a factor.
 
 WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
     "noise.bias_wander",
@@ -261,27 +263,26 @@ WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
     "noise.turn",
     "motion.undersampled",
 )
-#: ln: how far a unit's bias instability may be from the typical one of its model, and from the one that was given for it
+#: ln: spread of a unit's bias instability about the typical one of its model, and about the given one
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
-#: an undersampling below this share of the floor's rms is none: a factor of it cannot be told
+#: undersampling below this share of the floor's rms is ignored, since its factor cannot be estimated
 LEAST_UNDERSAMPLING = 0.1
-#: ln: undersampling is predicted within a factor of 1.5 (benchmarks/real_recordings.py); a filter below half the data rate leaves less
+#: ln: spread of the prediction, a factor of 1.5 (benchmarks/real_recordings.py); downwards, for a filter below half the data rate
 FACTOR_SPREAD, FILTERED_SPREAD = 0.4, 1.0
-#: two of these spreads: turns that miss by more than this times what fast motion makes miss for another reason
+#: two of these spreads: a larger factor on the prediction has a cause other than fast motion
 MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
-#: ln: a truth's sigma is stated to an order of magnitude: of the public ones, some are 30 times as good, some as bad as they say
+#: ln: a truth's sigma is stated to an order of magnitude: some public ones are 30 times as good as stated, some as bad
 TRUTH_SPREAD = 1.5
-#: a bias that wanders beside a truth where nothing says by how much: a MEMS gyroscope's, to an order of magnitude
+#: bias instability with a truth file and no other source: a MEMS gyroscope's, to an order of magnitude
 UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """One of them.
+    """A variance component.
 
-    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, sparse but for what lasts all session; usual: s as
-    large as white noise, SI, where a search begins; prior: median and spread (ln) of s where something is known beforehand; unit and si:
-    how a person reads s; says.
+    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, sparse unless it spans the whole session; usual: s as
+    large as white noise, SI, where a search starts; prior: of s, if any; unit and si: display unit of s, its SI value; says: description.
     """
 
     name: str
@@ -294,7 +295,7 @@ class Component:
 
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
-    """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
+    """Variance components of a twin whose channels have sizes (S d, 3 Q, Q)."""
     white = replace(twin.problem.floor, tilt_excess=1.0, own=twin.problem.floor.white, wider=None)
     floor = float(np.sqrt(np.mean(white.sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
@@ -311,7 +312,7 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
     wander = wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=1.0)
-    # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
+    # A bias error rotates a segment's end by its mean attitude times its duration, and adds directly to a still's rate.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(sizes[0], 3), np.tile(np.eye(3), (q, 1))])
     owner = np.concatenate([np.repeat(np.arange(s), twin.batch.angles), s + np.repeat(np.arange(q), 3)])
@@ -321,7 +322,7 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
     prior = Prior(known.rps, spread) if known.rps > 0 and not known.of_unit else None
-    if not q and prior is None:  # the rates at rest that an estimate is from are no rows of such a twin
+    if not q and prior is None:  # such a twin has no rows of the rates at rest behind an estimate
         prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
@@ -348,7 +349,7 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
 
 
 def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
-    """Of each moment of truth; a segment that begins at the sample where another ends shares its moment."""
+    """Component of the truth's error at each moment; a segment that begins at the sample where another ends shares its moment."""
     sigma = twin.problem.session.config.protocol.truth_sigma_deg * DEG
     ends: dict[tuple[int, int], np.ndarray] = {}
     for number, s in enumerate(twin.segments):
@@ -363,7 +364,7 @@ def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = 1.0
     if twin.batch.turns is not None:
-        # A known angle has its stop's sigma: what an accelerometer or a hand does to the tilt at the ends is none of its.
+        # A known angle has its stop's sigma: errors of the tilt due to accelerometer or hand do not apply to it.
         diagonal[2 : sizes[0] : twin.batch.angles] = 0.0
     return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn")
 

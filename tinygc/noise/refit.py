@@ -1,4 +1,4 @@
-"""Refit the linear model, the Earth, gravity and the claimed effects together, exactly."""
+"""Joint exact refit of the linear model, the Earth, gravity and the claimed effects."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from tinygc.models.linear import PRIOR_SIGMA
 from tinygc.noise.twin import Channels, State, Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
-# Scanned shapes that may be fitted, since what the effect adds changes smoothly with them: a time constant, a period, a dead zone's width.
+# Fit of the scanned shapes on which an effect depends smoothly: a time constant, a period, a dead zone's width.
 #
-# A scan puts them near their best by linear columns, in rates that the effect still disturbs.  Here they are fitted with all else, a
-# Gauss-Newton step at a time, and their own uncertainty widens that of the parameters: a time constant that is a little longer asks for
-# other coefficients.
+# A scan finds them roughly by linear columns, in rates that the effect still disturbs.  Here they are fitted with all other parameters
+# by Gauss-Newton steps, and their uncertainty widens that of the parameters, since a longer time constant changes the coefficients.
 
-#: of the value: a central difference is then off by a ten-thousandth of what it shows
+#: relative step of the central differences, whose relative error is then 1e-4
 STEP = 0.01
-#: of the value: a prior's sigma, as wide as any grid; and the farthest that one step goes
+#: relative to the value: the prior's sigma, as wide as any grid, and the largest step
 LOOSE, FARTHEST = 1.0, 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Of a fit with whitened residuals r (n,), columns J (n, p) and covariance (p, p) that held its shapes: numbers of the claims whose
-    shape may be fitted; moves (n, m), whitened, how the residuals change with these values, each as a share of itself."""
+    """Shapes of a fit with whitened residuals r (n,), columns J (n, p) and covariance (p, p) at fixed shapes.
+
+    numbers: the claims whose shape is fitted; moves (n, m): derivative of the whitened residuals by the logarithms of these values.
+    """
 
     claims: tuple[AppliedEffect, ...]
     numbers: tuple[int, ...]
@@ -36,20 +37,20 @@ class Shapes:
 
     @classmethod
     def of(cls, twin: Twin, whiten: Whitener, state: State, rates: list[np.ndarray], sensitivity: np.ndarray) -> Shapes:
-        """Of a state, with its rates and sensitivity."""
+        """Compute the shapes of a state with its rates and sensitivity."""
         numbers = tuple(number for number, claim in enumerate(state.claims) if is_fitted(claim.effect))
         moves = [_moves(twin, state.claims[number], state, rates, sensitivity) for number in numbers]
         return cls(state.claims, numbers, whiten(np.stack(moves, axis=1)) if moves else np.zeros((0, 0)))
 
     def widened(self, J: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """The covariance of the parameters where these shapes are fitted, too."""
+        """Covariance of the parameters if the shapes are fitted as well."""
         if not self.numbers:
             return covariance
         along = covariance @ (J.T @ self.moves)
         return covariance + along @ np.linalg.solve(self._information(J, along), along.T)
 
     def stepped(self, r: np.ndarray, J: np.ndarray, held: np.ndarray) -> list[Effect]:
-        """All effects, with these shapes where their linear columns are best; held: the covariance that ``widened`` was given."""
+        """All effects after a Gauss-Newton step of the shapes; held: the covariance at fixed shapes, as passed to ``widened``."""
         along = held @ (J.T @ self.moves)
         left = r - J @ (held @ (J.T @ r))
         step = np.clip(-np.linalg.solve(self._information(J, along), self.moves.T @ left), -FARTHEST, FARTHEST)
@@ -59,23 +60,23 @@ class Shapes:
         return effects
 
     def _information(self, J: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """(m, m) of the values, whatever the parameters are."""
+        """Information matrix (m, m) of the values with the parameters marginalised."""
         return self.moves.T @ self.moves - (self.moves.T @ J) @ along + np.eye(len(self.numbers)) / LOOSE**2
 
 
 def is_fitted(effect: Effect) -> bool:
-    """Whether it has a shape, at a value, that may be fitted."""
+    """Whether an effect has a shape, at a value, that may be fitted."""
     return effect.scan is not None and effect.scan.smooth and effect.shape.get(effect.scan.name, 0.0) != 0
 
 
 def value_of(effect: Effect) -> float:
-    """Of its scanned shape, SI."""
-    assert effect.scan is not None  # who asks has seen it
+    """Value of an effect's scanned shape, SI."""
+    assert effect.scan is not None  # callers have checked it
     return float(effect.shape[effect.scan.name] * effect.scan.si)
 
 
 def _moves(twin: Twin, claim: AppliedEffect, state: State, rates: list[np.ndarray], sensitivity: np.ndarray) -> np.ndarray:
-    """(n,) how the residuals change with the value of a claim's shape, as a share of itself."""
+    """(n,) derivative of the residuals by the logarithm of the value of a claim's shape."""
     value = value_of(claim.effect)
     low, high = (
         twin.effect_columns(claim.effect.at(value * (1 + side * STEP)), state, sensitivity, rates).stacked() @ claim.theta
@@ -84,30 +85,30 @@ def _moves(twin: Twin, claim: AppliedEffect, state: State, rates: list[np.ndarra
     return (high - low) / (2 * STEP)
 
 
-# Refit everything together: the linear model, the Earth's unknown part, gravity, and the claimed effects, exactly.
+# Joint exact refit of the linear model, the Earth's unknown part, gravity, and the claimed effects.
 #
-# Gauss-Newton on the whitened channels.  The residuals are exact (effects are undone, not linearised); the columns are linear, which
-# changes where the steps go but not where they end.  Weak priors keep what no channel sees from wandering.
+# It is Gauss-Newton on the whitened channels.  The residuals are exact (effects are removed, not linearised); the columns are linear, which
+# affects the steps but not the solution.  Weak priors bound parameters that no channel observes.
 
-#: Gauss-Newton: iterations, not a bar; ``ENOUGH`` ends it
+#: greatest number of Gauss-Newton steps; usually ``ENOUGH`` ends the search
 MAX_STEPS = 12
-#: a step that gains less than this in chi-square, a tenth of a sigma, is the last
+#: the search ends when a step reduces chi-square by less than this, a tenth of a sigma
 ENOUGH = 0.01
-#: of shapes that may be fitted: the scan has put them near
+#: greatest number of steps of the shapes, which start near from the scan
 SHAPE_STEPS = 4
-#: prior: the site's gravity and the accelerometer's scale, 2 % of g by its data sheet
+#: prior sigma of gravity: the accelerometer's scale is within 2 % of g by its data sheet
 GRAVITY_SIGMA = 20 * MG
-#: of what is known, as a prior's sigma: small beside everything
+#: prior sigma of a known parameter, negligible to all else
 KNOWN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Where the search ended.
+    """Result of a refit.
 
-    state; whitened residuals r (n,) and columns J (n, p) in the order of ``State.vector``, of the rows that counted; chi_square;
-    covariance (p, p); columns_at: the state that J was taken at, which may be another than the one that was settled on.  Small, for a
-    hypothesis each: what the columns rest on sample by sample is made again by ``Replay``.
+    state; whitened residuals r (n,) and columns J (n, p) in the order of ``State.vector``, of the rows used; chi_square; covariance (p, p);
+    columns_at: the state at which J was computed, which may differ from the final one.  To stay small it holds no data per sample;
+    ``Replay`` recomputes them.
     """
 
     state: State
@@ -118,7 +119,7 @@ class Refit:
     columns_at: State
 
     def theta_covariance(self, number: int) -> np.ndarray:
-        """(P, P) of one claim."""
+        """Covariance (P, P) of one claim."""
         own = claim_slice(self.state.claims, number)
         return self.covariance[own, own]
 
@@ -126,9 +127,9 @@ class Refit:
 def refit(
     twin: Twin, whiten: Whitener, effects: list[Effect], start: State, rows: np.ndarray | None = None, max_steps: int = MAX_STEPS
 ) -> Refit:
-    """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count.
+    """Fit with these effects, starting at a state, whose claims give the start values; ``rows`` (n,) bool: the rows used.
 
-    Scanned shapes that may be fitted are (``shapes``): the claims of the answer then have other values of them than were given.
+    Scanned shapes are fitted where possible (``shapes``): the claims of the result then have new values of them.
     """
     whiten = whiten if rows is None else whiten.only(rows)
     best, ahead = _refit(twin, whiten, effects, start, max_steps)
@@ -143,8 +144,8 @@ def refit(
 
 
 def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, max_steps: int) -> tuple[Refit, list[Effect] | None]:
-    """With all shapes held; and the effects with better ones, None where there are none to be fitted."""
-    # An effect with more numbers than it had begins anew.
+    """Refit at fixed shapes; also return the effects with improved shapes, None if no shape is fitted."""
+    # An effect whose number of parameters grew starts again from zero.
     known = {(claim.effect.id, len(claim.theta)): claim.theta for claim in start.claims}
     begin = (known.get((e.id, e.parameter.size), np.full(e.parameter.size, e.begin)) for e in effects)
     state = replace(start, claims=tuple(AppliedEffect(e, theta) for e, theta in zip(effects, begin, strict=True)))
@@ -158,7 +159,7 @@ def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, ma
 
     sensitivity = None
     for _ in range(max_steps):
-        # A step turns the attitudes along a turn by far less than their own size: those of the first step do for all but the last design.
+        # A step changes the attitudes along a turn so little that those of the first step suffice for all but the last design.
         J, sensitivity = design(twin, whiten, state, rates, sensitivity)
         scaled = J * prior
         gradient = scaled.T @ r + (state.vector - centre) / prior
@@ -166,7 +167,7 @@ def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, ma
         before = cost(r, state)
         for _ in range(5):
             trial = state.with_vector(state.vector + step)
-            with np.errstate(over="ignore", invalid="ignore"):  # a step too far may overflow, and then gains nothing
+            with np.errstate(over="ignore", invalid="ignore"):  # too large a step may overflow and is then rejected
                 trial_rates = twin.rates(trial)
                 trial_r = whiten(twin.residuals(trial, trial_rates).stacked())
             gain = before - cost(trial_r, trial)
@@ -188,7 +189,7 @@ def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, ma
 def design(
     twin: Twin, whiten: Whitener, state: State, rates: list[np.ndarray], sensitivity: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened columns (n, p) of all parameters, and the sensitivity they rest on: the state's own, or a near one that is known."""
+    """Whitened columns (n, p) of all parameters, and their sensitivity: that of the state, or a known one of a nearby state."""
     sensitivity = twin.sensitivity(state, rates) if sensitivity is None else sensitivity
     earth = twin.earth_columns()
     horizontal = Channels(*(part @ state.axes.T for part in (earth.closure, earth.still, earth.length)))
@@ -198,34 +199,34 @@ def design(
 
 
 def prior_sigmas(twin: Twin, effects: list[Effect]) -> np.ndarray:
-    """(p,) generous sigmas, SI, in the order of ``State.vector``; what is known is held."""
-    # A heading that was estimated may be wrong, which turns the Earth's horizontal rate; its length is known.
+    """(p,) wide prior sigmas, SI, in the order of ``State.vector``; known parameters are fixed."""
+    # An error of an estimated heading rotates the Earth's horizontal rate; its length is known.
     free = {"estimated": (1.0, KNOWN), "unknown": (1.0, 1.0)}.get(twin.problem.earth.source, (KNOWN, KNOWN))
     horizontal = np.multiply(free, EARTH_RATE_RPS)
     plausible = [np.full(effect.parameter.size, effect.parameter.plausible) for effect in effects]
     return np.concatenate([PRIOR_SIGMA, horizontal, [GRAVITY_SIGMA], *plausible])
 
 
-# A fit's movement, sample by sample: of a day with 400 turns 50 MB, so that no fit keeps its own.
+# A fit's motion at every sample takes 50 MB for a day with 400 turns, so fits do not keep it.
 
 
 class Replay:
-    """What columns of effects beside a fit rest on; made where they are asked for, of the states that the fit keeps."""
+    """Rates and sensitivity of a fit, for columns of further effects; recomputed on demand from the fit's states."""
 
     def __init__(self, twin: Twin, fit: Refit):
         self.twin, self.fit = twin, fit
 
     @cached_property
     def rates(self) -> list[np.ndarray]:
-        """True rates (N, 3) rad/s of each log, where the fit stands."""
+        """True rates (N, 3) rad/s of each log at the fit's state."""
         return self.twin.rates(self.fit.state)
 
     @cached_property
     def sensitivity(self) -> np.ndarray:
-        """(S, T, d, 3) s, that the fit's own columns rest on."""
+        """(S, T, d, 3) s: sensitivity of the fit's columns."""
         at, state = self.fit.columns_at, self.fit.state
         return self.twin.sensitivity(at, self.rates if at is state else self.twin.rates(at))
 
     def columns(self, effect: Effect) -> Channels:
-        """Of an effect's parameters, as ``Twin.effect_columns``."""
+        """Columns of an effect's parameters, as ``Twin.effect_columns``."""
         return self.twin.effect_columns(effect, self.fit.state, self.sensitivity, self.rates)

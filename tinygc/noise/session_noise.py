@@ -1,4 +1,4 @@
-"""The noise of one session: its components with sizes, the covariance that they add, and the whiteners under it."""
+"""The noise of one session: its components with sizes, their covariance, and the whiteners for it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from tinygc.noise.components import (
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Sparse, Whitener
 
-# The noise of one session as it is: its components with sizes, and the covariance that they add.
+# The noise of one session: its components with sizes, and their covariance.
 
-#: turns that are taken together: their covariance is inverted at once (benchmarks/explain_speed.py)
+#: turns in a block, whose covariance is inverted at once (benchmarks/explain_speed.py)
 BLOCK = 60
-#: spreads of what is known of the bias instability, beyond which it is another thing
+#: spreads of the bias instability's prior beyond which its size is unusual
 UNUSUAL = 3.0
 
 
@@ -45,8 +45,8 @@ class SessionNoise:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(n, n) beside white noise."""
-        count = sum(len(block) for block in self.blocks)  # every row is in one of them
+        """(n, n) covariance in addition to white noise."""
+        count = sum(len(block) for block in self.blocks)  # every row is in one block
         total = np.zeros((count, count))
         for s, component in zip(self.s, self.components, strict=True):
             V = component.V
@@ -57,13 +57,13 @@ class SessionNoise:
         return total
 
     def size(self, name: str) -> float:
-        """s of a component, SI; 0 where there is none of this name."""
+        """Size s of a component, SI; 0 if it is absent."""
         return next((float(s) for s, c in zip(self.s, self.components, strict=True) if c.name == name), 0.0)
 
     @property
     def unusual(self) -> bool:
-        """Whether the recording asks for more than a sensor's own noise: each turn or each still errs by more than white noise does, or
-        the bias wanders far more than is known of it."""
+        """Whether the noise exceeds that of a sensor: turns or stills have errors above white noise, undersampling exceeds its prediction,
+        or the bias drift far exceeds its prior."""
         found = dict(zip((c.name for c in self.components), zip(self.s, self.components, strict=True), strict=True))
         for name in (TURN, STILL_RATE):
             if name in found and found[name][0] > found[name][1].usual:
@@ -74,17 +74,16 @@ class SessionNoise:
         return wander is not None and wander.prior is not None and s > wander.prior.median * np.exp(UNUSUAL * wander.prior.spread)
 
     def unusual_p(self, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> float:
-        """Probability that a sensor's own noise looks as unusual; 1 where it does not.  r (n,), J (n, p): as in ``estimated``, which gave
-        these sizes.
+        """P-value of unusual noise; 1 if it is not unusual.  r (n,), J (n, p): as passed to ``estimated``, which gave these sizes.
 
-        Likelihood ratio of each component that is too large against none, whose estimate is zero half the time (Self & Liang 1987).
+        It is the likelihood ratio of each large component against none, whose estimate is zero half the time (Self & Liang 1987).
         """
         if not self.unusual:
             return 1.0
         most = {TURN: 1.0, STILL_RATE: 1.0, UNDERSAMPLED: MOST_FACTOR}
         large = [c.name for s, c in zip(self.s, self.components, strict=True) if c.name in most and s > most[c.name] * c.usual]
         gains = [self.without(name).estimated(whiten, r, J, self.without(name).s).value - self.value for name in large]
-        # Of what is known beforehand, the prior says how rare it is.
+        # For a component with a prior, the prior gives the probability.
         p = [chi_square_above(max(gain, 0.0), 1) / 2 for gain in gains] or [2 * normal_above(UNUSUAL)]
         return min(1.0, len(p) * min(p))
 
@@ -103,12 +102,12 @@ class SessionNoise:
 
     @property
     def words(self) -> str:
-        """Those that are there, in one line."""
+        """The components present, in one line."""
         found = [f"{c.says} {s / c.si:.2g} {c.unit}" for s, c in zip(self.s, self.components, strict=True) if s > 0]
         return "; ".join(found) or "none"
 
     def without(self, name: str) -> SessionNoise:
-        """The same without a component."""
+        """Remove a component."""
         kept = [i for i, c in enumerate(self.components) if c.name != name]
         return replace(self, components=tuple(self.components[i] for i in kept), s=self.s[kept], sigma=self.sigma[kept])
 
@@ -121,10 +120,10 @@ class SessionNoise:
         with_sigma: bool = False,
         steps: int = SCORING_STEPS,
     ) -> SessionNoise:
-        """The components re-estimated beside columns J (n, p), stacked, in their priors' sigmas, that leave residuals r (n,), stacked.
+        """Re-estimate the components with columns J (n, p), stacked, in units of their priors' sigmas, and residuals r (n,), stacked.
 
-        A name that takes over what a component stood for leaves less of it.  start: s (K,) where the search begins; with_sigma: whether
-        how well they are known is asked for.
+        An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
+        the sigmas.
         """
         found = estimate(
             r,
@@ -142,7 +141,7 @@ class SessionNoise:
 
 
 def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = None) -> SessionNoise:
-    """What is known before anything is fitted: the bias instability alone.  missed: where it is known better than from this twin."""
+    """Noise before any fit: the bias instability alone.  missed: undersampling, if better known than from this twin."""
     missed = missed or undersampling(twin)
     components = tuple(components_of(twin, whiten.sizes, missed))
     s = np.array([c.usual if c.name == WANDER and c.prior is not None else 0.0 for c in components])
@@ -150,11 +149,11 @@ def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = Non
 
 
 def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
-    """Rows of neighbouring turns with the stills at their beginnings; a session of up to ``BLOCK`` turns is one block."""
+    """Rows of blocks of neighbouring turns with the stills before them; a session of up to ``BLOCK`` turns is one block."""
     count, d = len(twin.segments), twin.batch.angles
     parts = max(1, -(-count // BLOCK))
     edges = np.linspace(0, count, parts + 1).round().astype(int)
-    # Each still goes with the turn that begins at or after it.
+    # Each still belongs to the turn that begins at or after it.
     owner = np.searchsorted(twin.first, np.arange(len(twin.stills)))
     found = []
     for start, stop in pairwise(edges):
@@ -173,20 +172,20 @@ def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
 
 
 def known_whitener(twin: Twin) -> Whitener:
-    """With what is known of a twin's noise before anything is fitted."""
+    """Whitener with a twin's noise before any fit."""
     whiten = Whitener(twin)
     return whiten.with_more(first_noise(twin, whiten).covariance)
 
 
-# The whiteners of one twin under the noise of each hypothesis, a few at a time.
+# A cache of a twin's whiteners for the noise of each hypothesis.
 
-#: whiteners that are held: of the hypothesis that a search goes on from, of the one that is weighed, and of one more
+#: whiteners kept: for a search's current hypothesis, for the candidate, and one more
 HELD = 3
 
 
 class Whiteners:
-    """By noise.  A factor has (n, n) elements, of 400 turns 46 MB, and each hypothesis has noise of its own; what was not asked for lately
-    is factored again, to the same digits."""
+    """Cache of whiteners by noise.  A factor has (n, n) elements, 46 MB for 400 turns, and each hypothesis has its own noise; those not
+    used recently are factored again, with identical results."""
 
     def __init__(self, twin: Twin):
         #: white noise alone
@@ -197,10 +196,10 @@ class Whiteners:
         return len(self._held)
 
     def of(self, noise: SessionNoise) -> Whitener:
-        """White noise with this on top."""
+        """Whitener for white noise and this noise."""
         found = self._held.pop(noise, None)
         if found is None:
-            while len(self._held) >= HELD:  # before another is made: the one that was asked for longest ago
+            while len(self._held) >= HELD:  # drop the least recently used before computing another
                 del self._held[next(iter(self._held))]
             found = self.white.with_more(noise.covariance)
         self._held[noise] = found

@@ -1,4 +1,4 @@
-"""A long log as the twin sees it: turns sample by sample, everything else as means."""
+"""Decimation of a long log for the twin: turns at every sample, everything else as means."""
 
 from __future__ import annotations
 
@@ -13,47 +13,46 @@ from session.io.samples import Samples
 from tinygc.closure.problem import LEFT_OUT, Problem, conditions
 from tinygc.effects import Conditions, Movement, movement_of
 
-# A long log as the twin sees it: turns sample by sample, what lies between them as means over a second.
+# Decimation of a long log for the twin: turns at every sample, the time between them as means over a second.
 #
-# In a rest nothing happens that a second hides: an effect adds there what it adds to the mean rate, and its mean over a still is what the
-# twin asks for.  A day at 208 Hz is 18 million rows, of which the turns are some hundred thousand; effects have dozens of columns.
+# Means lose nothing at rest, where the twin uses only an effect's mean over a still.  A day at 208 Hz has 18 million rows, of which the
+# turns take some hundred thousand, and effects have dozens of columns.
 
-#: rows of a session from which on it is thinned: an hour and more at 208 Hz
+#: rows above which a session is decimated: more than an hour at 208 Hz
 LONG = 1_000_000
-#: s over which rests are taken together, and s beside a turn that stay as they are: many times what a filter or a lag remembers
+#: s over which rests are averaged, and s around a turn that stay unchanged: many times the memory of a filter or a lag
 TOGETHER_S, BESIDE_S = 1.0, 0.5
-#: rows that are looked at at once, and s on either side that they are looked at with: many times what temperature and vibration are
-#: taken over
+#: rows processed at once, and s of margin on either side: many times the averaging time of temperature and vibration
 AT_ONCE, AROUND_S = 1 << 18, 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class ThinnedMovement(Movement):
-    """Rows that are not equally far apart; dt_s is that of the turns."""
+    """A movement with unequally spaced rows; dt_s is that of the turns."""
 
     @property
     def acceleration(self) -> np.ndarray:
-        """(N, 3) rad/s^2, by differences over the time between the rows."""
+        """(N, 3) rad/s^2, by differences over the unequal spacing."""
         return np.gradient(self.rate, self.t_s, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Thinning:
-    """Of one log: row k of the thinned one is the mean of rows edges[k] <= i < edges[k + 1], edges (M + 1,)."""
+    """Decimation of one log: row k of the thinned log is the mean of rows edges[k] <= i < edges[k + 1], edges (M + 1,)."""
 
     edges: np.ndarray
 
     @property
     def counts(self) -> np.ndarray:
-        """(M,) rows that each stands for."""
+        """(M,) number of rows averaged in each thinned row."""
         return np.diff(self.edges)
 
     def row(self, row: int) -> int:
-        """Where a row of the log is."""
+        """The thinned row that contains a row of the log."""
         return int(np.searchsorted(self.edges, row, side="right")) - 1
 
     def parts(self) -> list[tuple[int, int]]:
-        """Rows (first, last) of the thinned log, ``first <= k < last``, of which each stands for ``AT_ONCE`` rows or so."""
+        """Parts (first, last) of the thinned log, ``first <= k < last``, each of about ``AT_ONCE`` original rows."""
         cuts = [0]
         while cuts[-1] < len(self.edges) - 1:
             behind = int(np.searchsorted(self.edges, self.edges[cuts[-1]] + AT_ONCE, side="right")) - 1
@@ -61,7 +60,7 @@ class Thinning:
         return list(pairwise(cuts))
 
     def means(self, values: np.ndarray) -> np.ndarray:
-        """(M, …) of (N, …)."""
+        """Average values (N, …) to (M, …)."""
         return np.concatenate([self._means(values[self.edges[a] : self.edges[b]], a, b) for a, b in self.parts()])
 
     def _means(self, values: np.ndarray, first: int, last: int) -> np.ndarray:
@@ -78,7 +77,7 @@ class Thinning:
         return found
 
     def movement(self, samples: Samples, thinned: Samples, rate: np.ndarray, known: Conditions, began_s: float) -> Movement:
-        """Of a log and what it was thinned to, with rates (M, 3); temperature and vibration as every reading shows them."""
+        """Movement of a log and its thinned version, with rates (M, 3); temperature and vibration come from all readings."""
         around, found = round(AROUND_S / samples.period_s), []
         for a, b in self.parts():
             first, last = int(self.edges[a]), int(self.edges[b])
@@ -103,14 +102,14 @@ class Thinning:
 
 
 def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
-    """The problem with its logs, stills and segments in thinned rows, and how each log was thinned; a short one, or one with a truth file,
-    as it is, and None."""
+    """Thin the logs, stills and segments of a problem, and return it with the decimation of each log; a short problem, or one with a truth
+    file, is returned unchanged, with None."""
     if problem.session.truths is not None or sum(len(log.samples) for log in problem.logs) <= LONG:
         return problem, None
     thinnings, logs = [], []
     moved: dict[int, Still] = {}
     for number, log in enumerate(problem.logs):
-        # Turns that were put away count: a memory is then the same in a part of the session as in the whole.
+        # Excluded turns count as well: a memory is then the same in a part of the session as in the whole.
         turns = [s for s in problem.segments if s.log == number and s.problem in (None, LEFT_OUT)]
         own = Thinning(_edges(log.samples, log.stills, turns))
         stills = [replace(still, start=own.row(still.start), stop=own.row(still.stop - 1) + 1) for still in log.stills]
@@ -128,7 +127,7 @@ def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
 
 
 def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | None, number: int) -> Movement:
-    """What effects are given of one log; seen, thinnings: what ``thinned`` made of the problem."""
+    """Movement of one log, as passed to effects; seen, thinnings: the result of ``thinned`` for the problem."""
     samples = seen.logs[number].samples
     rate, known, began_s = problem.first(samples.gyro), conditions(problem), float(problem.began_s[number])
     if thinnings is None:
@@ -137,7 +136,7 @@ def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | Non
 
 
 def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np.ndarray:
-    """(M + 1,): every row of these segments, the ends of every still, and a row a second between."""
+    """Edges (M + 1,): every row of these segments, the ends of every still, and one row per second between."""
     count, beside = len(samples), round(BESIDE_S / samples.period_s)
     edge = np.zeros(count + 1, dtype=bool)
     edge[:: max(1, round(TOGETHER_S / samples.period_s))] = True
@@ -145,27 +144,27 @@ def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np
         edge[[still.start, still.stop]] = True
     for segment in segments:
         edge[max(segment.start - beside, 0) : segment.stop + beside + 1] = True
-    edge[[0, 1, count - 1, count]] = True  # so that it begins and ends when it did
+    edge[[0, 1, count - 1, count]] = True  # keep the first and last times
     return np.flatnonzero(edge)
 
 
-# Means over the stills of one log, some stills at a time: all of them together would be another copy of the log.
+# Means over the stills of one log, a few stills at a time, to avoid a copy of the whole log.
 
 #: rows of stills that are averaged at once
 MEANS_AT_ONCE = 1 << 16
 
 
 class StillMeans:
-    """Of stills of one log; counts (N,): readings that each row stands for, where that is not one."""
+    """Means over the stills of one log; counts (N,): readings averaged in each row, if more than one."""
 
     def __init__(self, stills: list[Still], counts: np.ndarray | None):
         self._counts = counts
         self._rows = np.concatenate([np.arange(still.start, still.stop) for still in stills] or [np.zeros(0, dtype=int)])
-        #: where each still begins among these rows, and where the last one ends
+        #: the row at which each still begins, and the one at which the last ends
         self._edges = np.concatenate([[0], np.cumsum([still.stop - still.start for still in stills], dtype=int)])
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """(Q, …) of samples (N, …)."""
+        """Average samples (N, …) over the stills to (Q, …)."""
         tail = (1,) * (values.ndim - 1)
         found = [np.zeros((0, *values.shape[1:]))]
         for part in self._parts():
@@ -178,7 +177,7 @@ class StillMeans:
         return np.concatenate(found)
 
     def _parts(self) -> list[np.ndarray]:
-        """Edges of neighbouring stills, of ``AT_ONCE`` rows or so together."""
+        """Edges of groups of neighbouring stills with about ``AT_ONCE`` rows each."""
         stills = len(self._edges) - 1
         cuts = np.unique([*np.searchsorted(self._edges[:-1], np.arange(0, len(self._rows), MEANS_AT_ONCE)), stills])
         return [self._edges[first : last + 1] for first, last in pairwise(cuts)]

@@ -60,7 +60,7 @@ class UnitPlace:
 
 #: samples on either side of a clipped one that a spline through it would distort
 BESIDE = 3
-#: of the usual period: a longer step is a gap, and readings are not interpolated across it
+#: periods; a longer step is a gap, and readings are not interpolated across it
 GAP_PERIODS = 1.6
 #: s of identical readings on all axes after which a sensor counts as stuck (as in fault detection)
 STUCK_S = 0.5
@@ -275,7 +275,7 @@ class ClockFit:
 
     @property
     def map_is_known(self) -> bool:
-        """Whether the body has turned about all three axes, so that the map between the units' rates is determined."""
+        """Return whether the body has turned about all three axes, so that the map between the units' rates is determined."""
         return bool(self.matrix_sigma.max() < KNOWN_MAP)
 
 

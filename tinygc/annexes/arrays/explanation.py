@@ -292,7 +292,7 @@ def explain_array(
 
 
 def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> tuple[Trait, ...]:
-    """unknown: numbers of the units that could not be explained; while there are any, no effect is reported as in all."""
+    """Attribute the effects to units; while any unit is unknown (could not be explained), no effect is reported as in all."""
     named: dict[str, dict[int, str]] = {}
     kinds: dict[str, str] = {}
     instead: dict[str, dict[str, None]] = {}

@@ -92,8 +92,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 #: share of the shorter of two stills that both have to have in common
 LEAST_COMMON = 0.5
-#: of a period of the readings: clocks of units polled in turn by one reader may seem this far apart; sensors sample far oftener than they
-#: are read
+#: share of a period of the readings by which clocks of units polled in turn may seem apart; sensors sample far oftener than they are read
 ONE_READER = 0.1
 
 

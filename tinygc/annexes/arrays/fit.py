@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 #: m: a position with a larger sigma counts as unknown
 KNOWN_M = 0.05
 FEWEST_TURNS = 5
-#: of its length: error of a position from differing filters of gyroscope and accelerometer (benchmarks/array_fit.py)
+#: relative error of a position from differing filters of gyroscope and accelerometer (benchmarks/array_fit.py)
 FILTERS = 0.005
 #: rows with a residual beyond this many typical residuals are down-weighted
 BAR = 2.0

@@ -41,9 +41,9 @@ from tinygc.models.linear import PARAMETERS, LinearModel
 
 #: limit of one unit's disagreement, relative to the units' median: no faulty unit in the calibration widens its own limit without bound
 MOST_OWN = 3.0
-#: of the units' median share in the vote
+#: largest share in the vote, relative to the units' median share
 MOST_SHARE = 1.5
-#: of the expected square: a residual beyond is an outlier and does not count
+#: limit of a squared residual, relative to the expected one; beyond it, the residual is an outlier
 TRIMMED = 9.0
 _ROUNDS = 8
 #: a unit with fewer common samples is left out
@@ -54,7 +54,7 @@ WINDOW_S, WINDOWS, EXPECTED_U = 0.5, 0.005, 3.0
 QUIET_RPS = 5 * DEG
 #: limit of a single u, so that one impact is no disagreement
 MOST_U = 36.0
-#: of the full scale: from here on a reading is saturated
+#: share of the full scale from which a reading is saturated
 END = 1 - FULL_SCALE_ROUNDING
 
 
@@ -166,7 +166,7 @@ def clips(model: ArrayModel, measured: np.ndarray) -> np.ndarray:
 # is used. White noise keeps, on average over all times, 0.79 of a sample's variance, and the same density at low frequencies; a motion of
 # frequency f is reproduced to (pi f T)^4 of itself or better, T the sample's period. Readings are not interpolated across a gap.
 
-#: of the unit's median step: a longer step is a gap
+#: longest step without a gap, in median steps of the unit
 GAP = 1.75
 
 

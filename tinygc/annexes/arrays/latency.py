@@ -28,7 +28,7 @@ STRETCH_S = 10.0
 FINENESS = 5
 #: time points per reading
 GRID = 8
-#: of the strongest reading's weight; weaker readings are left out
+#: least weight of a reading, relative to the strongest one
 LEAST_WEIGHT = 1e-3
 #: Hz; width over which the background level is taken as constant
 LEVEL_HZ = 3.0
@@ -269,7 +269,7 @@ class Difference:
 
 
 class SharedMotion:
-    """Rates of all units on one clock.  rates: of each unit, its logs; fits: of each unit."""
+    """Rates of all units on one clock.  rates: each unit's logs; fits: one for each unit."""
 
     def __init__(self, rates: Sequence[Sequence[Rates]], fits: Sequence[ClockFit]):
         self.stamped = [[each.shifted(fit.clock.array_time(each.t_s)) for each in unit] for unit, fit in zip(rates, fits, strict=True)]
@@ -328,7 +328,7 @@ LEAST_UNITS = 3
 #: iterations over all units' ages, each with the others' subtracted; a fourth moves half of the ages of mimu's first experiment by less
 #: than 0.003 ms
 ROUNDS = 3
-#: of a period; a reading nearer to the jump may be on its other side
+#: share of a period; a reading nearer to the jump may be on its other side
 NEAR_JUMP = 0.1
 #: fewest jumps in a recording; the ages by a wandering clock are no sawtooth
 LEAST_CYCLES = 2.0

@@ -28,7 +28,7 @@ from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_l
 #: width (sigma) of a jerk in periods of the data rate: two thirds of its power lie above half the rate
 WIDTH_PERIODS = 0.4
 JERKS_A_TURN = 3
-#: of a turn's length: jerks stay away from its ends, where the body comes to rest
+#: share of a turn's length; jerks stay away from its ends, where the body comes to rest
 MARGIN = 0.15
 #: widths after which a jerk has decayed
 OVER = 6.0
@@ -97,8 +97,8 @@ FALSE_AT, FALSE_ROWS, FALSE_TURN = 0.5, 3, 1
 class UnitTruth:
     """True extrinsics of one unit.
 
-    mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its clock: ``t_array =
-    t_unit + offset_s + rate t_unit``.
+    mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its clock:
+    ``t_array = t_unit + offset_s + rate t_unit``.
     """
 
     mounting: np.ndarray

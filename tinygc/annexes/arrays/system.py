@@ -108,7 +108,7 @@ class ArrayState:
 
 #: limit of a component's step in the search, and the number of steps
 SETTLED, MOST_STEPS = 1e-3, 60
-#: of the typical base variance of its rows: a smaller component is zero
+#: least component, relative to the typical base variance of its rows; a smaller one is zero
 NOTHING = 1e-6
 
 

@@ -35,7 +35,10 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @dataclass(frozen=True)
 class Job:
-    """folder of a session, as the computing process finds it; key of its content when the job was made; version that made the job."""
+    """Job for one session.
+
+    folder, as the computing process finds it; key of its content when the job was made; version that made the job.
+    """
 
     folder: str
     key: str
@@ -45,7 +48,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """key; row, None where nothing may be stored, with the reason in trouble; cpu_s and wall_s of the job."""
+    """Result of a job: key; row, None where nothing may be stored, with the reason in trouble; cpu_s and wall_s of the job."""
 
     key: str
     row: Row | None

@@ -117,8 +117,11 @@ SHARES = (0.005, 0.16, 0.5, 0.84, 0.995)
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """count: sessions with a value; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
-    below, above: number of values outside of it."""
+    """Distribution of a number.
+
+    count: sessions with a value; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
+    below, above: number of values outside of it.
+    """
 
     count: int
     quantiles: np.ndarray

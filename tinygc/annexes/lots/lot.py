@@ -54,7 +54,7 @@ class Lot:
 
 # One session's results for one unit: the numbers a lot is made of.
 
-#: of the accelerometer's numbers in a lot: M's upper triangle less the identity (1), then the bias (m/s^2), of f = M (m - b)
+#: names of the accelerometer's numbers in a lot: M's upper triangle less the identity (1), then the bias (m/s^2), of f = M (m - b)
 ACCELEROMETER_NAMES = (
     "accel_scale_x",
     "accel_nonorthogonality_xy",
@@ -66,7 +66,7 @@ ACCELEROMETER_NAMES = (
     "accel_bias_y",
     "accel_bias_z",
 )
-#: of the gyroscope's correction omega = E m + B (E of no unit, B in rad/s), then the accelerometer's
+#: names of the gyroscope's correction omega = E m + B (E of no unit, B in rad/s), then the accelerometer's
 NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
 
 
@@ -170,7 +170,7 @@ OWN = np.array(
         *(NAMES.index(f"accel_bias_{axis}") for axis in "xyz"),
     ]
 )
-#: of a sensor without an error
+#: values of a sensor without an error
 NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 
 

@@ -192,8 +192,11 @@ _AT_ONCE = 4096
 
 @dataclass(frozen=True, eq=False)
 class SessionErrors:
-    """values and sigmas (S, 21) in displayed units and their order, NaN where unknown; unit (S,); first (U,): the row of each unit's first
-    session."""
+    """Displayed values of all sessions.
+
+    values and sigmas (S, 21) in displayed units and their order, NaN where unknown; unit (S,); first (U,): the row of each unit's first
+    session.
+    """
 
     values: np.ndarray
     sigmas: np.ndarray

@@ -201,7 +201,7 @@ def fixed(value: float, digits: int) -> str:
 
 # A fleet's table in a few lines.
 
-MOST_SHOWN = 8  #: of each list: the page has more
+MOST_SHOWN = 8  #: rows of each list; the page has more
 
 
 def fleet_page(summary: Summary, tally: Tally | None) -> Group:

@@ -28,7 +28,7 @@ from tinygc.models.model import accelerometer_of, certain
 
 @dataclass(frozen=True)
 class Agreement:
-    """chi_square of so many degrees of freedom, and the probability of more by chance."""
+    """A chi-square test: chi_square, its degrees of freedom, and the p-value."""
 
     chi_square: float
     freedom: int
@@ -36,7 +36,7 @@ class Agreement:
 
 
 def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
-    """Of vectors (n, p) with covariances (n, p, p), each scaled to its own size so that no unit is lost in rounding."""
+    """Test vectors (n, p) with covariances (n, p, p), each quantity scaled to its own size to avoid rounding errors."""
     scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
     vectors, covariances = (vectors - vectors.mean(axis=0)) / scale, covariances / np.outer(scale, scale)
     weights = np.linalg.inv(covariances)
@@ -49,22 +49,22 @@ def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
 
 # The accelerometers of several sessions side by side, and the body frames that they define.
 #
-# The force is M (m - b), M = Q U: U upper triangular is the sensor's triad, Q a turn of the body frame against it, where a full matrix was
-# given.  omega = E m + B is in that frame.  Two sessions of one sensor whose frames differ are brought into one by Q_1 Q_2', which leaves
-# nothing of the frames but the triad, the same in both.
+# The force is M (m - b), M = Q U: U upper triangular is the sensor's triad, Q a rotation of the body frame against it, where a full matrix
+# was given.  omega = E m + B is in that frame.  Two sessions of one sensor whose frames differ are transformed into one by Q_1 Q_2'; both
+# then refer to the triad alone.
 
 #: mode of a fit -> in words
 MODES = {"given": "taken as given", "fit": "estimated from its own stills and turns", "prior": "given, and sharpened by its own stills"}
-#: data that alone would know a number no better than ten sigmas of what was given say nothing of it.  Simulated sessions of 30 turns have
-#: 0.04 and more, but for the scale that all axes share, which is gravity's length: 1e-7
+#: least share of the information from the data (a sigma of ten prior sigmas) for a parameter to be observed.  Simulated sessions of 30
+#: turns have 0.04 and more, except for the common scale of all axes, which is gravity's length: 1e-7
 LEAST_SHARE = 0.01
 _NONE = Accelerometer(source="none")
 
 
 @dataclass(frozen=True, eq=False)
 class SessionTriad:
-    """mode of the fit; calibration; covariance (9, 9) of the correction that led to it, SI, None where it was taken as given; shared
-    (9, 9): what of it is an error of the calibration that was given; unobserved: names of the triad's numbers."""
+    """The accelerometer of one session: mode of the fit; calibration; covariance (9, 9) of the correction that led to it, SI, None where it
+    was taken as given; shared (9, 9): its part from the given calibration; unobserved: names of the triad's parameters."""
 
     mode: str = "given"
     calibration: Accelerometer = field(default_factory=lambda: _NONE)
@@ -74,26 +74,26 @@ class SessionTriad:
 
     @property
     def fit(self) -> AccelerometerFit:
-        """The same, as a fit says it."""
+        """Return the same as the record of a fit."""
         return AccelerometerFit(self.mode, self.calibration, self.covariance, self.unobserved)
 
 
 @dataclass(frozen=True, eq=False)
 class TriadComparison:
-    """triads; agreement of those that were estimated, in the numbers that all of them show; None where fewer than two were."""
+    """The triads, and the agreement of the estimated ones in the parameters observed in all; None where fewer than two were estimated."""
 
     triads: tuple[SessionTriad, ...]
     agreement: Agreement | None
 
     @property
     def rows(self) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
-        """Of the corrections: word, component, unit, and of each session value, None where it is not observed, and sigma, None where it
-        was given."""
+        """Rows of the corrections: word, component, unit, and for each session the value, None where it is not observed, and the sigma,
+        None where it was given."""
         return self._side_by_side([triad.fit.rows() for triad in self.triads])
 
     @property
     def errors(self) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
-        """The same of what the sensors err by, as people are shown it."""
+        """The same rows for the sensor errors, for display."""
         return self._side_by_side([triad.fit.errors() for triad in self.triads])
 
     def _side_by_side(self, tables: list) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
@@ -108,7 +108,7 @@ class TriadComparison:
         return found
 
     def to_json(self) -> dict:
-        """``accelerometer`` of ``tinygc-compare/1``."""
+        """Return ``accelerometer`` of ``tinygc-compare/1``."""
         return {
             "modes": [triad.mode for triad in self.triads],
             **(dict.fromkeys(("chi_square", "freedom", "p_value")) if self.agreement is None else vars(self.agreement)),
@@ -120,7 +120,7 @@ class TriadComparison:
 
 
 def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTriad:
-    """Of a model file and the ``fit.json`` beside it; session.toml's where an older fit does not say.  FormatError for a damaged one."""
+    """Read a triad from a model file and its ``fit.json``; from session.toml for older fits.  Raises FormatError for a damaged file."""
     said = fit.get("accelerometer") or {}
     mode = said.get("mode", "given")
     left = said.get("unobserved") or []
@@ -135,7 +135,7 @@ def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTri
 
 
 def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
-    """(9, 9) of a joint covariance; None where an older fit has none."""
+    """Return the accelerometer's part (9, 9) of a joint covariance; None where an older fit has none."""
     if isinstance(joint, dict) and key == "shared" and key not in joint:
         return None
     try:
@@ -148,14 +148,14 @@ def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
 
 
 def all_given_the_same(triads: list[SessionTriad], configs: list[Config]) -> bool:
-    """Whether one calibration was given to all sessions, and used: its error is then the same in all of them."""
+    """Whether one given calibration was used in all sessions: its error is then the same in all of them."""
     one, others = configs[0].accelerometer, [config.accelerometer for config in configs[1:]]
     same = (np.array_equal(other.matrix, one.matrix) and np.array_equal(other.bias_mps2, one.bias_mps2) for other in others)
     return all(triad.mode != "fit" for triad in triads) and all(same)
 
 
 def into_frame_of(first: SessionTriad, other: SessionTriad) -> np.ndarray:
-    """(12, 12): what turns E row by row and B of one session into the body frame of the other; exactly 1 where they have the same."""
+    """Return the transform (12, 12) of E row by row and B of one session into the body frame of the other; exactly 1 for equal frames."""
     turned = np.eye(GYROSCOPE_PARAMETERS)
     if not np.array_equal(first.calibration.matrix, other.calibration.matrix):
         turn = first.calibration.frame @ other.calibration.frame.T
@@ -164,13 +164,13 @@ def into_frame_of(first: SessionTriad, other: SessionTriad) -> np.ndarray:
 
 
 def frame_angle(first: SessionTriad, other: SessionTriad) -> float:
-    """rad between two body frames."""
+    """Return the angle in rad between two body frames."""
     turn = first.calibration.frame @ other.calibration.frame.T
     return float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
 
 
 def compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadComparison:
-    """Side by side; their agreement leaves out what a calibration that all were given errs by."""
+    """Compare the triads; their agreement excludes the error of a calibration that was given to all."""
     estimated = [triad for triad in triads if triad.covariance is not None]
     seen = np.array([not any(name in triad.unobserved for triad in triads) for name in ACCELEROMETER_NAMES])
     if len(estimated) < 2 or not seen.any():
@@ -190,9 +190,9 @@ def compare_triads(triads: list[SessionTriad], configs: list[Config]) -> TriadCo
 
 
 def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """(k, j): combinations of the numbers that the recordings tell, and not the calibration that they were given alone.
+    """Return the combinations (k, j) of the parameters that the recordings observe, not only the given calibration.
 
-    Where data have a share s in what is known, and what was given has 1 - s, apart is s of the whole, too.
+    Where data contribute a share s of the information, and the given calibration 1 - s, ``apart`` is s times ``whole``.
     """
     from scipy.linalg import eigh
 
@@ -200,37 +200,37 @@ def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
     return directions[:, share > LEAST_SHARE]
 
 
-#: what a table shows each number with
+#: decimals in a table, by unit
 DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
 
 
-# Sessions of one sensor side by side: does the calibration agree within its stated uncertainty, and if not, what moved?
+# Sessions of one sensor side by side: does the calibration agree within its stated uncertainty, and if not, what changed?
 #
-# What a sensor keeps, and what it does not
-# -----------------------------------------
-# E, the scale factors and misalignments, lasts.  B is this switch-on's: it is another one after the next, and at another temperature.
-# The verdict is therefore on E's nine parameters, B left free in every session (its columns of the covariance stand for that).  B is
-# compared beside it, with the wander that the fit's covariance already allows for; ``bias=True`` takes it into the verdict, for sessions
-# between which the sensor was never switched off.
+# Stable and unstable parameters
+# ------------------------------
+# E, the scale factors and misalignments, is stable.  B changes with each switch-on, and with temperature.
+# The verdict is therefore on E's nine parameters, with B free in every session (the covariance includes that).  B is compared separately,
+# with the drift that the fit's covariance already includes; ``bias=True`` includes it in the verdict, for sessions between which the
+# sensor was never switched off.
 #
-# The sessions' errors are taken to be independent.  What they share cancels in the difference: the table, and the accelerometer's
-# calibration, where all of them were given the same.  One that each session has estimated for itself is not shared.  E maps into the body
-# frame that the accelerometer's matrix defines; where the frames differ, all are turned into the first one's (``compare_triads.py``).
+# The sessions' errors are assumed independent.  Shared errors cancel in the difference: the table's, and those of the accelerometer's
+# calibration, where all sessions were given the same.  A calibration estimated in each session is not shared.  E maps into the body
+# frame that the accelerometer's matrix defines; where the frames differ, all are transformed into the first one's.
 #
 # The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
 # freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
 
 SCHEMA = "tinygc-compare/1"
-#: a disagreement this improbable is none of chance
+#: p-value below which a disagreement is significant
 DIFFERS_P = 0.01
-#: words of the field that are E's nine parameters again, and B's three
+#: names of the quantities that E's nine parameters give, and B's three
 LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """One fitted session: vector (12,) and covariance (12, 12) of least squares; what it could not observe; closure excess;
-    accelerometer (12, 12): what of the covariance the accelerometer's calibration adds, where it was given; triad: its nine numbers."""
+    """One fitted session: vector (12,) and covariance (12, 12) of least squares; unobserved parameters; hashes of its logs; notes;
+    accelerometer (12, 12): part of the covariance from the accelerometer's given calibration; triad: its nine parameters."""
 
     folder: Path
     config: Config
@@ -244,14 +244,14 @@ class Calibrated:
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of its folder."""
         return printable(self.folder.resolve().name)
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A quantity that one session has otherwise than the rest: by how much, in unit, and by how many sigmas; p_value allows for the
-    number of quantities and sessions that were looked at."""
+    """A quantity that differs in one session from the rest: by how much, in unit, and by how many sigmas; p_value is corrected for the
+    number of quantities and sessions compared."""
 
     session: str
     word: str
@@ -264,9 +264,9 @@ class Moved:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """sessions; lasting: of E; bias: of B; all: of both together; values and sigmas (sessions, quantities) in the field's words;
-    sigmas_off (sessions, quantities): each session against the rest; moved: strongest first; agree by the rule asked for; triads: the
-    accelerometers, side by side."""
+    """The comparison of sessions: agreement of E (lasting), of B (bias) and of both (all); values and sigmas (sessions, quantities) of the
+    sensor errors; sigmas_off (sessions, quantities): each session against the rest; moved: significant changes, largest first; with_bias:
+    whether the verdict includes B; triads: the accelerometers, side by side."""
 
     sessions: tuple[Calibrated, ...]
     lasting: Agreement
@@ -283,12 +283,12 @@ class Comparison:
 
     @property
     def verdict(self) -> Agreement:
-        """The agreement that was asked for."""
+        """The requested agreement."""
         return self.all if self.with_bias else self.lasting
 
 
 def read_calibrated(folder: Path) -> Calibrated:
-    """A session's least-squares calibration.  Raises FormatError where it has not been fitted."""
+    """Read a session's least-squares calibration.  Raises FormatError where it has not been fitted."""
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
         refuse_array(folder)
@@ -319,14 +319,14 @@ def read_calibrated(folder: Path) -> Calibrated:
 
 
 def _apart(sessions: list[Calibrated]) -> list[np.ndarray]:
-    """(12, 12) of each session, without what all of them share: one calibration of the accelerometer that is given errs alike in all."""
+    """Return each session's covariance (12, 12) without the shared error of one given calibration of the accelerometer."""
     if not all_given_the_same([s.triad for s in sessions], [s.config for s in sessions]):
         return [s.covariance for s in sessions]
     return [s.covariance if s.accelerometer is None else s.covariance - s.accelerometer for s in sessions]
 
 
 def _matrix(entry: Any) -> np.ndarray:
-    """An array of numbers; an empty one where the entry is none."""
+    """Return an array of numbers; an empty one where the entry is not one."""
     try:
         return np.asarray(entry, dtype=float)
     except (TypeError, ValueError):
@@ -334,14 +334,14 @@ def _matrix(entry: Any) -> np.ndarray:
 
 
 def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
-    """Compare two sessions or more.  Raises DataError where two of them are one and the same recording."""
+    """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
     _refuse_same(sessions)
     turns = [into_frame_of(sessions[0].triad, s.triad) for s in sessions]
     vectors = np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)])
     covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, _apart(sessions), strict=True)])
     words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
     si = np.array([size for _, components, _, size in WORDS for _ in components])
-    # One Jacobian for all: about the mean, so that equal differences are equal everywhere.
+    # One Jacobian at the mean for all, so that equal differences are equal everywhere.
     jacobian = field_jacobian(vectors.mean(axis=0))
     kept = [i for i, (word, _, _) in enumerate(words) if word in LASTING + SWITCH_ON]
     values = np.array([field_vector(vector) for vector in vectors])[:, kept] / si[kept]
@@ -367,7 +367,7 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
 
 
 def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(sessions, quantities): each value less the weighted mean of the other sessions', in sigmas, and as it is."""
+    """Return each value less the weighted mean of the other sessions', (sessions, quantities), in sigmas and in units."""
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     weights = 1 / variances
     others = weights.sum(axis=0) - weights
@@ -378,7 +378,7 @@ def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.n
 def _moved(
     sessions: list[Calibrated], labels: tuple[tuple[str, str, str], ...], by: np.ndarray, off: np.ndarray, looked_at: np.ndarray
 ) -> tuple[Moved, ...]:
-    """Quantities whose move is improbable, the number of looks allowed for (Sidak); of two sessions only the second is named."""
+    """Return significant changes, corrected for the number of comparisons (Sidak); of two sessions only the second is named."""
     looks = int(looked_at.sum()) * (len(sessions) if len(sessions) > 2 else 1)
     found = []
     for s in range(len(sessions)) if len(sessions) > 2 else [1]:
@@ -419,7 +419,7 @@ def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
 
 
 def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[tuple[str, str, str], ...]) -> list[str]:
-    """Of sessions in another body frame, where that is more than a misalignment's sigma."""
+    """Return notes on sessions in another body frame, where it differs by more than a misalignment's sigma."""
     smallest = sigmas[:, [word == "misalignment" for word, _, _ in labels]].min() * 1e-3
     angles = [frame_angle(sessions[0].triad, session.triad) for session in sessions]
     return [
@@ -430,7 +430,7 @@ def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[t
 
 
 def to_json(comparison: Comparison) -> dict:
-    """``tinygc-compare/1``."""
+    """Return the comparison as ``tinygc-compare/1``."""
     verdict = comparison.verdict
     return {
         "schema": SCHEMA,

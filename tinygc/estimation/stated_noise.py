@@ -1,4 +1,4 @@
-"""The noise that a fit reckons with, and how well least squares' parameters are known under it."""
+"""The estimated noise of a fit, and the covariance of least squares' parameters under it."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from tinygc.noise.session_noise import SessionNoise, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
 
-# The noise that a fit reckons with: the white floor, and what the recording itself shows beyond it (``explanation/noise``).
+# The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #
-# Estimated once a fit.  Where there are no stills between turns (a truth file), where each log has a bias of its own, and in sessions of
-# more than ``MOST_SEGMENTS`` segments, the floor and the bias instability stay all that is known.
+# It is estimated once in a fit.  Without stills between turns (a truth file), with a bias for each log, and in sessions of
+# more than ``MOST_SEGMENTS`` segments, only the floor and the bias instability are used.
 
-#: the covariance of all channels is dense: its inverse costs the cube of the session (benchmarks/fit_speed.py)
+#: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/fit_speed.py)
 MOST_SEGMENTS = 400
-#: m/s^2: prior of an accelerometer's numbers that were found from the same stills, far above what these leave open
+#: m/s^2: prior of accelerometer parameters estimated from the same stills, far above their uncertainty
 OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
-#: of the 12 columns of ``precalibration_columns``, those that stills' lengths fix: the bias, and the upper triangle of the matrix
+#: those of the 12 ``precalibration_columns`` that gravity's length in stills determines: the bias, and the matrix' upper triangle
 FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indices(3), strict=True))])
 
 
 @dataclass(frozen=True, eq=False)
 class StatedNoise:
-    """noise: the components; white (n, n): white noise of the stacked channels (``Channels.stacked``), without any allowance; accelerometer
-    (n, 12): one sigma each of what its pre-calibration may be wrong by, the same in the whole session; twin that it was estimated with."""
+    """The estimated noise: its components; white (n, n): white noise alone of the stacked channels (``Channels.stacked``); accelerometer
+    (n, 12): one sigma of each error of its pre-calibration, constant over the session; twin that it was estimated with."""
 
     twin: Twin
     noise: SessionNoise
@@ -46,40 +46,40 @@ class StatedNoise:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(n, n) rad^2, (rad/s)^2, (m/s^2)^2 of everything."""
+        """Total covariance (n, n) in rad^2, (rad/s)^2, (m/s^2)^2."""
         return self.white + self.noise.covariance + self.accelerometer @ self.accelerometer.T
 
     @property
     def named(self) -> np.ndarray:
-        """(n, n): the same without what each turn errs by itself, which is what nothing explains."""
+        """Covariance (n, n) without the independent error of each turn, which no cause explains."""
         known = replace(self.noise, s=np.where([c.name == TURN for c in self.noise.components], 0.0, self.noise.s))
         return self.white + known.covariance + self.accelerometer @ self.accelerometer.T
 
     @property
     def closure(self) -> slice:
-        """Rows of the closure."""
+        """Rows of the closure channel."""
         return slice(0, len(self.twin.segments) * self.twin.batch.angles)
 
     @property
     def tilt_rms(self) -> float:
-        """rad: the tilt error that noise leaves, over the segments; the accelerometer's pre-calibration is in E, and leaves none."""
+        """Rms tilt error from noise over the segments, rad; errors of the accelerometer's pre-calibration are absorbed by E."""
         variance = np.diag(self.white + self.noise.covariance)[self.closure].reshape(len(self.twin.segments), -1)
-        if (wider := self.twin.problem.floor.wider) is not None:  # single turns' own uncertainty is no noise
+        if (wider := self.twin.problem.floor.wider) is not None:  # the reference uncertainty of single turns is not noise
             variance = variance - np.diagonal(wider, axis1=1, axis2=2)
         return float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1])))
 
     def to_json(self) -> list[dict]:
-        """``noise.components`` of ``tinygc-fit/1``."""
+        """Return ``noise.components`` of ``tinygc-fit/1``."""
         return self.noise.to_json()
 
     @property
     def words(self) -> str:
-        """Those that are there, in one line."""
+        """Describe the components in one line."""
         return self.noise.words
 
 
 def stated_noise(problem: Problem) -> StatedNoise | None:
-    """Of a problem whose rates are as they were measured; None where it is not estimated."""
+    """Estimate the noise of a problem with measured rates; None where it is not estimated."""
     if problem.session.truths is not None or len(problem.used) > MOST_SEGMENTS:
         return None
     twin = Twin(problem)
@@ -91,7 +91,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     columns = twin.precalibration_columns(start, twin.rates(start)).stacked()
     joint, own = problem.joint, from_own_stills(problem)
     J = whiten.back(fit.J) * prior_sigmas(twin, [])
-    # Its nine numbers took their share of the lengths' scatter, which what is left must not be taken for.
+    # The nine accelerometer parameters absorbed part of the lengths' scatter, which the residuals no longer contain.
     if joint is not None:
         J = np.concatenate([J, joint_columns(problem, joint) * joint.prior], axis=1)
     elif own:
@@ -99,7 +99,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     parts = first.components
     white = whiten.white - PRECALIBRATION_MPS2**2 * columns @ columns.T
     if joint is not None:
-        # Beside an estimation of the accelerometer its remainder is one, too, instead of what a sensor of its class is allowed.
+        # Where the accelerometer is estimated, its uncertainty is the estimate's, instead of that of a sensor of its class.
         lengths = np.arange(len(white))[whiten.parts["length"]]
         white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
     found = estimate(
@@ -121,24 +121,24 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
 
 
 def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
-    """(n, 9): how the accelerometer's numbers change the stacked channels; a still's rate knows nothing of them."""
+    """Return the derivative (n, 9) of the stacked channels by the accelerometer's parameters; a still's rate does not depend on them."""
     rows = len(problem.used) * problem.batch.angles
     design = joint.system.design[:, ACCELEROMETER]
     return np.concatenate([design[:rows], np.zeros((3 * len(joint.force), ACCELEROMETER_PARAMETERS)), design[rows:]])
 
 
 def joint_response(problem: Problem, joint: JointFit) -> np.ndarray:
-    """(9, n): how the accelerometer's numbers follow an error of the stacked channels."""
+    """Return the response (9, n) of the accelerometer's parameters to an error of the stacked channels."""
     rows = len(problem.used) * problem.batch.angles
     response = joint.system.response[ACCELEROMETER]
     return np.concatenate([response[:, :rows], np.zeros((ACCELEROMETER_PARAMETERS, 3 * len(joint.force))), response[:, rows:]], axis=1)
 
 
 def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:
-    """(12, 12) m/s^2: a root of the covariance of the pre-calibration's numbers, whose columns of the stills' lengths are (Q, 12).
+    """Return a root (12, 12) m/s^2 of the covariance of the pre-calibration; lengths (Q, 12): its columns of the stills' lengths.
 
-    A calibration that is given is as good as the tool allows for, and no better than stills that err as these do could make it.  One that
-    was made from these very stills has their errors: those of the nine numbers that lengths fix, in the frame that it defines.
+    A given calibration has the assumed uncertainty, but no less than stills with these errors would give.  A calibration made from the
+    same stills has their errors in the nine parameters that the lengths determine, in its own frame.
     """
     each = float(np.hypot(noise.size(REFERENCE), ACCEL_INSTABILITY_MPS2))
     if not own:
@@ -151,20 +151,20 @@ def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) ->
 
 
 def from_own_stills(problem: Problem) -> bool:
-    """Whether the accelerometer's calibration is one that lengths of gravity in stills gave: upper triangular, since no more is fixed."""
+    """Whether the accelerometer was calibrated from gravity's length in stills: the matrix is then upper triangular."""
     matrix = problem.session.config.accelerometer.matrix
     return not np.tril(matrix, -1).any() and bool(np.triu(matrix, 1).any())
 
 
-# How well least squares' parameters are known, with all noise that the recording shows.
+# The covariance of least squares' parameters, with all estimated noise.
 #
 # The fit is linear in its errors: theta - truth = L y, y the stacked channels' errors (closure, still rates).  So its covariance is
 # L C L', whatever C is (the sandwich of ``closure/uncertainty.py`` with a dense filling).
 
 
 def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(12, 12) covariance of the linear model's vector, fitted to this problem's batch, with or without the stills' rates as data; and
-    what of it comes from the accelerometer's pre-calibration, which sessions with the same one share."""
+    """Return the covariance (12, 12) of the linear model's vector, fitted to this problem's batch, with or without the stills' rates as
+    data; and its part from the accelerometer's pre-calibration, which sessions with the same one share."""
     response = _response(problem, model, noise, still_rates)
     if problem.joint is not None:
         joint = stated_joint_covariance(problem, model, noise, still_rates)
@@ -176,23 +176,23 @@ def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, 
 
 
 def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
-    """(21, 21) of the accelerometer's nine parameters and the gyroscope's twelve, of a problem with a joint estimation.
+    """Return the covariance (21, 21) of the accelerometer's nine parameters and the gyroscope's twelve, estimated jointly.
 
-    An error of a channel moves both; what it moves the accelerometer by bends the references that the gyroscope is fitted to.
+    An error of a channel changes both; the accelerometer's change also alters the references that the gyroscope is fitted to.
     """
     rows, beforehand = _joint_parts(problem, model, noise, still_rates)
     return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
 
 
 def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
-    """(21, 21): what of it comes from an error of the calibration that is given, which sessions with the same one share."""
+    """Return its part (21, 21) from an error of the given calibration, which sessions with the same one share."""
     assert problem.joint is not None
     _, beforehand = _joint_parts(problem, model, noise, still_rates)
     return beforehand @ beforehand.T * (problem.joint.mode == "prior")
 
 
 def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(21, n) and (21, 9): how the numbers follow an error of each channel, and one sigma each of what is known beforehand."""
+    """Return the responses (21, n) and (21, 9) of the parameters to an error of each channel, and to one sigma of each prior."""
     joint = problem.joint
     assert joint is not None
     gyroscope = _response(problem, model, noise, still_rates)
@@ -203,9 +203,9 @@ def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:
-    """Of the closure, by all noise that has a cause; and the factor, 1 or more, on the covariance that all of it falls short of.
+    """Return the goodness of fit of the closure with all noise that has a cause; and the variance inflation, 1 or more, with all noise.
 
-    What each turn errs by itself is left out of the first: it stands for what nothing explains, and would explain everything.
+    The first excludes the independent error of each turn, which would absorb any misfit.
     """
     batch = problem.batch
     end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
@@ -230,7 +230,7 @@ def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) ->
 
 
 def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
-    """L (12, n) 1, rad/s: how the errors of the stacked channels move the parameters."""
+    """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
     batch, rest = problem.batch, problem.rest_rps
     count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
     sensitivity = closure.sensitivity(batch, model(batch.rate))
@@ -241,7 +241,7 @@ def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_ra
         design = _about(design, rest)[:, MATRIX]
         hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
         matrix = -np.linalg.solve(hessian, (design * weight[:, None]).T @ carry)
-        # B = mean over the stills of (earth - E m): their own error, and E's on the mean rate.
+        # B = mean over the stills of (earth - E m): it has the error of the stills, and that of E on the mean rate.
         bias = -np.kron(np.eye(3), rest) @ matrix
         bias[:, count : count + 3 * q] -= np.tile(np.eye(3), q) / q
         return np.concatenate([matrix, bias])
@@ -255,7 +255,7 @@ def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_ra
 
 
 def _prior_information(problem: Problem) -> np.ndarray:
-    """(9, 9) of E alone where the bias is known from the stills, else (12, 12): as the fit weighs it."""
+    """Return the prior's information as in the fit: (9, 9) of E alone where the bias is known from the stills, else (12, 12)."""
     own = slice(0, PARAMETERS) if problem.rest_rps is None else MATRIX
     if problem.prior is None:
         return np.diag(1 / PRIOR_SIGMA[own] ** 2)
@@ -263,9 +263,9 @@ def _prior_information(problem: Problem) -> np.ndarray:
 
 
 def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
-    """K (12, 12): how the parameters follow an error of the prior's centre.
+    """Return K (12, 12): the response of the parameters to an error of the prior's centre.
 
-    theta - truth = L y + K (centre - truth): beside the noise's own covariance the fit has K P K' of a prior with covariance P.
+    theta - truth = L y + K (centre - truth): a prior with covariance P adds K P K' to the covariance from noise.
     """
     batch, rest = problem.batch, problem.rest_rps
     sensitivity = closure.sensitivity(batch, model(batch.rate))
@@ -285,15 +285,15 @@ def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.n
 
 
 def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Columns (n, 12) with E's taken about the bias at rest, which B = -E rest then follows."""
+    """Return columns (n, 12) with those of E about the rate at rest, from which B = -E rest follows."""
     turned = design.copy()
     turned[:, MATRIX] -= np.einsum("na,j->naj", design[:, BIAS], rest).reshape(len(design), 9)
     return turned
 
 
 def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.ndarray:
-    """(S d, n): the closure's errors from those of the channels; what a still's rate errs by goes into the turns around it, where its bias
-    is taken from there."""
+    """Return the map (S d, n) from errors of the channels to those of the closure; a still's rate error enters the turns around it, where
+    their bias comes from it."""
     rows = noise.closure.stop
     carry = np.zeros((rows, len(noise.white)))
     carry[:, :rows] = np.eye(rows)
@@ -311,7 +311,7 @@ def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.
 
 
 def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray:
-    """(n, n) of a heading that is estimated, or of one that is not known, where the latitude is."""
+    """Return the covariance (n, n) of an estimated heading, or of an unknown one where the latitude is known."""
     twin, earth = noise.twin, problem.earth
     columns = twin.earth_columns().stacked() @ twin.start().axes.T
     sigma = np.zeros(2)

@@ -145,7 +145,7 @@ def refit(
 
 def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, max_steps: int) -> tuple[Refit, list[Effect] | None]:
     """Refit at fixed shapes; also return the effects with improved shapes, None if no shape is fitted."""
-    # An effect whose number of parameters grew starts again from zero.
+    # An effect whose number of parameters changed starts from its initial value.
     known = {(claim.effect.id, len(claim.theta)): claim.theta for claim in start.claims}
     begin = (known.get((e.id, e.parameter.size), np.full(e.parameter.size, e.begin)) for e in effects)
     state = replace(start, claims=tuple(AppliedEffect(e, theta) for e, theta in zip(effects, begin, strict=True)))

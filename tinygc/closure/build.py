@@ -141,7 +141,7 @@ def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) ->
 def widened_by_impacts(
     segments: Sequence[Segment], hits: Hits, batch: closure.Batch, floor: Floor, start: LinearModel
 ) -> tuple[np.ndarray, list[Widening]]:
-    """(S, 3, 3) rad^2 that impacts add to the ends of S segments, and what they widen; the search starts at a model."""
+    """(S, 3, 3) rad^2 that impacts add to the ends of S segments, and the widened segments; the fit starts at a model."""
     hit = hits.jump_g > 0
     more = np.zeros((len(batch), 3, 3))
     if not hit.any():

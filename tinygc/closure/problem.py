@@ -208,7 +208,7 @@ def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
 def widened_by_bridges(
     segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]], attitudes: np.ndarray
 ) -> tuple[np.ndarray, list[Widening]]:
-    """(S, 3, 3) rad^2, table axes, that bridged readings add to the ends of S segments with attitudes q_tb (S, T, 4); and its list."""
+    """(S, 3, 3) rad^2, table axes, that bridged readings add to the ends of S segments with attitudes q_tb (S, T, 4), and the causes."""
     more, said = np.zeros((len(segments), 3, 3)), []
     for i, segment in enumerate(segments):
         for cause, inside in _inside(segment, bridges[segment.log]).items():
@@ -222,7 +222,7 @@ def widened_by_bridges(
 
 
 def bridged_sigma(segments: Sequence[Segment], bridges: Sequence[tuple[Bridge, ...]]) -> np.ndarray:
-    """(S,) rad added to each of S segments, over all directions: it needs no attitude."""
+    """(S,) rad: uncertainty that bridged readings add to each of S segments, over all directions; no attitude is needed."""
     inside = [[bridge for each in _inside(s, bridges[s.log]).values() for bridge in each] for s in segments]
     return np.array([np.sqrt(sum(float(bridge.sigma_rad @ bridge.sigma_rad) for bridge in own)) for own in inside])
 

@@ -43,7 +43,7 @@ class KnownTurns:
 
     @property
     def known(self) -> np.ndarray:
-        """(S,) bool."""
+        """Whether each angle is known, (S,) bool."""
         return np.isfinite(self.angle_rad)
 
     @property
@@ -131,7 +131,7 @@ class Batch:
 
     @property
     def duration_s(self) -> np.ndarray:
-        """(S,) s."""
+        """Duration of each segment, (S,) s."""
         return self.dt.sum(-1)
 
     @property
@@ -238,7 +238,7 @@ def error_angles(r: np.ndarray) -> np.ndarray:
 
 
 def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
-    """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
+    """Attitudes q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
     if len(rate) > TOGETHER:
         q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
         for some in parts(len(rate)):
@@ -248,7 +248,7 @@ def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
 
 
 def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
-    """(S, 3, 3): the axes, in the table frame, about which the residual of segments that end at q_tb (S, 4) is measured.
+    """Axes (S, 3, 3) of the residual, in the table frame, of segments that end at q_tb (S, 4).
 
     x, y and z; with known turns, each turn's axis instead of z, or 0 if its angle is unknown.
     """

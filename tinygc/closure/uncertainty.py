@@ -73,7 +73,7 @@ MISMATCH_P = 0.01
 
 @dataclass(frozen=True, eq=False)
 class GoodnessOfFit:
-    """chi_square of the error angles against the floor, its degrees of freedom, and its p-value."""
+    """Chi-square of the error angles against the floor, with its degrees of freedom and its p-value."""
 
     chi_square: float
     freedom: int

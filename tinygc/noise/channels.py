@@ -84,7 +84,7 @@ DIFFERENCES = 3.0
 
 @dataclass(frozen=True, eq=False)
 class WithinStills:
-    """slope, scatter (Q, 3): recorded minus predicted in sigmas of the noise, for each still and axis."""
+    """Slope and scatter (Q, 3): recorded minus predicted in sigmas of the noise, for each still and axis."""
 
     slope: np.ndarray
     scatter: np.ndarray
@@ -165,7 +165,7 @@ class TurnEquations:
     count: np.ndarray
 
     def solve(self) -> np.ndarray:
-        """(4,) lever arm, m, and offset, s."""
+        """Solve for lever arm, m, and offset, s, as (4,)."""
         return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
 
     def left(self, solution: np.ndarray) -> np.ndarray:
@@ -244,7 +244,7 @@ def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
 
 
 def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) so that matrix @ r = vector x r."""
+    """Matrices (N, 3, 3) of the vector product: matrix @ r = vector x r."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]

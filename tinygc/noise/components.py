@@ -133,7 +133,7 @@ class Prior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ComponentEstimate:
-    """s (K,) of the components, SI; its sigma (K,); value: -2 log of the restricted likelihood with the prior, up to a constant."""
+    """Sizes s (K,) of the components, SI; their sigma (K,); value: -2 log of the restricted likelihood with the prior, up to a constant."""
 
     s: np.ndarray
     sigma: np.ndarray

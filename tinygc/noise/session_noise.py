@@ -34,7 +34,7 @@ UNUSUAL = 3.0
 
 @dataclass(frozen=True, eq=False)
 class SessionNoise:
-    """components, with s and sigma (K,) in SI; value: -2 log of the restricted likelihood; missed: what undersampling predicts."""
+    """Components with s and sigma (K,) in SI; value: -2 log of the restricted likelihood; missed: the predicted undersampling."""
 
     components: tuple[Component, ...]
     blocks: list[np.ndarray]

@@ -189,7 +189,7 @@ class UnitFit:
 
     @property
     def best_gain(self) -> float:
-        """Return the largest reduction of sigma by the array in any direction of the twelve: yaw about the vertical."""
+        """Return the largest ratio of sigma alone to the array's, over all directions of the twelve: yaw about the vertical."""
         factor = np.linalg.cholesky(self.covariance[:PARAMETERS, :PARAMETERS])
         white = solve_triangular(factor, self.covariance_alone, lower=True)
         return float(np.sqrt(np.linalg.eigvalsh(solve_triangular(factor, white.T, lower=True))[-1]))

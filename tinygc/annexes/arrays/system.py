@@ -396,7 +396,7 @@ def accelerometer_prior(spread_mps2: np.ndarray, gravity_mps2: float) -> np.ndar
 
 
 def put(design: np.ndarray, rows: np.ndarray, columns: slice, blocks: np.ndarray) -> None:
-    """Add blocks (B, d, p) into rows (B, d) and p columns."""
+    """Write blocks (B, d, p) into rows (B, d) and p columns."""
     design[rows.ravel(), columns] = blocks.reshape(rows.size, -1)
 
 

@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 # Source: AIAG, Measurement Systems Analysis, 4th edition, chapter III section B and appendix A; intervals by generalised pivotal
 # quantities, R. K. Burdick, C. M. Borror, D. C. Montgomery, Design and Analysis of Gauge R&R Studies, SIAM 2005.
 
-#: p-value from which the interaction is pooled with repeatability (AIAG uses 0.25, which is more cautious)
+#: p-value from which the interaction is pooled with repeatability (AIAG's choice: 0.25 is the cautious one)
 POOL_P = 0.25
 DRAWS = 20_000
 NAN = float("nan")

@@ -170,7 +170,7 @@ def _improbable(problem: Problem, prior: np.ndarray) -> float:
     inner = np.linalg.inv(known[rest, rest] + np.eye(COUNT - PARAMETERS))
     told = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
     asked = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
-    # If the calibration errors follow the prior, ``asked`` has the covariance ``told + told @ told``.
+    # If the calibration errors follow the prior, asked has the covariance told + told told.
     size, axes = np.linalg.eigh(told)
     seen = size > 1e-6
     chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))

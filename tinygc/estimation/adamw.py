@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-# The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable to the bit.
+# The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable bit for bit.
 #
-# Only this and what calls it import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of what is being trained,
-# so that no run is resumed with other data or settings.  That of a training that has ended stays until all that belongs to it has
-# (``forget``): a fit is many trainings, and one that is resumed repeats none.  It runs on the device of its tensors.
+# Only this module and its callers import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of the data and
+# settings, so that no run is resumed with others.  A fit consists of many trainings; the checkpoint of a finished one stays until the fit
+# is complete (``forget``), so that a resumed fit repeats none.  Training runs on the device of its tensors.
 
 SCHEMA = "tinygc-checkpoint/1"
 #: s between two checkpoints
@@ -31,7 +31,7 @@ EVERY_S = 5.0
 
 
 def device() -> str:
-    """Of what there is: an accelerator with double precision, or the processor."""
+    """Return the available device: an accelerator with double precision, or the processor."""
     import torch
 
     return "cuda" if torch.cuda.is_available() else "cpu"
@@ -47,7 +47,7 @@ def minimise(
     checkpoint: Checkpoint | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """The last weights, those of the least loss, and the loss before each epoch; identity: arrays and settings to be fingerprinted.
+    """Return the last weights, those of the least loss, and the loss before each epoch; identity: arrays and settings to be fingerprinted.
 
     Raises FitError where the loss is not finite, or where a checkpoint does not belong to this training.
     """
@@ -95,7 +95,7 @@ def minimise(
 
 
 def forget(folder: Path) -> None:
-    """Remove the checkpoints of a fit that is whole."""
+    """Remove the checkpoints of a complete fit."""
     for path in folder.glob(NAME.format("*")):
         path.unlink(missing_ok=True)
 
@@ -105,7 +105,7 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _state(mark: str, weights: Tensor, best: np.ndarray, losses: list[float], adam: dict) -> dict:
-    """After a whole epoch; lists are made of it only when it is written."""
+    """Return the state after an epoch; it is converted to lists only when it is written."""
     moments = {name: _array(adam[name]) for name in ("exp_avg", "exp_avg_sq")}
     return {"schema": SCHEMA, "of": mark, "losses": list(losses), "weights": _array(weights), "best": best, **moments}
 

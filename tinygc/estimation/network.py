@@ -1,4 +1,4 @@
-"""Train the calibration subnet on the endpoint loss; the paper's loss as it stands."""
+"""Train the calibration subnet on the endpoint loss, or on the paper's loss of distances."""
 
 from __future__ import annotations
 
@@ -28,47 +28,47 @@ if TYPE_CHECKING:
 # Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
 #
 # Second order (the default): Levenberg-Marquardt.  The net's Jacobian is contracted with the closure's linear sensitivity, so one step
-# costs about one epoch.  It leads from the identity to the linear solution, and from there
-# along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
-# that 27 parameters do not fit the noise that 12 leave alone.  A tie with which the first, linear step promises nothing is passed over.
+# costs about one epoch.  It leads from the identity to the linear solution, and from there along a path of weaker and weaker ties to it
+# (prior sigmas).  The solution with the least leave-one-segment-out error on that path is kept, so that 27 parameters do not fit the
+# noise that 12 do not.  A tie whose first, linear step predicts no improvement is skipped.
 #
 # First order: the paper's AdamW at 0.01 in PyTorch (``adamw.py``), differentiating through the tree product.  Only that imports
 # torch, which takes seconds; the second order needs no autograd.
 
-#: standard errors by which a looser tie must lower the left-out error before its kinks are believed
+#: standard errors by which a looser tie must lower the left-out error to be accepted
 BELIEF = 3.0
-#: the same that the first step from the linear solution promises, or the tie is not tried (benchmarks/ties.py)
+#: the improvement that the first step from the linear solution must predict for a tie to be tried (benchmarks/ties.py)
 PROMISE = 1.0
 MAX_STEPS = 25
-#: in units of chi-square: a step that gains less than this says nothing of the sensor
+#: in units of chi-square: a step with a smaller gain is not significant
 ENOUGH = 1e-3
-#: the same that the linear problem promises of a step: below it, it is not made; rounding hides what it gains of a sum of thousands
+#: predicted gain below which a step is not made, since rounding hides it in a sum of thousands
 PROMISED = 1e-8
 
 
 class TrainableNet(Protocol):
-    """What training asks of a kind of net."""
+    """The interface that training requires of a net."""
 
     @property
     def vector(self) -> Any:
-        """(P,): its weights."""
+        """The weights (P,)."""
 
     def with_vector(self, vector: Any) -> TrainableNet:
-        """The same kind of net with other weights (P,)."""
+        """Return the same kind of net with other weights (P,)."""
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]:
-        """(tie, prior sigma (P,) of the weights around the identity), from the linear model to a free one."""
+        """Return pairs of a tie and the prior sigma (P,) of the weights around the identity, from the linear model to a free one."""
 
     def __call__(self, rate: Any, /) -> Any:
-        """Calibrated rate (..., 3) rad/s from what the net is told (..., 3 + K), the measured rate first."""
+        """Return the calibrated rate (..., 3) rad/s from the inputs (..., 3 + K), the measured rate first."""
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray, /) -> np.ndarray:
-        """(S, d, P): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and inputs (S, T, 3 + K)."""
+        """Return the derivative (S, d, P) of the end attitude by each weight, from sensitivity (S, T, d, 3) and inputs (S, T, 3 + K)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """net; tie that was chosen (0: linear); loss: value after each step or epoch, mean squared residual in sigmas."""
+    """The result of a training: net; selected tie (0: linear); loss after each step or epoch, the mean squared residual in sigmas."""
 
     net: TrainableNet
     tie: float
@@ -89,12 +89,11 @@ def train_second_order(
     before: np.ndarray | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
-    """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
+    """Train by Levenberg-Marquardt from ``start``, the identity of the desired kind of net (the paper's); sigma (S,) rad per angle.
 
-    begin: a net of that kind to go on from, so near the answer that its Jacobian stays, while the ties still lead to the identity;
-    begins: what it leaves on these segments, where that is known and each stands by itself;
-    steps: at most so many with each tie; before (S,): the part that each goes on from (``previous``); None where each segment
-    stands by itself.
+    begin: a net of that kind near the solution, where the search begins with a constant Jacobian; the ties still refer to the identity;
+    begins: its error angles and columns on these segments, where they are known and each segment stands by itself;
+    steps: at most so many with each tie; before (S,): the part that each continues; None where each segment stands by itself.
     Raises FitError where the residuals are not finite.
     """
     problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
@@ -115,17 +114,17 @@ def train_second_order(
             continue
         vector, r, left_out, trace = problem.settle(vector, prior, steps, *((near, r) if number == 0 else ()))
         losses += trace
-        # The first is the linear solution; each looser tie must earn its freedom.
+        # The first is the linear solution; a looser tie must be significantly better.
         if chosen is None or _less(left_out, lowest, BELIEF):
             chosen, lowest = (vector, tie), left_out
         if linear is None:
             linear, unbent = problem.linear(vector, r, near), left_out
-    assert chosen is not None  # there is a rung at least: the linear one
+    assert chosen is not None  # there is at least the linear rung
     return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
 
 def _less(trial: np.ndarray, best: np.ndarray, sigmas: float) -> bool:
-    """Whether squared errors (S,) of the same segments are smaller by so many standard errors, judged pair by pair."""
+    """Whether squared errors (S,) of the same segments are smaller by so many standard errors of the paired differences."""
     gain = best - trial
     return bool(gain.mean() > sigmas * gain.std(ddof=1) / np.sqrt(len(gain)))
 
@@ -159,7 +158,7 @@ class _Problem:
         return self.rows(vector, 2 * residuals_of_turns(self.batch, np.concatenate(turns), self.before))
 
     def rows(self, vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """(n,) in sigmas, of error angles (S, d) rad."""
+        """Return rows (n,) in sigmas from error angles (S, d) rad."""
         rows = [(angles * self.weight).ravel()]
         if self.still_rates is not None:
             rows.append(self.still_rates.residuals(self.net(vector)))
@@ -174,7 +173,7 @@ class _Problem:
         return self.weighed(vector, carried(np.concatenate(of_parts), self.before, self.batch.turns is not None))
 
     def weighed(self, vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """(n, P) in sigmas, of columns (S, d, P) rad."""
+        """Return rows (n, P) in sigmas from columns (S, d, P) rad."""
         net = self.net(vector)
         rows = [(columns * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
@@ -184,7 +183,7 @@ class _Problem:
 
     def sensitivity(self, vector: np.ndarray) -> np.ndarray:
         net, (segments, samples), d = self.net(vector), self.batch.rate.shape[:2], self.batch.angles
-        found = np.empty((segments, d, 3, samples))  # what sums over the samples finds them side by side
+        found = np.empty((segments, d, 3, samples))  # contiguous along the samples, for sums over them
         for some, part in zip(closure.parts(segments), self.parts, strict=True):
             found[some] = closure.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
         return found.transpose(0, 3, 1, 2)
@@ -192,10 +191,10 @@ class _Problem:
     def settle(
         self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None = None, r: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
-        """Minimise with one prior sigma (P,); returns the weights, their rows (n,), the left-out squared errors (S,), and the
+        """Minimise with one prior sigma (P,); return the weights, their rows (n,), the left-out squared errors (S,), and the
         loss after each step.
 
-        near: the Jacobian there, where that is so near the answer that it stays; r: the rows there, where they are known.
+        near: the Jacobian at the start, if that is so near the solution that it stays constant; r: the rows there, if they are known.
         """
         damping, losses = 1e-6, []
         r = self.residuals(vector) if r is None else r
@@ -204,7 +203,7 @@ class _Problem:
         turn = self.sensitivity(vector) if near is None else np.empty(0)
         for step in range(steps):
             if step == 1 and near is None:
-                # The first step from the identity moves attitudes by degrees; what follows, by hundredths.
+                # The first step from the identity moves attitudes by degrees; later ones by hundredths.
                 turn = self.sensitivity(vector)
             scaled = (self.jacobian(vector, turn) if near is None else near) * prior
             normal = scaled.T @ scaled + np.eye(len(vector))
@@ -229,12 +228,12 @@ class _Problem:
         return vector, r, self.left_out(r, scaled, normal), losses
 
     def linear(self, vector: np.ndarray, r: np.ndarray, near: np.ndarray | None = None) -> _Linear:
-        """About these weights, whose rows are r (n,); near: the Jacobian, where it is known."""
+        """Linearise about these weights, whose rows are r (n,); near: the Jacobian, if it is known."""
         J = self.jacobian(vector, self.sensitivity(vector)) if near is None else near
         return _Linear(self, vector, r, J)
 
     def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""
+        """Return the squared residual (S,) of each segment when left out of the fit (PRESS; Allen 1974), in the linear approximation."""
         d, count = self.batch.angles, len(self.batch)
         rows = scaled[: d * count].reshape(count, d, -1)
         hat = rows @ np.linalg.solve(normal, rows.transpose(0, 2, 1))
@@ -244,7 +243,7 @@ class _Problem:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The rows (n,) at some weights (P,), and their Jacobian (n, P): what a first step from there does, with any prior."""
+    """The rows (n,) at some weights (P,), and their Jacobian (n, P), for a first step from there with any prior."""
 
     problem: _Problem
     vector: np.ndarray
@@ -252,24 +251,23 @@ class _Linear:
     J: np.ndarray
 
     def left_out(self, prior: np.ndarray) -> np.ndarray:
-        """(S,) as ``_Problem.left_out``, after that step; prior (P,)."""
+        """Return ``_Problem.left_out`` (S,) after that step; prior (P,)."""
         scaled = self.J * prior
         normal = scaled.T @ scaled + np.eye(len(prior))
         step = np.linalg.solve(normal, scaled.T @ self.r + (self.vector - self.problem.identity) / prior)
         return self.problem.left_out(self.r - scaled @ step, scaled, normal)
 
 
-# The paper's loss as it stands: the mean distance of the end quaternions, not its square.
+# The paper's loss: the mean distance of the end quaternions, not its square.
 #
-# A sum of distances is minimised by reweighted least squares (Weiszfeld 1937): each pass divides a segment's weight by the distance that
-# the last one left.  Segments that fit badly count less than in the squared loss, as outliers do in a median: a day, or a window, that
-# is unlike the others pulls the result less.
+# A sum of distances is minimised by reweighted least squares (Weiszfeld 1937): each pass divides a segment's weight by the distance after
+# the last one.  Outlying segments, or days, have less weight than in the squared loss, as in a median.
 
 PASSES = 12
 #: below this share of the median distance a segment's weight grows no further
 LEAST = 0.05
 
-#: whatever map of rates is fitted
+#: the type of the fitted rate map
 Map = TypeVar("Map", bound=RateMap)
 
 
@@ -279,7 +277,7 @@ def fit_distance(
     fit: Callable[[Batch, np.ndarray], Map],
     passes: int = PASSES,
 ) -> Map:
-    """The model that ``fit(batch, sigma)`` settles at when its weights follow the distances; sigma (S, d) rad of each angle."""
+    """Return the model at which ``fit(batch, sigma)`` converges with weights by the distances; sigma (S, d) rad of each angle."""
     model = fit(batch, sigma)
     for _ in range(passes):
         model = fit(batch, distance_sigma(batch, sigma, model))
@@ -289,9 +287,9 @@ def fit_distance(
 def train_distance(
     batch: Batch, sigma: np.ndarray, *, tie: float = 0.0, passes: int = PASSES, before: np.ndarray | None = None, **how: Any
 ) -> TrainableNet:
-    """The same for a net by the second order, one step to each pass, from the squared loss's linear solution; as fast as it gets.
+    """Train a net on distances by the second order, one step in each pass, from the squared loss's linear solution.
 
-    tie: how freely it may bend (0: linear), with no proof asked for.  ``how``: as of ``train_second_order``.
+    tie: its freedom from the linear solution (0: linear), without model selection.  ``how``: as in ``train_second_order``.
     """
     net = train_second_order(batch, sigma, ties=(0.0,), before=before, **how).net
     for _ in range(passes):
@@ -302,18 +300,18 @@ def train_distance(
 def distance_pass(
     batch: Batch, sigma: np.ndarray, net: TrainableNet, *, tie: float = 0.0, before: np.ndarray | None = None, **how: Any
 ) -> TrainableNet:
-    """One pass of ``train_distance``."""
+    """Make one pass of ``train_distance``."""
     weights = distance_sigma(batch, sigma, net, before)
     return train_second_order(batch, weights, ties=(tie,), begin=net, steps=1, before=before, **how).net
 
 
 def distance_sigma(batch: Batch, sigma: np.ndarray, model: RateMap, before: np.ndarray | None = None) -> np.ndarray:
-    """(S, d) rad: sigmas (S,) or (S, d) with the factors of ``distance_weights``.  before (S,): the part that each goes on from."""
+    """Return sigmas (S,) or (S, d) with the factors of ``distance_weights``, (S, d) rad.  before (S,): the part that each continues."""
     return sigma.reshape(len(batch), -1) * distance_weights(batch, model, before)[:, None]
 
 
 def distance_weights(batch: Batch, model: RateMap, before: np.ndarray | None = None) -> np.ndarray:
-    """(S,): factors on the segments' sigmas that make a squared loss a sum of distances, where the model is."""
+    """Return factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model."""
     before = np.full(len(batch), -1) if before is None else before
     distance = np.linalg.norm(residuals(batch, model(batch.rate), before), axis=1)
     typical = max(float(np.median(distance)), 1e-12)
@@ -321,13 +319,13 @@ def distance_weights(batch: Batch, model: RateMap, before: np.ndarray | None = N
 
 
 def mean_distance(batch: Batch, model: RateMap) -> float:
-    """The loss, as the paper prints it: mean Euclidean distance of the end quaternions, the nearer of q and -q."""
+    """Return the paper's loss: the mean Euclidean distance of the end quaternions, the nearer of q and -q."""
     return float(np.mean(np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)))
 
 
 # The method ``tinygc``: the calibration subnet of TinyGC-Net, trained on the endpoint loss.
 
-#: how near to 1 the slopes are of a net that does not bend
+#: difference of the slopes from 1 below which a net is linear
 STRAIGHT = 1e-6
 VARIANTS: dict[str, type[CalibrationNet] | type[PublishedNet]] = {"paper": CalibrationNet, "published": PublishedNet}
 
@@ -335,9 +333,9 @@ VARIANTS: dict[str, type[CalibrationNet] | type[PublishedNet]] = {"paper": Calib
 # First order: the paper's AdamW at 0.01 on the whole batch, differentiating through the tree product.
 #
 # The loss is the mean square of the residuals in sigmas, or, as the paper states it, a mean of distances: of segment i, its residual in
-# sigmas over sigma_i, which is what the reweighting of ``fit_distance`` settles at.
+# sigmas over sigma_i, which has the minimum of the reweighting in ``fit_distance``.
 
-#: in sigmas: below it a distance is as good as zero, and its gradient exists there
+#: in sigmas: distances are smoothed below it, so that the gradient exists at zero
 SHORTEST = 1e-3
 
 
@@ -355,10 +353,10 @@ def train_adamw(
     checkpoint: Checkpoint | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
-    """From ``start``, the identity of the kind of net that is wanted (the paper's), with a cosine decay so that it ends somewhere.
+    """Train by AdamW from ``start``, the identity of the desired kind of net (the paper's), with a cosine decay.
 
-    before (S,): the part that each goes on from, as in ``train_second_order``; loss: "squared" or "distance".
-    Raises FitError where the loss is not finite, or where a checkpoint that is to be resumed belongs to other data or settings.
+    before (S,): the part that each continues, as in ``train_second_order``; loss: "squared" or "distance".
+    Raises FitError where the loss is not finite, or where a checkpoint to resume belongs to other data or settings.
     """
     import torch
 
@@ -391,13 +389,13 @@ def train_adamw(
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """27 parameters, or the 26 of the published code; by the second order or by AdamW.  Raises FitError where the loss is not finite."""
+    """Fit 27 parameters, or the 26 of the published code, by the second order or AdamW.  Raises FitError where the loss is not finite."""
     return held_out("tinygc", partial(_fit, _Begins(before.get("least_squares"))), problem, options, progress)
 
 
 class _Begins:
-    """Where the search of many segments may begin: at their linear solution, a fold where all of them began, from which it cannot be
-    far; and what that leaves on the segments, which is looked at once for the fit to all and for all folds."""
+    """The start of a search over many segments: their linear solution, also for each fold, and its error angles and columns, which are
+    computed once for the fit to all and for all folds."""
 
     def __init__(self, linear: MethodFit | None):
         self.linear = linear
@@ -405,7 +403,7 @@ class _Begins:
         self.ends: LinearEnds | None = None
 
     def of(self, seen: FitInput) -> dict[str, Any]:
-        """``begin`` and ``begins`` of a training; none where it is to begin at the identity."""
+        """Return ``begin`` and ``begins`` of a training; empty where it begins at the identity."""
         if len(seen.batch) <= MANY or seen.options.variant != "paper" or seen.order is not None:
             return {}
         if seen.whole is None:
@@ -431,8 +429,8 @@ def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet | PublishedNet
         "before": None if seen.order is None else previous(seen.order, options.parts),
     }
     trained = _by_adamw(seen, how) if options.optimizer == "adamw" else _by_second_order(begins, seen, how)
-    assert isinstance(trained.net, CalibrationNet | PublishedNet)  # the kind that it began as
-    tie = trained.tie if math.isfinite(trained.tie) else None  # AdamW is tied to nothing; JSON has no infinity
+    assert isinstance(trained.net, CalibrationNet | PublishedNet)  # training keeps the type
+    tie = trained.tie if math.isfinite(trained.tie) else None  # AdamW has no tie; JSON has no infinity
     return trained.net, {"optimizer": options.optimizer, "tie": tie, "loss": list(trained.loss)}
 
 
@@ -445,7 +443,7 @@ def _by_adamw(seen: FitInput, how: dict[str, Any]) -> Training:
 def _by_second_order(begins: _Begins, seen: FitInput, how: dict[str, Any]) -> Training:
     sigma = seen.sigma
     if seen.options.loss == "distance":
-        # The weights settle at the linear solution; whether it should bend is asked once, with those.
+        # The weights converge at the linear solution; the tie is then selected once, with those weights.
         settled = train_distance(seen.batch, sigma, **how)
         sigma = distance_sigma(seen.batch, sigma, settled, how["before"])
     return train_second_order(seen.batch, sigma, **how, **begins.of(seen), progress=seen.progress)

@@ -18,15 +18,15 @@ from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 # Global-best swarm with Clerc and Kennedy's constriction (2002): v <- chi (v + c1 r1 (own best - x) + c2 r2 (swarm's best - x)).
-# ``minimise`` knows nothing of gyroscopes; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
-# swarm begins (``Nearby``), and swarms on until that is exact.  Through every sample it would cost ten times as much.
+# ``minimise`` is general; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
+# swarm begins (``Nearby``), and repeats the swarm until that is exact.  Integrating every sample would cost ten times as much.
 
 
 @dataclass(frozen=True)
 class SwarmOptions:
-    """particles; steps at most; constriction 0.7298 with both attractions 1.496 (Clerc and Kennedy, phi = 4.1); the search stops
-    when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps: a swarm that begins around its best must
-    contract before it finds a better one."""
+    """Options of the swarm: particles; largest number of steps; constriction 0.7298 with both attractions 1.496 (Clerc and Kennedy,
+    phi = 4.1).  The search stops when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps: a swarm that
+    begins around its best must contract before it finds a better one."""
 
     particles: int = 48
     steps: int = 500
@@ -36,11 +36,11 @@ class SwarmOptions:
     tolerance: float = 1e-6
 
 
-#: swarms one after the other, at most; the box of each, as a share of the one before
+#: largest number of successive swarms; the box of each, as a share of the one before
 LEGS, NEARER = 6, 0.05
-#: segments beyond which a swarm sees all of them as one quadratic form (benchmarks/long_sessions.py)
+#: segments beyond which a swarm uses one quadratic form for all of them (benchmarks/long_sessions.py)
 GATHERED = 400
-#: half angles in sigmas: what a swarm saw of the closure is the closure
+#: half angles in sigmas: difference below which the quadratic closure equals the exact one
 AS_SEEN = 1e-4
 #: half-width of the box the swarm starts in: 5 % for each element of E, 2 dps for the bias
 START_BOX = np.array([0.05] * 9 + [2 * DEG] * 3)
@@ -54,7 +54,7 @@ def minimise(
     options: SwarmOptions | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> np.ndarray:
-    """Best position (D,) found for ``cost``, which takes (P, D) to (P,), from a box around ``centre``."""
+    """Return the best position (D,) found for ``cost``, which maps (P, D) to (P,), from a box around ``centre``."""
     options = options or SwarmOptions()
     shape = (options.particles, len(centre))
     x = centre + half_width * rng.uniform(-1, 1, shape)
@@ -87,11 +87,11 @@ def fit_pso(
     prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
-    """The swarm's best linear model, searched for from a box around ``start``.
+    """Find the swarm's best linear model from a box around ``start``.
 
-    The swarm sees the closure to second order about where it begins.  Where its best is another model, it begins again there, in a box of a
-    twentieth, until the closure is what it saw.  prior: where what no segment shows belongs, held as weakly as least squares holds it;
-    None: nowhere.
+    The swarm uses the closure to second order about where it begins.  If that is not accurate at its best model, it begins again there,
+    in a box of a twentieth, until it is.  prior: model that weakly constrains unobserved parameters, as in least squares; None: no
+    constraint.
     """
     centre, box, rng = start, 1.0, np.random.default_rng(seed)
     for leg in range(LEGS):
@@ -117,7 +117,7 @@ def near_best(
     prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
-    """The best of one swarm, which sees the closure through ``nearby``, from a box around its model."""
+    """Return the best of one swarm, which uses the closure through ``nearby``, from a box around its model."""
     weight = (2 / sigma.reshape(len(nearby.batch), -1)) ** 2
     gathered = nearby.gathered(weight) if len(nearby.batch) > GATHERED else None
 
@@ -133,19 +133,19 @@ def near_best(
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """E and B; the same answer for the same ``options.seed``."""
-    # What a swarm sees of the closure is exact, and so it is judged.
+    """Fit E and B; the result depends only on the data and ``options.seed``."""
+    # A swarm uses the exact integrator, so its closure is computed with that.
     return held_out("pso", _SwarmFits(), problem, options, progress, integrator="exact")
 
 
 class _SwarmFits:
-    """The fit to all segments, then to folds of them: a fold's optimum is near the whole's, its swarm begins around it."""
+    """The fit to all segments, then to folds of them: the swarm of a fold begins around the optimum of the whole, which is near."""
 
     nearby: Nearby | None = None
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         options, rates = seen.options, seen.still_rates
-        # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
+        # There may be only a few turns of known angle; a swarm would drift along unobserved directions.
         prior = None if seen.batch.turns is None else seen.start
         if self.nearby is None or seen.whole is None or seen.among is None:
             model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)

@@ -1,4 +1,4 @@
-"""Train the denoising subnet with the calibration frozen: what it learns from, its losses, second order and AdamW."""
+"""Train the denoising subnet with the calibration frozen: its data, its losses, second order and AdamW."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-# What a denoiser learns from: segments with what came before and after them, and the stills.
+# Training data of a denoiser: segments with the samples before and after them, and the stills.
 
 REACH = (KERNEL - 1) * sum(DILATIONS)
-#: segments, and stills, that tell 56 weights an axis all that they need (benchmarks/long_sessions.py)
+#: number of segments, and of stills, that is enough for 56 weights an axis (benchmarks/long_sessions.py)
 ENOUGH = 400
-#: samples at rest that show the noise, an hour of them: of longer rests the first so many of each, and never fewer than a few seconds
+#: samples at rest used for the noise, an hour of them: of longer rests the first samples of each, and never fewer than a few seconds
 MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """batch and sigma as for the calibration; context (S, REACH + T + REACH, 3) rad/s, the measured rates of the batch with their
-    surroundings; counts (S,) samples of each segment; stills: measured rates (n, 3) of each; rate_hz; held: whether the surroundings
-    are not measured, but the ends held."""
+    """Training data: batch and sigma as for the calibration; context (S, REACH + T + REACH, 3) rad/s, the measured rates of the batch with
+    their surroundings; counts (S,) samples of each segment; stills: measured rates (n, 3) of each; rate_hz; held: whether the
+    surroundings repeat the end values instead of being measured."""
 
     batch: Batch
     sigma: np.ndarray
@@ -49,29 +49,29 @@ class Material:
 
     @property
     def stretches(self) -> list[np.ndarray]:
-        """Measured rates (n, 3) of each segment, with its surroundings where they are measured."""
+        """Return the measured rates (n, 3) of each segment, with its surroundings where they are measured."""
         if self.held:
             return [rate[:count] for rate, count in zip(self.batch.rate, self.counts, strict=True)]
         return [rate[: 2 * REACH + count] for rate, count in zip(self.context, self.counts, strict=True)]
 
     def pick(self, which: np.ndarray) -> Material:
-        """Some of the segments, by index or mask; the stills, which only show noise, stay."""
+        """Select segments by index or mask; the stills, which only show noise, stay."""
         return replace(self, batch=self.batch.pick(which), sigma=self.sigma[which], context=self.context[which], counts=self.counts[which])
 
     def enough(self) -> Material:
-        """What a denoiser learns as much from: of many segments and stills every so many, evenly over the session."""
+        """Return a sufficient subset: segments and stills spaced evenly over the session."""
         every, apart = (-(-len(each) // ENOUGH) for each in (self.counts, self.stills))
         if every <= 1 and apart <= 1:
             return self
         return replace(self.pick(np.arange(0, len(self.counts), max(every, 1))), stills=self.stills[:: max(apart, 1)])
 
     def rate(self, model: DenoisedNet) -> np.ndarray:
-        """What the whole net makes of the segments, (S, T, 3) rad/s, each answer at the sample that it belongs to."""
+        """Return the whole net's rates (S, T, 3) rad/s of the segments, each corrected for the delay."""
         return model.undelayed(self.context)[:, REACH : REACH + self.batch.rate.shape[1]]
 
 
 def of_problem(problem: Problem) -> Material:
-    """The accepted segments of a session in their logs; beyond a log's ends the rate stands."""
+    """Take the accepted segments of a session in their logs; beyond a log's ends the end values are repeated."""
     longest = problem.batch.rate.shape[1]
     context = np.empty((len(problem.batch), longest + 2 * REACH, 3))
     for row, segment in zip(context, problem.used, strict=True):
@@ -87,35 +87,35 @@ def of_problem(problem: Problem) -> Material:
 
 
 def of_batch(batch: Batch, sigma: np.ndarray, stills: list[np.ndarray]) -> Material:
-    """Of a batch alone: before and after each segment the rate is taken to stand; stills: measured rates (n, 3) of each."""
+    """Take a batch alone: the end values of each segment are repeated around it; stills: measured rates (n, 3) of each."""
     before, after = (np.repeat(batch.rate[:, end], REACH, axis=1) for end in (slice(0, 1), slice(-1, None)))
     counts = 1 + np.sum(batch.dt > 0, axis=1)
     context = np.concatenate([before, batch.rate, after], axis=1)
     return Material(batch, sigma, context, counts, stills, float(1 / np.median(batch.dt[batch.dt > 0])), held=True)
 
 
-# What rewards smoothing without new labels: the log's own neighbours, and the stills' known zero.
+# Losses that reward smoothing without new labels: neighbouring samples of the log, and the known rate in the stills.
 #
-# The endpoint loss integrates, and integration hides noise.  Two figures of a filter h (one axis, taps h_j, sum 1) do not, and both are
+# The endpoint loss integrates, and integration hides noise.  Two measures of a filter h (one axis, taps h_j, sum 1) do not, and both are
 # quadratic in h:
 #
 #     at rest     E f^2 = h' R h                                                     R_ij = r(i - j), r the noise's autocovariance
 #     in motion   E (f_k - s_k-D)^2 = h' A h + 2 sum_j h_j r(j - D) - r(0)           A_ij = mean (x_k-i - x_k-D)(x_k-j - x_k-D)
 #
-# x = s + n is what the calibrated gyro reads, s the true rate D samples ago, which nobody knows.  Taking the noisy neighbour x_k-D for it
-# is noise-to-noise learning (Lehtinen et al. 2018); since x_k-D is in the window itself, the noise that filter and target share is paid
-# back (Stein 1981), with r as the stills show it, where the rate is known to be none but the Earth's.
+# x = s + n is the calibrated rate, s the true rate D samples ago, which is unknown.  Using the noisy neighbour x_k-D instead
+# is noise-to-noise learning (Lehtinen et al. 2018); since x_k-D is in the window itself, the noise that filter and target share is
+# corrected for (Stein 1981), with r estimated from the stills, where the true rate is the Earth's.
 #
-# The two pull against each other.  ``ideal`` weighs them so that noise at rest falls by a stated factor, and motion suffers least, among
-# the filters that pass every cubic unchanged, D samples late: moments 1 to 3 of the taps about D are zero.  Why those: by parts, over a
-# movement from rest to rest, the first moment of one axis against another's is a skew of the axes, and the second acts like
-# -m2/2 sum R (w x w') dt, a coning error; without the pins a threefold reduction cost half of the closure and more.
+# The two conflict.  ``ideal`` weighs them so that noise at rest falls by a stated factor at the least error in motion, among
+# the filters that pass every cubic unchanged, delayed by D samples: moments 1 to 3 of the taps about D are zero.  The reason: by parts,
+# over a movement from rest to rest, a difference of the axes' first moments is a skew of the axes, and the second acts like
+# -m2/2 sum R (w x w') dt, a coning error; without these constraints a threefold reduction cost half of the closure and more.
 
-#: lags beyond which the noise of a gyroscope behind its low-pass is taken to be independent
+#: lags beyond which the noise of a gyroscope after its low-pass is assumed independent
 LAGS = 12
-#: of white noise of the same variance: what rounding to whole steps alone leaves at any frequency is more
+#: least power at any frequency relative to white noise of the same variance: rounding to whole steps alone leaves more
 LEAST_POWER = 0.01
-#: powers of ten between which the weight of rest against motion is sought
+#: powers of ten between which the weight of rest against motion is searched
 WEIGHTS = (-8.0, 9.0)
 #: moments of the taps about the delay, the zeroth (the gain) included
 MOMENTS = 4
@@ -123,7 +123,8 @@ MOMENTS = 4
 
 @dataclass(frozen=True, eq=False)
 class Risk:
-    """Of one session at one delay: noise (3, K) rad^2/s^2, r at lags 0 to K - 1; motion (3, K, K), A; delay D; samples behind A."""
+    """The quadratic loss of a session at one delay: noise (3, K) rad^2/s^2, r at lags 0 to K - 1; motion (3, K, K), A; delay D; samples:
+    number used for A."""
 
     noise: np.ndarray
     motion: np.ndarray
@@ -132,25 +133,25 @@ class Risk:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(3, K, K): R."""
+        """Return the noise covariance R (3, K, K)."""
         k = np.arange(self.noise.shape[1])
         return self.noise[:, np.abs(k[:, None] - k)]
 
     @property
     def shared(self) -> np.ndarray:
-        """(3, K): r(j - D), what tap j has in common with the target's noise."""
+        """Return r(j - D) (3, K), the covariance of tap j's noise with the target's."""
         return self.noise[:, np.abs(np.arange(self.noise.shape[1]) - self.delay)]
 
     def at_rest(self, taps: np.ndarray) -> np.ndarray:
-        """(3,) rad^2/s^2: variance of filtered noise; taps (3, K)."""
+        """Return the variance (3,) rad^2/s^2 of filtered noise; taps (3, K)."""
         return np.einsum("ai,aij,aj->a", taps, self.covariance, taps)
 
     def in_motion(self, taps: np.ndarray) -> np.ndarray:
-        """(3,) rad^2/s^2: expected squared error against the true rate D samples ago; taps (3, K) that sum to 1."""
+        """Return the expected squared error (3,) rad^2/s^2 against the true rate D samples ago; taps (3, K) that sum to 1."""
         return np.einsum("ai,aij,aj->a", taps, self.motion, taps) + 2 * np.sum(self.shared * taps, axis=1) - self.noise[:, 0]
 
     def ideal(self, reduction: float) -> tuple[np.ndarray, np.ndarray]:
-        """The taps (3, K) best in motion among those that divide noise at rest by ``reduction`` or more, and rest's weight (3,)."""
+        """Return the taps (3, K) best in motion among those that divide noise at rest by ``reduction`` or more, and rest's weight (3,)."""
         taps, weights = np.zeros_like(self.noise), np.zeros(3)
         for axis in range(3):
             low, high = WEIGHTS
@@ -163,7 +164,7 @@ class Risk:
         return taps, weights
 
     def _best(self, axis: int, weight: float) -> np.ndarray:
-        """argmin of h' (A + weight R) h + 2 shared' h, with gain 1 and the other moments zero (Lagrange)."""
+        """Minimise h' (A + weight R) h + 2 shared' h, with gain 1 and the other moments zero (Lagrange)."""
         pins = moments(self.noise.shape[1], self.delay)
         solved = np.linalg.solve(self.motion[axis] + weight * self.covariance[axis], np.column_stack([-self.shared[axis], pins.T]))
         free, pulls = solved[:, 0], solved[:, 1:]
@@ -171,12 +172,12 @@ class Risk:
 
 
 def moments(taps: int, delay: int) -> np.ndarray:
-    """(MOMENTS, taps): rows whose product with the taps is their moments about the delay, in tens of samples."""
+    """Return the matrix (MOMENTS, taps) from taps to their moments about the delay, in tens of samples."""
     return ((np.arange(taps) - delay) / 10.0) ** np.arange(MOMENTS)[:, None]
 
 
 def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
-    """(3, taps) of the rates (n, 3) rad/s in each still about their mean, zero beyond LAGS."""
+    """Return the autocovariance (3, taps) of the rates (n, 3) rad/s in each still about their mean, zero beyond LAGS."""
     total, count = np.zeros((3, taps)), np.zeros(taps)
     for rate in stills:
         x = rate - rate.mean(axis=0)
@@ -187,20 +188,20 @@ def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
 
 
 def _positive(noise: np.ndarray) -> np.ndarray:
-    """(K,) autocovariance of a process that can be.  Lags that were estimated one by one, and cut off at LAGS, need not be one: then the
-    power of the frequencies where they leave less than ``LEAST_POWER`` is raised to that; all else stays."""
+    """Make an autocovariance (K,) positive definite.  Lags that were estimated one by one, and cut off at LAGS, need not be: then the
+    power of frequencies below ``LEAST_POWER`` is raised to that; the rest stays."""
     taps = len(noise)
     k = np.arange(taps)
     if not noise[0] > 0 or not np.isfinite(noise).all() or np.linalg.eigvalsh(noise[np.abs(k[:, None] - k)])[0] > 0:
         return noise
-    around = np.concatenate([noise, np.zeros(2 * taps), noise[:0:-1]])  # a circle, of which K lags in a row are no circle
+    around = np.concatenate([noise, np.zeros(2 * taps), noise[:0:-1]])  # circular, but long enough that K lags do not wrap
     power = np.fft.fft(around).real
     raised = np.fft.ifft(np.maximum(power, LEAST_POWER * noise[0])).real[:taps]
     return raised * (noise[0] / raised[0])
 
 
 def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:
-    """From calibrated rates (n, 3) rad/s of whole stretches of movement, and of stills."""
+    """Estimate the loss from calibrated rates (n, 3) rad/s of whole stretches of movement, and of stills."""
     total, count = np.zeros((3, taps, taps)), 0
     for rate in rates:
         for axis in range(3):
@@ -211,19 +212,19 @@ def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay:
     return Risk(autocovariance(stills, taps), total / max(count, 1), delay, count)
 
 
-# Where the training of the denoiser begins, and what it gives.
+# The start and the result of the denoiser's training.
 
 
 @dataclass(frozen=True, eq=False)
 class DenoiserTraining:
-    """model whole; loss after each step or epoch."""
+    """The whole model, and the loss after each step or epoch."""
 
     model: DenoisedNet
     loss: tuple[float, ...]
 
 
 def start(seed: int, slope: float = 1.0) -> Denoiser:
-    """The identity, with a second channel that is ready to learn: nothing reads it yet."""
+    """Return the identity with a second, trainable channel, which has no output weight yet."""
     noise = Denoiser.from_vector(0.1 * np.random.default_rng(seed).standard_normal((3, PARAMETERS // 3)))
     net = Denoiser.identity(slope)
     net.conv1[:, 1], net.conv2[:, 1] = noise.conv1[:, 1], noise.conv2[:, 1]
@@ -235,17 +236,17 @@ def start(seed: int, slope: float = 1.0) -> Denoiser:
 #: rows (R,), their design (R, 3, K), and the taps (3, K) at which the rows hold
 Term = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-#: sigma of the prior around the weights at the start.  It settles what no loss sees, such as one layer's scale against another's;
-#: the endpoint alone sees so little that it needs a close one, or it buys closure with noise (by as much as thirty times more of it)
+#: sigma of the prior around the weights at the start.  It determines what no loss observes, such as one layer's scale against another's;
+#: the endpoint loss alone needs a close one, or it trades noise (up to thirty times more) for closure
 PRIOR_SIGMA = {"endpoint": 0.1, "still": 3.0, "neighbours": 3.0}
 
 
 MAX_STEPS = 80
-#: the same from weights that smooth already: what is left is to close, which asks for little
+#: steps from weights that smooth already: only the closure remains, which needs few
 NEAR_STEPS = 12
 
 
-#: of the loss, relative: a step that gains less ends the search
+#: relative gain in loss below which the search ends
 CONVERGED = 1e-5
 
 
@@ -253,14 +254,14 @@ CONVERGED = 1e-5
 PIN = 1e4
 
 
-#: times that the closure is linearised anew
+#: number of linearisations of the closure
 ROUNDS = 2
 
 
 def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILATIONS) -> tuple[np.ndarray, np.ndarray]:
-    """Taps (3, K) of the linear subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
+    """Return taps (3, K) of the linear subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
 
-    In the frequency domain, where convolutions are products: linear in each of the three layers.
+    They are computed in the frequency domain, where convolutions are products, linear in each of the three layers.
     """
     net = Denoiser.from_vector(vector, dilations=dilations)
     taps = 1 + (KERNEL - 1) * sum(dilations)
@@ -293,7 +294,7 @@ def train_second_order(
     near: Denoiser | None = None,
     closing: bool = True,
 ) -> DenoiserTraining:
-    """The taps of the linear subnet that are best for the loss, behind this calibration; as ``training.train_denoiser``.
+    """Train the linear subnet's taps for the loss, after this calibration; as ``train_denoiser``.
 
     closing: whether the closure is part of the loss.
     """
@@ -311,7 +312,7 @@ def train_second_order(
 
 
 def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Term:
-    """Rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
+    """Return rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
     rates = [calibration(x) for x in material.stretches]
     stills = [calibration(x) for x in material.stills]
     risk = measure(rates, stills, REACH + 1, options.delay)
@@ -335,7 +336,7 @@ def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) 
 
 
 def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: int) -> Term:
-    """Rows (S d,) of the closure in sigmas at these taps, and their design (S d, 3, K): linear in the taps, to first order."""
+    """Return rows (S d,) of the closure in sigmas at these taps, and their design (S d, 3, K), to first order in the taps."""
     batch = material.batch
     x = calibration(material.context)
     windows = np.lib.stride_tricks.sliding_window_view(x[:, delay : delay + REACH + batch.rate.shape[1]], REACH + 1, axis=1)[..., ::-1]
@@ -350,7 +351,7 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
 
 
 def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
-    """Levenberg-Marquardt on the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
+    """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior by Levenberg-Marquardt."""
     began, damping, losses = vector, 1e-3, []
 
     def residuals(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -389,18 +390,18 @@ def _or_none(residuals: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], v
         return None
 
 
-# The denoiser by the paper's AdamW in PyTorch: the same losses for any slope of its leaky ReLUs, bent ones too; the best epoch counts.
+# The denoiser by the paper's AdamW in PyTorch: the same losses for any slope of its leaky ReLUs; the best epoch is kept.
 
 #: a third of the calibration's: the subnet's taps are products of three weights
 LEARNING_RATE = 0.003
-#: size of the second dose of noise that shows how far an answer follows the noise of its target
+#: size of the added noise that shows the dependence of an output on its target's noise
 DOSE = 0.1
 
 
 def train_adamw(
     material: Material, calibration: Model, options: DenoiseOptions, progress: Progress, checkpoint: Checkpoint | None = None
 ) -> DenoiserTraining:
-    """As ``training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
+    """Train by AdamW as ``train_denoiser``.  For a nonlinear net the shared noise is estimated by added noise (Ramani 2008)."""
     import torch
 
     batch, smoothing, where = material.batch, options.loss != "endpoint", device()
@@ -427,9 +428,9 @@ def train_adamw(
 
     begin = start(options.seed, options.slope).vector
     if options.loss == "neighbours":
-        # From the identity, a delay of 0, hundreds of epochs do not come near: it begins at the linear solution of the second order.
+        # From the identity, a delay of 0, hundreds of epochs are not enough: it begins at the linear solution of the second order.
         begin = train_second_order(material, calibration, replace(options, slope=1.0)).model.denoiser.vector
-    # The best epoch counts: at the identity the endpoint loss is near its least already.
+    # The best epoch is kept: at the identity the endpoint loss is near its minimum already.
     _, best, losses = minimise(
         loss_of,
         begin,
@@ -444,18 +445,18 @@ def train_adamw(
 
 
 def _noise(material: Material, calibration: Model) -> np.ndarray:
-    """(M, 3) rad/s: the stills one after the other, each about its mean."""
+    """Return the rates (M, 3) rad/s of all stills in sequence, each about its mean."""
     return np.concatenate([calibration(still) - calibration(still).mean(axis=0) for still in material.stills])
 
 
 def _tiled(noise: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
-    """Real noise in another order, (S, T, 3)."""
+    """Return measured noise in another order, (S, T, 3)."""
     starts = np.random.default_rng(seed).integers(len(noise), size=(shape[0], 1))
     return noise[(starts + np.arange(shape[1])) % len(noise)]
 
 
 def _scales(material: Material, calibration: Model, options: DenoiseOptions) -> tuple[np.ndarray, np.ndarray]:
-    """What a squared error of each axis counts (3,), one over the noise's variance, and rest's weight against motion (3,)."""
+    """Return the weight of a squared error of each axis (3,), one over the noise's variance, and rest's weight against motion (3,)."""
     rates = [calibration(x) for x in material.stretches]
     risk = measure(rates, [calibration(x) for x in material.stills], REACH + 1, options.delay)
     weight = risk.ideal(options.reduction)[1] if options.loss == "neighbours" else np.ones(3)
@@ -464,12 +465,12 @@ def _scales(material: Material, calibration: Model, options: DenoiseOptions) -> 
 
 # Train the denoising subnet, calibration frozen: second order in NumPy where it is linear, the paper's AdamW in PyTorch.
 #
-# Three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since what it integrates hides
-# noise. ``still`` adds the variance in the stills: it smooths as far as it can, and loses the movement.  ``neighbours`` adds that and the
-# expected error in motion (risk.py), weighed so that noise at rest falls by a stated factor at a stated delay: the default.
+# There are three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since integration hides
+# noise. ``still`` adds the variance in the stills: it smooths as much as it can, and distorts the movement.  ``neighbours``, the default,
+# adds that and the expected error in motion (``Risk``), weighed so that noise at rest falls by a stated factor at a stated delay.
 #
-# Linear (slope 1), the closure is linear in the taps to first order, and the other losses are quadratic in them.  What all samples have
-# to say is therefore a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
+# For slope 1, the closure is linear in the taps to first order, and the other losses are quadratic in them.  All samples therefore reduce
+# to a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
 
 
 def train_denoiser(
@@ -480,8 +481,8 @@ def train_denoiser(
     checkpoint: Checkpoint | None = None,
     near: Denoiser | None = None,
 ) -> DenoiserTraining:
-    """The whole net with this calibration, frozen; checkpoint (``Checkpoint``) where AdamW trains it; near: what ``train_smoothing`` found,
-    where the second order may begin, and then soon ends.
+    """Train the whole net with this calibration frozen; checkpoint (``Checkpoint``) for AdamW; near: the result of ``train_smoothing``,
+    from which the second order converges faster.
 
     Raises FitError where the loss is not finite, or there is nothing to smooth.
     """
@@ -495,7 +496,7 @@ def train_denoiser(
 
 
 def train_smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Denoiser | None:
-    """The weights best for all of the loss but the closure, from rates alone; None where the closure is all of it, and for AdamW."""
+    """Return the best weights for the loss without the closure, from rates alone; None where the closure is all of it, and for AdamW."""
     if options.loss == "endpoint" or not _is_second_order(options):
         return None
     return train_second_order(material, calibration, options, closing=False).model.denoiser
@@ -505,20 +506,20 @@ def _is_second_order(options: DenoiseOptions) -> bool:
     return options.optimizer != "adamw" and options.slope == 1
 
 
-# The method ``tinygc_denoised``: the calibration as ``tinygc`` found it, frozen, and the denoising subnet behind it.
+# The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
-    """The calibration of ``tinygc``, fitted first where it is not among ``before``, and the denoiser behind it.
+    """Fit the calibration of ``tinygc``, unless it is among ``before``, and the denoiser after it.
 
-    Trained on all segments, then on all but each fold with that fold's calibration, which saw none of it either.  A fold's search begins
-    at what smooths best; that has seen all rates, but no attitude.
+    The denoiser is trained on all segments, then on all but each fold with that fold's calibration, which excludes it as well.  A fold's
+    search begins at the best smoothing weights, which were fitted to all rates, but to no attitude.
     """
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
     how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
     if not material.stills or problem.session.truths is not None:
-        # A session that never rests shows no noise to learn from, and a vehicle's few stills not the noise of its flight.
+        # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
         how = replace(how, loss="endpoint")
     steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
@@ -540,12 +541,12 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
 
 
 def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:
-    """Error angles (S, d) rad that the whole net leaves, its delay allowed for."""
+    """Return error angles (S, d) rad of the whole net, corrected for its delay."""
     return closure.error_angles(closure.segment_residuals(material.batch, material.rate(model), integrator))
 
 
 def figures(material: Material, model: DenoisedNet) -> dict:
-    """What a user must know: noise_reduction (3,), by how much the standard deviation in the stills falls (None where no
+    """Return the figures for the user: noise_reduction (3,), the factor by which the standard deviation in the stills falls (None where no
     still is as long as the window); delay_s; delay_samples."""
     before, after = [], []
     for still in material.stills:

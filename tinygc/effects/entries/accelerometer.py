@@ -1,6 +1,6 @@
-"""The accelerometer's pre-calibration no longer holds.  It bends the reference, not the rate.
+"""The accelerometer's pre-calibration is no longer valid.  This changes the reference, not the rate.
 
-Mostly a bias has crept in; scale and nonorthogonality may have, too: three numbers and nine are weighed against one another.
+Usually the bias has changed; scale and nonorthogonality may have, too: model selection compares three parameters and nine.
 """
 
 from dataclasses import replace
@@ -12,9 +12,9 @@ from tinygc.effects import Effect, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.effect import GRAVITY_LENGTH
 
 UPPER = np.triu_indices(3)
-#: of the upper triangle row by row, after the bias
+#: indices in the upper triangle row by row, after the bias
 SCALES, SHEARS = (3, 6, 8), (4, 5, 7)
-#: what all axes have in common of scale is gravity's length, which nobody knows as well
+#: projection without the common scale of all axes, which is gravity's length and not known as accurately
 TOLD = np.eye(9)
 TOLD[np.ix_(SCALES, SCALES)] -= 1 / 3
 
@@ -24,7 +24,7 @@ def _bias(force_g: np.ndarray) -> np.ndarray:
 
 
 def _nine(force_g: np.ndarray) -> np.ndarray:
-    """A bias, and an upper triangle: length tells the sensor's own axes up to a turn, which the body frame is free to follow."""
+    """A bias, and an upper triangle: length determines the sensor's axes up to a rotation, which the body frame absorbs."""
     columns = np.zeros((len(force_g), 3, 9))
     columns[:, :, :3] = np.eye(3)
     rows, of = UPPER

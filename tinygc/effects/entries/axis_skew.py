@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from tinygc.effects import AHEAD, Convention, Effect, Movement, Parameter, Reach, axis_of, diagonal, largest
 from tinygc.effects.effect import LAG_LAW
 
-#: a cubic spline forgets a sample by a factor of 3.7 with each one between
+#: the influence of a sample on a cubic spline decays by a factor of 3.7 with each one between
 SPLINE_SAMPLES = 48
 
 
@@ -42,5 +42,5 @@ _BODY = Effect(
     ),
     device=AHEAD,
 )
-# Whether the elements or their readings come late is not known beforehand: misaligned by 5 %, it is a twentieth of the effect.
+# Whether the elements or their readings are late is not known beforehand: with a misalignment of 5 %, it is a twentieth of the effect.
 EFFECT = replace(_BODY, of_readings=_BODY.moved_to_readings("reading i of t is taken at t + s_i"))

@@ -32,7 +32,7 @@ EFFECT = Effect(
     parameter=Parameter("tau_s", (3,), "s", plausible=0.05),
     seen_in=("turn",),
     columns=lambda movement: diagonal(-movement.acceleration),
-    # What the axes share shows in the closure by its square: from zero a search may go to negative lags, where there is no way back.
+    # The axes' common lag appears in the closure by its square: from zero a search may go to negative lags and not return.
     begin=0.005,
     exact_correct=_correct,
     exact_distort=_distort,
@@ -41,7 +41,7 @@ EFFECT = Effect(
         "check the low-pass setting of each axis"
     ),
     splits="shake the table about each axis at several speeds: a lag rounds off fast movements, a delay does not",
-    # The way back looks at both neighbours; the way there remembers, which nobody undoes live.
+    # The correction reads both neighbours; the forward model has a memory, which is not corrected live.
     reach=NEIGHBOURS,
     regime=("angular acceleration", "rad/s²"),
     picture=LAG_LAW,

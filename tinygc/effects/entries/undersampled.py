@@ -1,7 +1,7 @@
-"""Motion faster than half the data rate.  A sum of readings misses it, turn by turn at random: no rate is added, and nothing undoes it.
+"""Motion faster than half the data rate.  A sum of readings misses it, at random in each turn: no rate is added or can be corrected.
 
-Who claims it has it from what fewer readings miss: predicted_deg is the rms over the turns at the recording's own data rate, and beside
-it stand rates_hz and closure_deg, one for each thinned-out rate, and the exponent in the rate (``tinygc.effects.effect.DATA_RATE``).
+It is estimated from thinned readings: predicted_deg is the rms over the turns at the recording's own data rate; rates_hz and closure_deg
+have one value for each thinned rate, and there is the exponent in the rate (``tinygc.effects.effect.DATA_RATE``).
 """
 
 from session.io.units import DEG

@@ -19,7 +19,7 @@ EFFECT = Effect(
     regime=("vibration", "g²"),
     picture=ENERGY_LAW,
     device=AHEAD,
-    # Of the energy that the accelerometer passes: a hand's own movement adds to it, and what is taken for the hand's is lacking
-    # (benchmarks/vibration.py).  What its low-pass hides is no error of this coefficient: it is per g² seen.
+    # Uncertainty of the energy that the accelerometer passes: a hand's movement adds to it, and vibration attributed to the hand is
+    # missing (benchmarks/vibration.py).  Energy above its low-pass is no error of this coefficient, which is per g² measured.
     known_to=0.1,
 )

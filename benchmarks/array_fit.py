@@ -18,7 +18,8 @@ from session.annexes.arrays.recording import read_array
 from session.annexes.public import mikov, mimu
 from session.io.units import DEG
 from tinygc.annexes.arrays.fit import ArrayFit, fit_array
-from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.simulation.options import SimulationOptions
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"

@@ -21,7 +21,7 @@ from scipy.signal import csd, welch
 from session.io.units import DEG
 from tinygc.annexes.arrays.model import ArrayModel
 from tinygc.annexes.arrays.voting import LiveArray
-from tinygc.closure.allan import allan_curve
+from tinygc.closure.floor import allan_curve
 
 HERE = Path(__file__).resolve().parent.parent
 SHARED = HERE.parent / "shared" / "mimu"

@@ -25,7 +25,7 @@ from common import markdown, progress
 
 import calibrate
 from tinygc.annexes.challenge.cases import Case, conceal
-from tinygc.annexes.challenge.law_cases import ALL
+from tinygc.annexes.challenge.law_examination import ALL
 from tinygc.effects import load_folder, using
 from tinygc.effects.device import NoC
 from tinygc.effects.testing import check

@@ -20,8 +20,7 @@ import numpy as np
 from common import markdown, progress
 
 from tinygc.annexes.challenge.cases import Case
-from tinygc.annexes.challenge.law_cases import AddedRate, added_rate
-from tinygc.annexes.challenge.law_examination import SAME
+from tinygc.annexes.challenge.law_examination import SAME, AddedRate, added_rate
 from tinygc.annexes.challenge.laws import BY_HAND
 from tinygc.annexes.discovery.enumeration import bits, enumerated
 from tinygc.annexes.discovery.equivalence import columns_of

@@ -19,10 +19,9 @@ from common import markdown
 from session.io.units import DEG
 from tinygc.annexes.lots.capability import chart
 from tinygc.annexes.lots.hierarchy import hierarchy
-from tinygc.annexes.lots.lot import NAMES, UnitResult
+from tinygc.annexes.lots.lot import NAMES, UnitResult, lot_sessions
 from tinygc.annexes.lots.outliers import outliers
 from tinygc.annexes.lots.report import _interval
-from tinygc.annexes.lots.sessions import lot_sessions
 
 COUNT = len(NAMES)
 #: between units, one sigma of each number, SI

@@ -23,9 +23,8 @@ from scipy.signal import lfilter
 
 from session.io.rests import RestLog
 from session.io.units import DEG, DEG_PER_HOUR, G
-from tinygc.annexes.temperature import rest_blocks
-from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis
-from tinygc.annexes.temperature.rest_blocks import make_knots, sweeps_of
+from tinygc.annexes.temperature import axis_fit
+from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots, sweeps_of
 
 ROOT = Path(__file__).resolve().parent.parent
 ZERO, SLOPE, BEND, ABOUT_C = 0.5, 0.034, 2e-4, 40.0
@@ -103,7 +102,7 @@ def nulls(seeds: int) -> None:
 
 def knots(seeds: int) -> None:
     for count in (80, 160, 320):
-        rest_blocks.MOST_KNOTS = count
+        axis_fit.MOST_KNOTS = count
         began = time.perf_counter()
         z = np.array([errors(seed, lag_s=40.0) for seed in range(seeds)])
         sigma = np.mean([fitted(seed, lag_s=40.0)[0].sigma[1] / DEG for seed in range(3)])

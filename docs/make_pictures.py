@@ -20,8 +20,7 @@ from tinygc.cli.console import output
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.explanations import explain
-from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
-from tinygc.reporting.truth_text import TruthReport
+from tinygc.reporting.explanation_text import ExplanationReport, TruthReport, explanation_page
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

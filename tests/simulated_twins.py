@@ -4,7 +4,7 @@ import numpy as np
 
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
-from tinygc.noise.session_noise import known_whitener
+from tinygc.noise.components import known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.simulation.write import write_session

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from session.io.units import DEG_PER_HOUR
-from tinygc.closure.allan import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
+from tinygc.closure.floor import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
 
 PERIOD_S, WALK = 0.01, 6e-5
 

@@ -11,10 +11,9 @@ from conftest import Table, session_of
 from session.io.config import Site
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import SimulationOptions, read_session
-from tinygc.closure.allan import ESTIMATED, GIVEN, estimated
 from tinygc.closure.build import build_problem
-from tinygc.closure.floor import UNKNOWN, BiasInstability
-from tinygc.noise.session_noise import known_whitener
+from tinygc.closure.floor import ESTIMATED, GIVEN, UNKNOWN, BiasInstability, estimated
+from tinygc.noise.components import known_whitener
 from tinygc.noise.twin import Twin
 from tinygc.simulation.write import write_session
 

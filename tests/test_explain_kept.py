@@ -12,13 +12,12 @@ from simulated_twins import make_twin_of
 from session.detect.stills import Still
 from tinygc.effects import catalogue
 from tinygc.explanation import evidence as of_evidence
-from tinygc.explanation import unknown
+from tinygc.explanation import search
 from tinygc.explanation.decision import improvement_p
 from tinygc.explanation.evidence import Evidence, candidates
-from tinygc.explanation.search import promises
-from tinygc.explanation.unknown import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz
+from tinygc.explanation.search import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz, promises
 from tinygc.noise import thinned
-from tinygc.noise.session_noise import HELD
+from tinygc.noise.components import HELD
 from tinygc.noise.thinned import StillMeans
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -104,7 +103,7 @@ def test_a_day_is_searched_for_as_many_lines_as_there_is_time_for(twin_of):
 
 def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_once(twin_of, monkeypatch):
     evidence = Evidence(twin_of(None)[0])
-    line = unknown._lines(line_frequencies(evidence.twin))[20]
+    line = search._lines(line_frequencies(evidence.twin))[20]
     have = evidence.of((line,), evidence.nothing)
     prior, scan = evidence.prior(have.fit), line.variants(line.scan.grid(evidence.twin.movements)[:60])
     found = []

@@ -21,7 +21,7 @@ from tinygc.estimation.network import fit_distance
 from tinygc.explanation.claims import SMALLEST_P, p_entry, p_words
 from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.truth_engine import chance_of, explain_truth
-from tinygc.reporting.truth_text import TruthReport, refusals, truth_page
+from tinygc.reporting.explanation_text import TruthReport, refusals, truth_page
 
 
 def write(

@@ -9,8 +9,7 @@ from conftest import DEG, Table, session_of
 from session.io.registers import gyro_rps_per_lsb
 from tinygc.closure.build import build_problem
 from tinygc.explanation.data_repair import repair
-from tinygc.noise.components import UNDERSAMPLED
-from tinygc.noise.session_noise import first_noise
+from tinygc.noise.components import UNDERSAMPLED, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

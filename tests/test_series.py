@@ -8,7 +8,7 @@ import signal
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 
-from session.bench.series import BoardListener, BoardSeries, SeriesEntry, folder_name
+from session.bench.session_file import BoardListener, BoardSeries, SeriesEntry, folder_name
 from session.io.errors import FormatError
 from tinygc import SimulationOptions, read_session
 from tinygc.simulation.write import write_session

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from simulated_twins import make_twin_of
 
-from tinygc.noise import session_noise
-from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER, Prior, undersampling
+from tinygc.noise import components
+from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER, Prior, first_noise, undersampling
 from tinygc.noise.refit import design, prior_sigmas
-from tinygc.noise.session_noise import first_noise
 from tinygc.noise.whitening import Sparse, Whitener
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
@@ -118,7 +117,7 @@ def test_components_far_larger_than_white_noise_are_found_in_two_searches(sessio
 
 
 def test_a_session_in_blocks_says_what_it_says_as_a_whole(session, monkeypatch):
-    monkeypatch.setattr(session_noise, "BLOCK", 10)
+    monkeypatch.setattr(components, "BLOCK", 10)
     in_blocks = first_noise(session.twin, session.whiten, session.noise.missed)
     assert [len(noise.blocks) for noise in (session.noise, in_blocks)] == [1, 3]
     rows = np.sort(np.concatenate(in_blocks.blocks))

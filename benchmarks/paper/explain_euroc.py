@@ -16,7 +16,7 @@ from tinygc.closure.build import build_problem
 from tinygc.estimation.bias import level_days
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
-from tinygc.reporting.truth_text import independent
+from tinygc.reporting.explanation_text import independent
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
 PAIRS = (

@@ -20,7 +20,7 @@ SERVICES = {
     "a search beyond the catalogue (--discover)": "tinygc.annexes.discovery.engine",
     "reports of a discovery": "tinygc.annexes.discovery.report",
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",
-    "earlier discoveries": "tinygc.annexes.discovery.searched",
+    "earlier discoveries": "tinygc.annexes.discovery.report_section",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
     "commands on arrays": "tinygc.annexes.arrays.command",

@@ -7,7 +7,8 @@ import numpy as np
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.io.rests import RestLog, rest_from_samples
 from session.io.samples import Samples
-from tinygc.annexes.temperature.rest_simulation import Chip, RestOptions, simulate_rest
+from tinygc.annexes.temperature.options import RestOptions
+from tinygc.annexes.temperature.rest_simulation import Chip, simulate_rest
 from tinygc.simulation.options import SimulationOptions
 
 #: slow enough that a test of hours costs little

@@ -25,7 +25,8 @@ from tinygc.annexes.arrays.explanation import (
 )
 from tinygc.annexes.arrays.fit import fit_array
 from tinygc.annexes.arrays.joint import OWN_P
-from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
 
 
 @pytest.fixture(scope="module")

@@ -17,13 +17,13 @@ from session.annexes.public import mikov, mimu
 from session.io.config import LeftOut
 from session.io.texts import shell_word
 from tinygc import SimulationOptions
-from tinygc.annexes.arrays.explanation import ArrayExplanation
+from tinygc.annexes.arrays.explanation import ArrayExplanation, event_lines, event_words
 from tinygc.annexes.arrays.fit import array_to_json, fit_array, unit_model
 from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
-from tinygc.annexes.arrays.simulation import ArrayOptions, simulate_array, write_array
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.annexes.arrays.system import MOUNTING, System
-from tinygc.annexes.arrays.text import event_lines, event_words
 
 
 @pytest.fixture(scope="module")

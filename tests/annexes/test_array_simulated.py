@@ -12,7 +12,8 @@ import calibrate
 from session.annexes.arrays.recording import read_array
 from session.io.errors import FormatError
 from tinygc import CalibrationError, SimulationOptions
-from tinygc.annexes.arrays.simulation import ArrayOptions, Jerks, jerks_in_turns, simulate_array, write_array
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import Jerks, jerks_in_turns, simulate_array, write_array
 from tinygc.simulation import movement
 from tinygc.simulation.simulator import plan_of
 

@@ -16,8 +16,7 @@ from tinygc import SimulationOptions
 from tinygc.annexes.challenge import law_examination
 from tinygc.annexes.challenge.cases import STRENGTHS, Case, conceal
 from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, Examination
-from tinygc.annexes.challenge.law_cases import ALIKE, ALL, added_rate, draw_discover_cases
-from tinygc.annexes.challenge.law_examination import correlation, law_tables, score_law, totals
+from tinygc.annexes.challenge.law_examination import ALIKE, ALL, added_rate, correlation, draw_discover_cases, law_tables, score_law, totals
 from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import catalogue

@@ -10,8 +10,7 @@ from fleets import FIT, QUICK, Here, asked, content, made, ran
 from scipy import stats
 
 from tinygc import check, fit
-from tinygc.annexes.lots import fleet_row as keys
-from tinygc.annexes.lots import fleet_session as compute
+from tinygc.annexes.lots import fleet_row, fleet_session
 from tinygc.annexes.lots.fleet_row import FleetOptions, cell_of, key_of, packed, unpacked
 from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet
 from tinygc.annexes.lots.fleet_summary import unit_results, weighed_of
@@ -173,7 +172,7 @@ def test_a_key_follows_from_every_option(fleet, other):
 
 def test_a_key_follows_from_the_version(fleet, monkeypatch):
     before = key_of(fleet / "unit0", QUICK)
-    monkeypatch.setattr(keys, "VERSION", "0.0.0")
+    monkeypatch.setattr(fleet_row, "VERSION", "0.0.0")
     assert key_of(fleet / "unit0", QUICK) != before
 
 
@@ -235,8 +234,8 @@ def test_what_nobody_has_foreseen_fails_one_row(copied, tmp_path, monkeypatch):
             raise ZeroDivisionError("not foreseen")
         return fit_as_it_is(session, *more, **how)
 
-    fit_as_it_is = compute.fit_session
-    monkeypatch.setattr(compute, "fit_session", breaks)
+    fit_as_it_is = fleet_session.fit_session
+    monkeypatch.setattr(fleet_session, "fit_session", breaks)
     assert ran(copied, tmp_path / "out", FIT)[0].done == 3
     assert asked(tmp_path / "out", "SELECT serial, step, error FROM results WHERE status = 'failed'") == [
         ("SIM-1", "fit", "internal error: ZeroDivisionError: not foreseen")

@@ -8,7 +8,7 @@ from fleets import FIT, made, ran
 from formats_page import CODE, rows, strangers
 from html_pages import parsed
 
-from tinygc.annexes.lots import fleet_command as command
+from tinygc.annexes.lots import fleet_command
 from tinygc.annexes.lots.fleet_command import Meter
 from tinygc.annexes.lots.fleet_page import page
 from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, STEPS, VALUES, empty
@@ -139,7 +139,7 @@ def test_progress_says_what_was_done_at_which_rate_and_how_long_it_takes():
 
 
 def test_the_command_knows_the_steps_without_loading_them():
-    assert command.STEPS == STEPS
+    assert fleet_command.STEPS == STEPS
 
 
 def test_no_session_is_said(run, tmp_path):

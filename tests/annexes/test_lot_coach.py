@@ -11,7 +11,7 @@ from processes import calibrate
 
 from session.bench.messages import Advice, Kind, Progress
 from tinygc.annexes.lots.explanation import board_prior
-from tinygc.annexes.lots.files import write_lot
+from tinygc.annexes.lots.report import write_lot
 from tinygc.planning.coach import Coach
 from tinygc.planning.proposals import propose
 

@@ -14,8 +14,8 @@ from session.io.units import DEG, G
 from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.lots.effects import FAMILY_WISE, pooled
 from tinygc.annexes.lots.explanation import LotEffects, effects_of
-from tinygc.annexes.lots.files import read_lot, write_lot
 from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
+from tinygc.annexes.lots.report import read_lot, write_lot
 from tinygc.effects import catalogue
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import component_names, linear_estimate

@@ -7,9 +7,8 @@ import pytest
 from simulated_lots import simulated_lot
 
 from session.io.errors import FormatError
-from tinygc.annexes.lots.files import lot_of_table, lot_table, read_lot, write_lot
 from tinygc.annexes.lots.lot import PooledEffect
-from tinygc.annexes.lots.report import lot_of
+from tinygc.annexes.lots.report import lot_of, lot_of_table, lot_table, read_lot, write_lot
 
 EFFECT = PooledEffect(0.25, {"matrix_xx": 1e-4}, {"matrix_xx": float("nan")}, 1e-8, 12)
 

@@ -9,7 +9,7 @@ from simulated_lots import COUNT, SPREAD, simulated_lot, truth
 
 from tinygc import CalibrationError
 from tinygc.annexes.lots.hierarchy import hierarchy
-from tinygc.annexes.lots.sessions import lot_sessions
+from tinygc.annexes.lots.lot import lot_sessions
 
 MEAN, COVARIANCE = truth()
 

@@ -7,8 +7,8 @@ import pytest
 from simulated_lots import SPREAD, simulated_lot, truth
 
 from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots.lot import lot_sessions
 from tinygc.annexes.lots.outliers import SESSION, UNIT, UNKNOWN, outliers
-from tinygc.annexes.lots.sessions import lot_sessions
 
 B_Y = 10  # of NAMES
 

@@ -10,8 +10,8 @@ from processes import calibrate
 
 import tinygc
 from tinygc import CalibrationError
-from tinygc.annexes.lots.files import write_lot
-from tinygc.annexes.lots.prior import belonging, farthest, prior_of, require_usable
+from tinygc.annexes.lots.fit import belonging, farthest, prior_of, require_usable
+from tinygc.annexes.lots.report import write_lot
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.prior import GaussianPrior

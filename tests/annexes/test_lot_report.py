@@ -13,10 +13,9 @@ from rich.console import Console
 from simulated_lots import simulated_lot
 
 import calibrate
-from tinygc.annexes.lots.files import read_lot, save, to_json
 from tinygc.annexes.lots.lot import NAMES, OWN, SENSOR_ERRORS, PooledEffect, error_covariance, jacobian, sensor_errors
 from tinygc.annexes.lots.page import page
-from tinygc.annexes.lots.report import lot_of
+from tinygc.annexes.lots.report import lot_of, read_lot, save, to_json
 from tinygc.annexes.lots.text import lot_page
 from tinygc.models.linear import field_vector
 

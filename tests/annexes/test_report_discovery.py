@@ -11,9 +11,8 @@ from session.io.errors import FormatError
 from session.io.folder import sha256_of
 from session.io.results import json_text
 from tinygc.annexes.discovery.form import Factor, LawForm
-from tinygc.annexes.discovery.report_section import section
+from tinygc.annexes.discovery.report_section import PNG, searched, section
 from tinygc.annexes.discovery.result import to_json
-from tinygc.annexes.discovery.searched import PNG, searched
 from tinygc.reporting.html.page import document
 
 CLIPPED = runner_up(LawForm((Factor("rate", "within", 0.1),)))

@@ -109,7 +109,8 @@ def test_knocks_are_left_out_and_nothing_else_is():
     clean = [knocked(rest_log(seed, cycles=1.0)).sum() for seed in range(10)]
     assert sum(clean) == 0
     options = {"cycles": 1.0, "knocks": 4}
-    from tinygc.annexes.temperature.rest_simulation import RestOptions, simulate_rest
+    from tinygc.annexes.temperature.options import RestOptions
+    from tinygc.annexes.temperature.rest_simulation import simulate_rest
 
     moments = simulate_rest(RestOptions(cycle_s=1800.0, **options), CHIP, 5).knock_s
     out = knocked(log := rest_log(5, **options))

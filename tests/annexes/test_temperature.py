@@ -8,11 +8,10 @@ from rest_logs import CHIP, rest_log, rest_samples, without_temperature
 from session.io.errors import DataError
 from session.io.rests import rest_from_samples
 from session.io.units import DEG_PER_SQRT_HOUR
-from tinygc.annexes.temperature.axis_fit import fit_axis
+from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
 from tinygc.annexes.temperature.model import LEAD, ElementTemperature, element_temperature
-from tinygc.annexes.temperature.rest_blocks import make_knots, sweeps_of
 from tinygc.annexes.temperature.rest_fit import ShortTimes, fit_rests
-from tinygc.closure.allan import angle_random_walk
+from tinygc.closure.floor import angle_random_walk
 
 SIGN = np.array([1.0, -1.0, 1.0])
 

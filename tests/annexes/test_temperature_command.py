@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tinygc import SimulationOptions
-from tinygc.annexes.temperature.rest_simulation import RestOptions, write_rest
+from tinygc.annexes.temperature.options import RestOptions
+from tinygc.annexes.temperature.rest_simulation import write_rest
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.screen import LiveScreen, PlainLines
-    from session.bench.series import BoardSeries
+    from session.bench.session_file import BoardSeries
     from session.io.config import Config, Site
     from tinygc.planning.coach import Coach
 
@@ -278,7 +278,8 @@ Tell = Callable[..., bool]
 
 def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
     """Record board after board until Ctrl-C, which keeps all; ``series.json`` lists them, as does the JSON.  130: a board interrupted."""
-    from session.bench.series import SCHEMA, BoardListener, BoardSeries
+    from session.bench.session_file import SERIES_SCHEMA as SCHEMA
+    from session.bench.session_file import BoardListener, BoardSeries
     from session.io.errors import CalibrationError, StorageError
 
     if args.resume:
@@ -330,7 +331,7 @@ def _one(
     tell: Tell,
 ) -> bool:
     """Record one board's session; return whether it was interrupted."""
-    from session.bench.series import SeriesEntry
+    from session.bench.session_file import SeriesEntry
 
     of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
     while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:

@@ -24,8 +24,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.rotation import Array
-from tinygc.closure.allan import bias_instability_of
-from tinygc.closure.floor import BiasInstability, BiasWander, Floor
+from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instability_of
 from tinygc.closure.least_squares import OBSERVED_BELOW, StillRates
 from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch

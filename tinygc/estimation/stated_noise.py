@@ -15,9 +15,8 @@ from tinygc.closure.problem import ACCELEROMETER, GYROSCOPE, JointFit, Problem
 from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
-from tinygc.noise.components import REFERENCE, TURN, estimate
+from tinygc.noise.components import REFERENCE, TURN, SessionNoise, estimate, first_noise
 from tinygc.noise.refit import prior_sigmas, refit
-from tinygc.noise.session_noise import SessionNoise, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
 

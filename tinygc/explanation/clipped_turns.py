@@ -17,8 +17,8 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.faulty_readings import register_step
+from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import refit
-from tinygc.noise.session_noise import known_whitener
 from tinygc.noise.twin import Twin
 
 # Rates that stay at a level below the register's range: the sensor clips early.

@@ -27,9 +27,8 @@ from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_v
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis, candidates
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, bridged, crossing, proposed
 from tinygc.explanation.search import search
-from tinygc.noise.components import undersampling
+from tinygc.noise.components import first_noise, undersampling
 from tinygc.noise.refit import design
-from tinygc.noise.session_noise import first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

@@ -18,12 +18,22 @@ from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, candidates, left_of, orthonormal, scanned, selection_of
-from tinygc.explanation.search import STAND_IN, NamedEffect, exchanged, guesses, probabilities, rivals_of, search
-from tinygc.explanation.unknown import NAMELESS, curves_like, slow_candidates, unknown_candidates
+from tinygc.explanation.search import (
+    NAMELESS,
+    STAND_IN,
+    NamedEffect,
+    curves_like,
+    exchanged,
+    guesses,
+    probabilities,
+    rivals_of,
+    search,
+    slow_candidates,
+    unknown_candidates,
+)
 from tinygc.models import linear
-from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED
+from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
 from tinygc.noise.refit import Refit, prior_sigmas, refit
-from tinygc.noise.session_noise import SessionNoise, known_whitener
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import TOGETHER, Whitener
 

@@ -19,8 +19,8 @@ from tinygc.explanation.decision import Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import seen_from
 from tinygc.noise.channels import TurnGravity, WithinStills, channel_p_values, in_gauge, own_p_values, turn_gravity, within_stills
+from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit, Replay
-from tinygc.noise.session_noise import SessionNoise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

@@ -14,8 +14,8 @@ from scipy.special import fdtrc
 
 from tinygc.effects import Effect, catalogue
 from tinygc.noise.channels import in_gauge
+from tinygc.noise.components import SessionNoise, Whiteners, first_noise
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
-from tinygc.noise.session_noise import SessionNoise, Whiteners, first_noise
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 

@@ -19,8 +19,8 @@ from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_e
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.faulty_readings import LOST
+from tinygc.explanation.search import lines_end_hz
 from tinygc.explanation.truth_evidence import TruthExplanation
-from tinygc.explanation.unknown import lines_end_hz
 from tinygc.noise.channels import bonferroni, own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
 

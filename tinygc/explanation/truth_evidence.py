@@ -24,10 +24,10 @@ from tinygc.effects import Effect, movement_of
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import FAMILY_WISE
-from tinygc.explanation.unknown import NAMELESS
+from tinygc.explanation.search import NAMELESS
 from tinygc.models.linear import LinearModel
+from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
-from tinygc.noise.session_noise import SessionNoise
 
 # Evidence of a truth file: growth of the closure, correlation of neighbours, the accelerometer, the rests.
 

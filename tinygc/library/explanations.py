@@ -18,9 +18,8 @@ from session.io.folder import Session
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.sessions import Progress, as_html, as_text, nothing, public, session_or_folder
-from tinygc.reporting.explanation_text import ExplanationReport
+from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
 from tinygc.reporting.pictures.canvas import save as save_figure
-from tinygc.reporting.truth_text import TruthReport
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

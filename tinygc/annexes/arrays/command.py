@@ -88,7 +88,7 @@ def fit(args: argparse.Namespace) -> Done:
 def explain(args: argparse.Namespace) -> int:
     """Explain each unit by itself and by comparison with the others."""
     from tinygc.annexes.arrays import library
-    from tinygc.annexes.arrays.text import array_verdict_line
+    from tinygc.annexes.arrays.explanation import array_verdict_line
     from tinygc.cli.console import progress_bar
 
     if args.lot is not None:

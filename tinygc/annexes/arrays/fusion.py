@@ -33,8 +33,7 @@ from tinygc.annexes.arrays.model import (
     weighted_median,
     white_covariance,
 )
-from tinygc.closure.allan import FLICKER_FLOOR
-from tinygc.closure.floor import BiasInstability
+from tinygc.closure.floor import FLICKER_FLOOR, BiasInstability
 from tinygc.models.linear import PARAMETERS, LinearModel
 
 # Disagreement between the units of an array: the vote's median, the units' noise and full scale, and the errors a calibration shows.

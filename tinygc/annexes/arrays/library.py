@@ -9,9 +9,15 @@ from pathlib import Path
 from rich.console import Group
 
 from session.annexes.arrays.recording import ArraySession, read_array
-from tinygc.annexes.arrays.explanation import ArrayExplanation, explain_array, explained_to_json, save_array_explanation
+from tinygc.annexes.arrays.explanation import (
+    ArrayExplanation,
+    array_explain_page,
+    array_page,
+    explain_array,
+    explained_to_json,
+    save_array_explanation,
+)
 from tinygc.annexes.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
-from tinygc.annexes.arrays.text import array_explain_page, array_page
 from tinygc.library.sessions import as_html, as_text
 
 #: called with the current step's name, the steps done, and their total

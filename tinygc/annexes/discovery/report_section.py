@@ -1,9 +1,17 @@
-"""Report section on laws beyond the catalogue: the equations of an ``explain --discover``, their evidence, and their use."""
+"""Discoveries in a calibration report: what an earlier ``explain --discover`` found, and the section that shows it."""
 
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+
+from session.io.errors import FormatError
+from session.io.files import MB, read_bytes
+from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
 from session.io.texts import shell_word
 from tinygc.annexes.discovery.result import (
     MOST_RUNNERS_UP,
@@ -16,6 +24,100 @@ from tinygc.annexes.discovery.result import (
 )
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
+
+# Read what an earlier ``explain --discover`` of this session found beyond the catalogue, without running its files.
+
+DO = "explain again, or remove it"
+#: bytes of discover.png, which has some 100 kB
+MOST_PICTURE = 8 * MB
+PNG = b"\x89PNG\r\n\x1a\n"
+_HELD_OUT = Keys(
+    {
+        **dict.fromkeys(("before_deg", "after_deg", "floor_deg", "p_value", "noise_p"), Number()),
+        "removed": Maybe(Number()),
+        "segments": Number(0, whole=True),
+        "recording": Maybe(Text()),
+    }
+)
+_RIVAL = Keys({"id": Maybe(Text()), "equation": Text(), "worse_by": Number(), "correlation": Number(), "splits": Text()})
+_LAW = Keys(
+    {
+        **dict.fromkeys(("id", "equation", "in_words", "unit"), Text()),
+        **dict.fromkeys(("chi_square", "better_by", "chance_p"), Number()),
+        "constants": MapOf(Keys({"value": Number(), "sigma": Maybe(Number()), "unit": Text()})),
+        "held_out": ListOf(_HELD_OUT),
+        "file": Maybe(Text()),
+        "same_here": ListOf(Text()),
+        "runners_up": ListOf(_RIVAL),
+        "learnable_from": Maybe(Number()),
+    },
+    {"terms": ListOf(Text())},
+)
+_DISCOVERY = Keys(
+    {
+        "verdict": Text(("found", "ambiguous", "none")),
+        "why": Text(),
+        "laws": ListOf(_LAW),
+        "beside": ListOf(Keys({"id": Text()})),
+        "forms": Number(0, whole=True),
+        "distinct": Number(0, whole=True),
+        "learnable": MapOf(Keys({"size_dps": Maybe(Number())})),
+    }
+)
+SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text()), "discovery": _DISCOVERY})
+
+
+@dataclass(frozen=True, eq=False)
+class SavedDiscovery:
+    """folder of the explanation; table: its ``discovery``; following: what to do next, or empty; picture: discover.png, or None."""
+
+    folder: Path
+    table: dict
+    following: str
+    picture: bytes | None
+
+
+def searched(folder: Path, logs: Mapping[str, str]) -> SavedDiscovery | None:
+    """Read the folder of ``explain`` in a session; logs: the hashes of the session's logs by name.
+
+    None where nothing was searched, or in other logs.  FormatError for an explanation that cannot be read.
+    """
+    where = folder / "explain"
+    path = where / "explain.json"
+    if not path.exists():
+        return None
+    explained = read_required(path, SHAPE, DO)
+    table = explained.get("discovery")
+    if table is None or explained.get("logs") != dict(logs):
+        return None
+    for number, law in enumerate(table["laws"]):
+        _require_numbers(law, f"{path.name}: discovery.laws[{number}]")
+    return SavedDiscovery(where, table, explained.get("next") or "", _picture(where / "discover.png") if table["laws"] else None)
+
+
+def _require_numbers(law: dict, where: str) -> None:
+    """Require coefficients and their sigmas: one for each axis, or a row for each."""
+    for name in ("parameters", "std"):
+        require(law.get(name), MapOf(Array((3,)) if _is_flat(law.get(name)) else Array((3, None))), f"{where}.{name}", DO)
+    if not all(np.shape(law["std"].get(name)) == np.shape(values) for name, values in law["parameters"].items()):
+        raise FormatError(f"{where}.std is not of its parameters; {DO}")
+
+
+def _is_flat(table: object) -> bool:
+    first = next(iter(table.values()), None) if isinstance(table, dict) else None
+    return not (isinstance(first, list) and first and isinstance(first[0], list))
+
+
+def _picture(path: Path) -> bytes | None:
+    """A PNG small enough for a page."""
+    try:
+        data = read_bytes(path, MOST_PICTURE) if path.is_file() else b""
+    except FormatError:
+        return None
+    return data if data.startswith(PNG) else None
+
+
+# Report section on laws beyond the catalogue: the equations of an ``explain --discover``, their evidence, and their use.
 
 
 def section(evidence: ReportData) -> Section | None:

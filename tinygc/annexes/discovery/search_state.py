@@ -23,7 +23,7 @@ from tinygc.effects import Effect, Movement
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import STAND_IN, rewhitened
-from tinygc.noise.session_noise import SessionNoise, first_noise
+from tinygc.noise.components import SessionNoise, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

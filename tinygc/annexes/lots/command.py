@@ -25,10 +25,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print and write the statistics of a lot."""
     from tinygc.annexes.lots.capability import read_limits
-    from tinygc.annexes.lots.files import save, to_json
     from tinygc.annexes.lots.fleet_summary import lot_of_table
     from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.annexes.lots.page import save as save_page
+    from tinygc.annexes.lots.report import save, to_json
     from tinygc.annexes.lots.text import headline, lot_page
 
     folder = args.table.parent if args.table.name == TABLE else args.table

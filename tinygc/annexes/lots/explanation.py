@@ -11,9 +11,9 @@ import numpy as np
 from session.bench.messages import AcceptedTurn
 from session.io.errors import CalibrationError
 from session.io.units import DEG, EARTH_RATE_RPS
-from tinygc.annexes.lots.files import read_lot
+from tinygc.annexes.lots.fit import Belonging, belonging, farthest, prior_of
 from tinygc.annexes.lots.lot import Lot, PooledEffect, Weighed
-from tinygc.annexes.lots.prior import Belonging, belonging, farthest, prior_of
+from tinygc.annexes.lots.report import read_lot
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.effects import AppliedEffect, Effect, catalogue
 from tinygc.explanation.claims import readable

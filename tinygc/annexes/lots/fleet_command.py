@@ -122,11 +122,11 @@ def steps(text: str) -> tuple[str, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the missing sessions, then print a summary of the table."""
-    from tinygc.annexes.lots.files import save as save_lot
     from tinygc.annexes.lots.fleet_page import save
     from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise
     from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.annexes.lots.page import lot_sections
+    from tinygc.annexes.lots.report import save as save_lot
     from tinygc.annexes.lots.text import fleet_page
 
     tally = _computed(args) if args.folders or args.listed is not None else None

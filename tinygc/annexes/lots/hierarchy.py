@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtrc, gammaln, logsumexp, stdtr
 
 from session.io.numeric import MEDIAN_SIGMAS
-from tinygc.annexes.lots.sessions import COUNT, LotSessions, UnitChunk
+from tinygc.annexes.lots.lot import COUNT, LotSessions, UnitChunk
 
 # One pass over a lot: all units' contribution to mean, spread and repeatability, given the current estimate (EM, REML).
 #

@@ -13,8 +13,7 @@ from scipy.special import chdtrc, fdtrc, stdtr
 
 from session.io.numeric import sigma_of
 from tinygc.annexes.lots.hierarchy import Hierarchy, combined
-from tinygc.annexes.lots.lot import OWN, SENSOR_ERRORS, jacobian
-from tinygc.annexes.lots.sessions import LotSessions
+from tinygc.annexes.lots.lot import OWN, SENSOR_ERRORS, LotSessions, jacobian
 
 #: family-wise p-value, over all units and numbers, or all sessions, of an outlier: one false one in a hundred lots
 FAMILY_P = 0.01

@@ -17,7 +17,7 @@ from tinygc import models
 from tinygc.annexes.temperature.axis_fit import AxisFit, Hysteresis
 from tinygc.annexes.temperature.rest_fit import RestFit
 from tinygc.annexes.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
-from tinygc.closure.allan import angle_random_walk, bias_instability
+from tinygc.closure.floor import angle_random_walk, bias_instability
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
 from tinygc.reporting.fit_text import _table

@@ -18,9 +18,8 @@ from session.io.config import Accelerometer
 from session.io.folder import file_key, hash_of_log, input_hashes
 from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS
 from tinygc import models
-from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.closure.build import build_problem
-from tinygc.closure.floor import wander_covariance
+from tinygc.closure.floor import AllanCurve, allan_curve, angle_random_walk, bias_instability, wander_covariance
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
@@ -40,8 +39,8 @@ from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
+from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import Refit, refit
-from tinygc.noise.session_noise import known_whitener
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.reporting.html.markup import degrees, probability, significant, tilt_rms

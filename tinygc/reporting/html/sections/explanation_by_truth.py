@@ -6,10 +6,10 @@ import numpy as np
 
 from session.io.units import DEG
 from tinygc.explanation.truth_evidence import TruthExplanation
+from tinygc.reporting.explanation_text import CANNOT, evidence_rows, refusals, values_of
 from tinygc.reporting.html.chart import Chart, log_axis
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
-from tinygc.reporting.truth_text import CANNOT, evidence_rows, refusals, values_of
 
 
 def section(evidence: ReportData) -> Section | None:

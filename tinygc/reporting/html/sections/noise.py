@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.io.units import DEG, DEG_PER_HOUR
-from tinygc.closure.allan import AllanCurve, Reading, angle_random_walk
+from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.reporting.html.chart import Axis, Chart, log_axis

@@ -14,7 +14,7 @@ import numpy as np
 
 from paper.euroc import Euroc
 from session.io.results import write_whole
-from tinygc.estimation.adamw import train_adamw
+from tinygc.estimation.network import train_adamw
 from tinygc.estimation.options import Checkpoint
 from tinygc.models.nets import CalibrationNet, PublishedNet
 

@@ -10,7 +10,7 @@ from conftest import ROOT
 import calibrate
 from session.io.units import DEG
 from tinygc import SimulationOptions, models
-from tinygc.estimation import adamw
+from tinygc.estimation import adamw, network
 from tinygc.simulation.write import write_session
 
 
@@ -107,7 +107,7 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
 
         return train(*args, progress=tell, **more)
 
-    monkeypatch.setattr(adamw, "minimise", watched)
+    monkeypatch.setattr(network, "minimise", watched)
     out = tmp_path / "out"
     out.mkdir()
     assert calibrate.main(["fit", str(ROOT / "data" / "session1"), "--out", str(out), "--quiet", *how]) == 130

@@ -156,3 +156,17 @@ def test_the_main_job_runs_without_any_annex(tmp_path):
 @pytest.mark.parametrize("annex", FOLDERS)
 def test_the_main_job_runs_without_one(annex, tmp_path):
     hold_main_job(without((annex,), tmp_path))
+
+
+def test_no_annex_is_loaded_where_nobody_asks(tmp_path):
+    """A fit and an explanation of one sensor on a table import no annex, though all are there."""
+    shutil.copytree(ROOT / "data/session1", tmp_path / "s", ignore=shutil.ignore_patterns("fit", "explain", "report.html"))
+    code = (
+        "import sys, tinygc; tinygc.fit('s', methods=('least_squares',)); print(tinygc.explain('s').summary()); "
+        "print(sorted(name for name in sys.modules if '.annexes.' in name))"
+    )
+    done = processes.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=processes.environment(PYTHONPATH=str(ROOT)), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from session.io.results import whole
 from session.io.units import DEG
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
-from tinygc.models.model import Model
 
 #: decimals written, three orders below the noise of any MEMS sensor
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -57,7 +56,7 @@ def apply_model(
     answers: Answers,
     session: Path | None = None,
     unit: str = "rps",
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress | None = None,
 ) -> Applied:
     """Write ``log`` with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that TinyGC can read.
 
@@ -87,32 +86,25 @@ def apply_model(
         first = next(pieces, None)
         if first is None:
             raise _no_samples(log)
-        rate_hz = answers.odr_hz or _rate(first)
+        if not answers.odr_hz and not (np.diff(first.t_ns) > 0).any():
+            raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
+        rate_hz = answers.odr_hz or pace_of(first.t_ns).rate_hz
         pieces = itertools.chain([first], pieces)
         made_for = model.made_for_hz
         if made_for and abs(rate_hz / made_for - 1) > RATE_WITHIN:
             notes.append(f"the denoiser was made for {made_for:g} samples a second, the log has {rate_hz:.4g}: it smooths otherwise here")
     calibration = Calibration(model, rate_hz)
-    _refuse_missing(calibration, reader)
+    channels = {"acc": ("the accelerometer", reader.layout.accel), "temp": ("the temperature", reader.layout.temp)}
+    if missing := [named for what, (named, there) in channels.items() if what in calibration.needs and there is None]:
+        needed_for = ", ".join(calibration.effects)
+        raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); replay joins two files")
     if reader.layout.accel is not None:
         notes.append(f"specific force: {known.says}")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
-    return Applied(out, count, _kind(model), model.delay_s, tuple(notes), None if reader.layout.accel is None else known.source)
-
-
-def _refuse_missing(calibration: Calibration, reader: Reader) -> None:
-    channels = {"acc": ("the accelerometer", reader.layout.accel), "temp": ("the temperature", reader.layout.temp)}
-    missing = [named for what, (named, there) in channels.items() if what in calibration.needs and there is None]
-    if missing:
-        model = ", ".join(calibration.effects)
-        raise DataError(f"{reader.path.name} lacks {' and '.join(missing)}, which the model needs ({model}); replay joins two files")
-
-
-class _Sink(Protocol):
-    """A destination for bytes: a file, compressed or not, or standard output."""
-
-    def write(self, data: bytes, /) -> int: ...
+    return Applied(
+        out, count, models.to_dict(model)["kind"], model.delay_s, tuple(notes), None if reader.layout.accel is None else known.source
+    )
 
 
 def _number(reader: Reader, key: str) -> float | None:
@@ -178,17 +170,13 @@ def _register_units(reader: Reader, answers: Answers, known: Surroundings) -> Re
     return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
-def _rate(first: Applicable) -> float:
-    if not (np.diff(first.t_ns) > 0).any():
-        raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
-    return pace_of(first.t_ns).rate_hz
-
-
 def _no_samples(log: Path) -> FormatError:
     return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
 
 
-def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
+def _write(
+    out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress | None
+) -> int:
     """Write all rows and return their number.  The file gets its name only when it is complete."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")
@@ -203,7 +191,8 @@ def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable]
                     file.write(header.encode())
                 waiting.append(piece)
                 count += _drain(file, waiting, stream.push(piece.gyro, piece.accel, piece.temp), unit, count)
-                progress("applying", min(source.reader.position, size), size)
+                if progress is not None:
+                    progress("applying", min(source.reader.position, size), size)
             if header is None:
                 raise _no_samples(log)
             count += _drain(file, waiting, stream.flush(), unit, count)
@@ -216,7 +205,7 @@ def _write(out: Path, log: Path, source: LogSource, pieces: Iterable[Applicable]
 
 
 @contextlib.contextmanager
-def opened(out: Path) -> Iterator[_Sink]:
+def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
     """Open ``out`` for bytes, compressed if its name says so, or standard output for ``-``."""
     if str(out) == STANDARD:
         yield sys.stdout.buffer
@@ -233,32 +222,24 @@ def _header(piece: Applicable, unit: str, calibrated: tuple[str, ...]) -> str:
     return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + f"\n# calibrated={','.join(calibrated)}\n"
 
 
-def _drain(file: _Sink, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:
+def _drain(file: BinaryIO | gzip.GzipFile, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:
     """Write the rows whose rates are known; the remaining rows of their pieces stay in the queue."""
     done = 0
     while done < len(omega):
         piece = waiting.popleft()
         take = min(len(piece.gyro), len(omega) - done)
-        now, later = _split(piece, take)
-        if later is not None:
-            waiting.appendleft(later)
+        if take < len(piece.gyro):
+            waiting.appendleft(piece.rows(slice(take, None)))
+            piece = piece.rows(slice(take))
         rate = omega[done : done + take] / (DEG if unit == "dps" else 1.0)
-        columns, decimals = [now.t_ns, *rate.T], [0, *[DECIMALS[unit]] * 3]
-        if now.accel is not None:
-            columns, decimals = [*columns, *now.accel.T], [*decimals, *[DECIMALS["mps2"]] * 3]
-        if now.temp is not None:
-            columns, decimals = [*columns, now.temp], [*decimals, DECIMALS["c"]]
+        columns, decimals = [piece.t_ns, *rate.T], [0, *[DECIMALS[unit]] * 3]
+        if piece.accel is not None:
+            columns, decimals = [*columns, *piece.accel.T], [*decimals, *[DECIMALS["mps2"]] * 3]
+        if piece.temp is not None:
+            columns, decimals = [*columns, piece.temp], [*decimals, DECIMALS["c"]]
         try:
             file.write(decimal_rows(columns, decimals))
         except ValueError as error:
             raise CalibrationError(f"sample {before + done} and on: {error}; does the log suit the model?") from None
         done += take
     return done
-
-
-def _split(piece: Applicable, take: int) -> tuple[Applicable, Applicable | None]:
-    return (piece, None) if take == len(piece.gyro) else (piece.rows(slice(take)), piece.rows(slice(take, None)))
-
-
-def _kind(model: Model) -> str:
-    return models.to_dict(model)["kind"]

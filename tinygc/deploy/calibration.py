@@ -15,7 +15,6 @@ from session.io.results import write_whole
 from session.io.samples import Samples
 from session.io.units import MG, NS, SI, G, beyond_any_sensor
 from tinygc import models
-from tinygc.effects import AppliedEffect
 from tinygc.effects.movement import NOWHERE, Reach
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
@@ -25,37 +24,12 @@ from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerome
 #: half of the one-second average of temperature used in offline calibration, with a margin
 TEMPERATURE_REACH = Reach.around(samples=2, seconds=0.55)
 #: input of an effect -> argument of a call of the model
-TOLD = {"force": "acc", "vibration": "acc", "temperature": "temp"}
+ARGUMENTS = {"force": "acc", "vibration": "acc", "temperature": "temp"}
 
 
-class Needs:
-    """Requirements of one model.  ``told``: its inputs among acc, temp and rate_hz; ``effects``: ids of the effects that it corrects."""
-
-    def __init__(self, model: Model):
-        self._claims: tuple[AppliedEffect, ...] = model.undone
-        self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in self._claims)
-        inputs = {*model.conditions, *(name for claim in self._claims for name in claim.effect.inputs)}
-        told = {TOLD[name] for name in inputs if name in TOLD}
-        if any(claim.effect.needs_rate_hz for claim in self._claims):
-            told.add("rate_hz")
-        self.told = tuple(what for what in ("acc", "temp", "rate_hz") if what in told)
-
-    @property
-    def looks_ahead(self) -> tuple[str, ...]:
-        """Ids of the effects whose correction needs later samples, which a live stream does not have."""
-        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.looks(claim.theta).is_ahead))
-
-    @property
-    def of_one_session(self) -> tuple[str, ...]:
-        """Ids of the effects that depend on the time since the start of the model's own session."""
-        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.of_one_session))
-
-    def around(self, rate_hz: float | None, live: bool) -> tuple[int, int]:
-        """Return how many samples before and after a sample its rate depends on."""
-        reach = sum((claim.effect.looks(claim.theta) for claim in self._claims), NOWHERE)
-        if "temp" in self.told and not live:
-            reach += TEMPERATURE_REACH
-        return reach.rows(rate_hz or 1.0)
+def effects_of_session_time(model: Model) -> tuple[str, ...]:
+    """Return the ids of the effects that depend on the time since the start of the model's own session."""
+    return tuple(sorted(claim.effect.id for claim in model.undone if claim.effect.of_one_session))
 
 
 # What a model needs and a log alone does not contain: full scales, and the applicable calibration of the accelerometer.
@@ -144,7 +118,7 @@ def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> 
         for name, moment in began.items():
             if hashes.get(name) == digest and isinstance(moment, int | float):
                 return float(moment)
-    bygone = ", ".join(Needs(model).of_one_session)
+    bygone = ", ".join(effects_of_session_time(model))
     raise CalibrationError(
         f"{log}: no log of the session whose time {model_path.name} follows ({bygone}); apply {model_path.stem}_at_end.json beside it, "
         "or fit without physics"
@@ -157,31 +131,35 @@ def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> 
 class Stream:
     """One log, piece by piece, in constant memory: ``push`` returns the rows that are complete, ``flush`` the rest."""
 
-    def __init__(self, model: Model, needs: Needs, rate_hz: float | None, began_s: float | None = None, live: bool = False):
+    def __init__(self, calibration: Calibration, began_s: float | None = None, live: bool = False):
         """began_s: s of the model's session when the log began, needed only by a model that follows its session's time.
 
         Raises CalibrationError where a needed rate or start time is missing, or where a model that needs later samples is used live.
         """
-        self._model, self._needs, self._rate_hz = model, needs, rate_hz
-        self._whole = not model.rates_only  # physics depends on time, force and temperature
+        self._model, self._needs, self._rate_hz = calibration.model, calibration.needs, calibration.rate_hz
+        self._whole = not self._model.rates_only  # physics depends on time, force and temperature
         self._live = live
-        if live and (ahead := needs.looks_ahead):
+        if live and (ahead := calibration.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
-        self._behind, self._ahead = needs.around(rate_hz, live)
-        self._own = model.stream(rate_hz)  # a kind with its own state, which needs no later samples
+        reach = sum((claim.effect.looks(claim.theta) for claim in self._model.undone), NOWHERE)
+        if "temp" in self._needs and not live:
+            reach += TEMPERATURE_REACH
+        #: samples before and after a sample on which its rate depends
+        self._behind, self._ahead = reach.rows(self._rate_hz or 1.0)
+        self._own = self._model.stream(self._rate_hz)  # a kind with its own state, which needs no later samples
         if self._own is not None:
             self._behind, self._ahead = 0, 0
-        if "rate_hz" in needs.told and rate_hz is None:
-            raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
-        if (bygone := needs.of_one_session) and began_s is None:
+        if "rate_hz" in self._needs and self._rate_hz is None:
+            raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")
+        if (bygone := effects_of_session_time(self._model)) and began_s is None:
             raise CalibrationError(
-                f"{', '.join(bygone)} follows the time of the model's own session, {model.session_s:.1f} s: give began_s= for rows of it; "
-                "for any other log take at_end() of the model"
+                f"{', '.join(bygone)} follows the time of the model's own session, {self._model.session_s:.1f} s: give began_s= for rows "
+                "of it; for any other log take at_end() of the model"
             )
         self._began_s = began_s or 0.0
-        self._denoiser = model.denoiser if isinstance(model, DenoisedNet) else None
+        self._denoiser = self._model.denoiser if isinstance(self._model, DenoisedNet) else None
         self._tail: np.ndarray | None = None  # the denoiser's state: calibrated rates
-        self._held = _Rows.none()
+        self._held = _rows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), ())
         self._before = 0  # held rows that have been returned already
         self._first = 0  # number in the log of the first held row
 
@@ -192,10 +170,11 @@ class Stream:
         if not self._whole:
             return self._model(raw)
         if self._own is not None:
-            rows = _Rows.of(raw, acc, temp, self._needs.told)
-            return self._own(rows.raw, rows.temp)
-        self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
-        ready = len(self._held.raw) - self._ahead
+            rates, _, celsius = _rows(raw, acc, temp, self._needs)
+            return self._own(rates, celsius)
+        more = _rows(raw, acc, temp, self._needs)
+        self._held = tuple(np.concatenate(pair) for pair in zip(self._held, more, strict=True))
+        ready = len(self._held[0]) - self._ahead
         # A piece at least as long as its margins avoids recomputing them; a live stream needs each sample at once.
         long_enough = 0 if self._live else max(self._ahead, self._behind)
         return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
@@ -212,15 +191,19 @@ class Stream:
 
     def flush(self) -> np.ndarray:
         """Return the rows that were waiting for later samples, at the end of the log."""
-        return self._give(len(self._held.raw)) if self._whole else np.zeros((0, 3))
+        return self._give(len(self._held[0])) if self._whole else np.zeros((0, 3))
 
     def _give(self, stop: int) -> np.ndarray:
         if stop <= self._before:
             return np.zeros((0, 3))
         rate_hz = self._rate_hz or 1.0
-        omega = self._held.calibrated(self._model, rate_hz, self._began_s + self._first / rate_hz, self._live)[self._before : stop]
+        raw, acc, temp = self._held
+        stamps = np.rint(np.arange(len(raw)) * (1 / rate_hz / NS)).astype(np.int64)
+        samples = Samples(stamps, raw, np.nan_to_num(acc), None if np.isnan(temp).all() else temp)
+        samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
+        omega = self._model.calibrate(samples, self._began_s + self._first / rate_hz, self._live)[self._before : stop]
         drop = max(stop - self._behind, 0)
-        self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
+        self._held, self._before, self._first = tuple(part[drop:] for part in self._held), stop - drop, self._first + drop
         return omega
 
 
@@ -246,47 +229,20 @@ def refuse_gaps(name: str, array: np.ndarray) -> None:
         raise CalibrationError(f"{name}[{row}] is {np.abs(array[row]).max():g} {SI[KINDS[name]]}, beyond any sensor; is its unit right?")
 
 
-class _Rows:
-    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where neither given nor needed."""
-
-    def __init__(self, raw: np.ndarray, acc: np.ndarray, temp: np.ndarray):
-        self.raw, self.acc, self.temp = raw, acc, temp
-
-    @classmethod
-    def none(cls) -> _Rows:
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-
-    @classmethod
-    def of(cls, raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> _Rows:
-        parts = {"acc": (acc, (len(raw), 3), "m/s^2, calibrated"), "temp": (temp, (len(raw),), "degC")}
-        arrays = []
-        for name, (value, shape, unit) in parts.items():
-            if value is None and name in needs:
-                raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
-            array = np.full(shape, np.nan) if value is None else as_numbers(name, value)
-            if array.shape != shape:
-                raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
-            if name in needs:
-                refuse_gaps(name, array)
-            arrays.append(array)
-        return cls(raw, *arrays)
-
-    def plus(self, more: _Rows) -> _Rows:
-        return _Rows(*(np.concatenate(pair) for pair in zip(self._parts, more._parts, strict=True)))
-
-    def since(self, start: int) -> _Rows:
-        return _Rows(*(part[start:] for part in self._parts))
-
-    @property
-    def _parts(self) -> tuple[np.ndarray, ...]:
-        return self.raw, self.acc, self.temp
-
-    def calibrated(self, model: Model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
-        step_ns = 1 / rate_hz / NS
-        stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
-        samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)
-        samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
-        return model.calibrate(samples, began_s, live)
+def _rows(raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> tuple[np.ndarray, ...]:
+    """Return raw (N, 3), acc (N, 3) and temp (N,), NaN where neither given nor needed."""
+    parts = {"acc": (acc, (len(raw), 3), "m/s^2, calibrated"), "temp": (temp, (len(raw),), "degC")}
+    arrays = [raw]
+    for name, (value, shape, unit) in parts.items():
+        if value is None and name in needs:
+            raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
+        array = np.full(shape, np.nan) if value is None else as_numbers(name, value)
+        if array.shape != shape:
+            raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
+        if name in needs:
+            refuse_gaps(name, array)
+        arrays.append(array)
+    return tuple(arrays)
 
 
 # A model applied to one sample after another, as in a driver; it keeps the state.
@@ -295,11 +251,11 @@ class _Rows:
 class Live:
     """One live stream: ``omega = live(raw, acc, temp)`` for each sample.  After a pause, start a new object."""
 
-    def __init__(self, model: Model, needs: Needs, rate_hz: float | None):
+    def __init__(self, calibration: Calibration):
         """Raises CalibrationError where the model needs later samples or its session's time, or lacks the rate."""
-        if bygone := needs.of_one_session:
+        if bygone := effects_of_session_time(calibration.model):
             raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
-        self._stream = Stream(model, needs, rate_hz, live=True)
+        self._stream = Stream(calibration, live=True)
 
     def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
         """Return the calibrated rate (3,) rad/s: raw (3,) rad/s, acc (3,) m/s^2, temp degC.  Raises CalibrationError for other shapes."""
@@ -332,10 +288,15 @@ class Calibration:
         than the model itself; accelerometer: the calibration on which the fit is based, where no table contains it."""
         if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < float("inf")):
             raise CalibrationError(f"rate_hz is {rate_hz!r}, expected samples a second")
-        self.model, self.rate_hz = model, rate_hz
-        self._table, self._needs = table, Needs(model)
+        self.model, self.rate_hz, self._table = model, rate_hz, table
         self.accelerometer = accelerometer if table is None else accelerometer_of(table)
-        self.effects, self.needs = self._needs.effects, self._needs.told
+        effects = [claim.effect for claim in model.undone]
+        self.effects = tuple(effect.id for effect in effects)
+        inputs = {*model.conditions, *(name for effect in effects for name in effect.inputs)}
+        arguments = {ARGUMENTS[name] for name in inputs if name in ARGUMENTS}
+        if any(effect.needs_rate_hz for effect in effects):
+            arguments.add("rate_hz")
+        self.needs = tuple(what for what in ("acc", "temp", "rate_hz") if what in arguments)
 
     def __repr__(self) -> str:
         undone = f", undoes {', '.join(self.effects)}" if self.effects else ""
@@ -381,7 +342,7 @@ class Calibration:
     @property
     def looks_ahead(self) -> tuple[str, ...]:
         """Ids of the effects whose correction needs later samples, so that a live stream is impossible."""
-        return self._needs.looks_ahead
+        return tuple(sorted(claim.effect.id for claim in self.model.undone if claim.effect.looks(claim.theta).is_ahead))
 
     def at_end(self) -> Calibration:
         """Return the model for logs of any time: effects of session time are held at their values at the session's end."""
@@ -390,12 +351,12 @@ class Calibration:
     def stream(self, began_s: float | None = None) -> Stream:
         """Return a stream for one log, piece by piece; began_s as in a call.  Raises CalibrationError where a needed rate is missing, or
         the start time that a model with session time needs."""
-        return Stream(self.model, self._needs, self.rate_hz, began_s)
+        return Stream(self, began_s)
 
     def live(self) -> Live:
         """Return a live stream, one sample after another.  Raises CalibrationError where the model needs later samples or its session's
         time, or lacks a needed rate."""
-        return Live(self.model, self._needs, self.rate_hz)
+        return Live(self)
 
     def to_json(self) -> dict:
         """``tinygc-model/1`` (docs/formats.md)."""
@@ -413,6 +374,34 @@ class Calibration:
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Calibration:
-    """Read a model file for use.  Raises FormatError for a file that is not a model."""
+    """Read a model file for use.
+
+    Parameters
+    ----------
+    path : str or Path
+        A model file (``tinygc-model/1``), as ``Fit.save`` and ``Calibration.save`` write it.
+    rate_hz : float, optional
+        Samples a second of the logs to calibrate, Hz; needed where the model's physics depends on time.
+
+    Returns
+    -------
+    Calibration
+        ``omega = model(raw)`` calibrates rates (N, 3), rad/s, in the body axes of the fitted log.
+
+    Raises
+    ------
+    CalibrationError
+        For a file that cannot be read or is not a model (FormatError), and for a ``rate_hz`` that is not a positive number.
+
+    Examples
+    --------
+    >>> import tempfile, tinygc
+    >>> path = tempfile.mkdtemp() + "/gyro.json"
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> _ = tinygc.fit(session, methods=("least_squares",)).model.save(path)
+    >>> tinygc.load(path)([[0.1, 0.0, 0.0]]).shape
+    (1, 3)
+
+    """
     model, table = models.load_with_table(path)
     return Calibration(model, rate_hz, table)

@@ -18,7 +18,7 @@ from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
 from tinygc.deploy import ExportError
-from tinygc.deploy.calibration import Needs
+from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.results import AT_END, read_judged
@@ -124,7 +124,7 @@ def read_context(
         ended = "_at_end" if (folder / "fit" / "model_physics_at_end.json").exists() else ""
         say(f"least squares is exported; the fit holds physics as well: --model physics{ended}")
     model, table = models.load_with_table(path)
-    if bygone := Needs(model).of_one_session:
+    if bygone := effects_of_session_time(model):
         raise ExportError(
             f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
             f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import command_line
 from session.io.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
@@ -36,7 +37,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     part = linear_part(model, NAME, carries=("force",))
     noise, accel_noise, instability = context.gyro_noise, context.accel_noise, context.gyro_instability
     if noise is None or accel_noise is None:
-        raise ExportError("kalibr needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
+        raise ExportError(f"kalibr needs the noise that `{command_line('fit')}` measured (fit.json beside the model)")
     if instability is None:
         raise ExportError("kalibr needs a bias instability: give sensor.gyro_bias_instability_dph in session.toml")
     context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")

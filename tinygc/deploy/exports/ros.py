@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from session.io.texts import command_line
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
@@ -20,7 +21,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
-        raise ExportError("ros needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
+        raise ExportError(f"ros needs the noise that `{command_line('fit')}` measured (fit.json beside the model)")
     accelerometer = context.accelerometer
     half_rate = context.config.sensor.odr_hz / 2
     gyro = part.E @ np.diag(context.gyro_noise**2 * half_rate) @ part.E.T

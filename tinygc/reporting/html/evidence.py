@@ -40,7 +40,7 @@ from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel,
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import known_whitener
-from tinygc.noise.refit import Refit, refit
+from tinygc.noise.refit import refit
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.reporting.html.markup import degrees, probability, significant, tilt_rms
@@ -65,7 +65,7 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
     # Fitted together, so that neither effect widens or biases the other through its residuals.
     tried = [catalogue()[name] for name in (G_SENSITIVITY, ASYMMETRY) if name not in known]
     fit = refit(twin, whiten, [*named, *tried], start) if tried else refit(twin, whiten, named, start)
-    widen = _widen(fit)
+    widen = max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1))  # variance inflation from the residuals
     latitude_known = twin.problem.earth.source != "none"
     quantities = []
     for number, claim in enumerate(fit.state.claims):
@@ -77,11 +77,6 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
     return sorted(quantities, key=lambda quantity: quantity.word != "g-sensitivity")
 
 
-def _widen(fit: Refit) -> float:
-    """Variance inflation factor from the residuals."""
-    return max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1))
-
-
 def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Quantity]:
     note = ""
     if not latitude_known:
@@ -90,31 +85,19 @@ def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, 
         covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
         note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
     sigma = np.sqrt(np.diag(covariance))
+    components = [(f"{axis} per g on {along}", note if axis == along else "") for axis in "xyz" for along in "xyz"]
+    value, expanded, observed = theta / DEG, COVERAGE_FACTOR * sigma / DEG, sigma < OBSERVED_SHARE * plausible
     return [
-        Quantity(
-            "g-sensitivity",
-            f"{axis} per g on {along}",
-            "dps/g",
-            float(theta[i] / DEG),
-            float(COVERAGE_FACTOR * sigma[i] / DEG),
-            bool(sigma[i] < OBSERVED_SHARE * plausible),
-            note=note if axis == along else "",
-        )
-        for i, (axis, along) in enumerate((axis, along) for axis in "xyz" for along in "xyz")
+        Quantity("g-sensitivity", name, "dps/g", float(value[i]), float(expanded[i]), bool(observed[i]), note=remark)
+        for i, (name, remark) in enumerate(components)
     ]
 
 
 def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Quantity]:
     sigma = np.sqrt(np.diag(covariance))
+    value, expanded, observed = 2 * half / PPM, COVERAGE_FACTOR * 2 * sigma / PPM, sigma < OBSERVED_SHARE * plausible
     return [
-        Quantity(
-            "scale factor asymmetry",
-            axis,
-            "ppm",
-            float(2 * half[i] / PPM),
-            float(COVERAGE_FACTOR * 2 * sigma[i] / PPM),
-            bool(sigma[i] < OBSERVED_SHARE * plausible),
-        )
+        Quantity("scale factor asymmetry", axis, "ppm", float(value[i]), float(expanded[i]), bool(observed[i]))
         for i, axis in enumerate("xyz")
     ]
 
@@ -367,24 +350,18 @@ def decide(
         words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
         reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
         rule += " Worse than the raw rates is a fail in any case."
-    doubts = _doubts(adopted) + _accelerometer_doubts(accelerometer)
-    return Acceptance(all(met for met, _ in reasons), rule, reasons, doubts, limit_deg is not None)
+    return Acceptance(all(met for met, _ in reasons), rule, reasons, _doubts(adopted, accelerometer), limit_deg is not None)
 
 
-def _doubts(adopted: Adopted) -> list[str]:
+def _doubts(adopted: Adopted, accelerometer: AccelerometerFit | None) -> list[str]:
+    """Reasons why a pass is weak evidence.  An accelerometer's error is common to all references, so closure does not show it."""
     doubts = []
     if len(adopted.numbers) < ENOUGH_SEGMENTS:
         doubts.append(f"{adopted.in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
     if adopted.times_floor > NEAR_FLOOR:
         doubts.append(f"held-out closure is {significant(adopted.times_floor)} times what noise alone leaves ({adopted.in_numbers})")
-    return doubts
-
-
-def _accelerometer_doubts(accelerometer: AccelerometerFit | None) -> list[str]:
-    """Doubts that closure cannot resolve: an error common to all references biases the calibration."""
     if accelerometer is None:
-        return []
-    doubts = []
+        return doubts
     if accelerometer.unobserved:
         none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
         left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
@@ -459,12 +436,13 @@ def gather(
     explain: bool = True,
     limit_deg: float | None = None,
     fit_folder: Path | None = None,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> ReportData:
     """Run fit and explain; fit_folder: folder with earlier output of ``fit`` (the session's ``fit`` by default).
 
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
+    progress = progress or (lambda what, done, of: None)
     prepared = prepare(
         folder,
         use_earth=options.earth,
@@ -531,16 +509,15 @@ def _noise(curve: AllanCurve | None) -> list[Quantity]:
     """Angle random walk and bias instability of each axis."""
     if curve is None:
         return []
-    found = []
-    for number, axis in enumerate("xyz"):
-        walk = angle_random_walk(curve, number)
-        value, sigma = walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR
-        found.append(Quantity("angle random walk", axis, "°/√h", value, COVERAGE_FACTOR * sigma, walk.observed))
-    for number, axis in enumerate("xyz"):
-        floor = bias_instability(curve, number)
-        value, sigma, most = (x / DEG_PER_HOUR for x in (floor.value, floor.sigma, floor.at_most))
-        found.append(Quantity("bias instability", axis, "°/h", value, COVERAGE_FACTOR * sigma, floor.observed, most))
-    return found
+    return [
+        Quantity(word, axis, unit, read.value / si, COVERAGE_FACTOR * (read.sigma / si), read.observed, read.at_most / si)
+        for word, unit, si, reading in (
+            ("angle random walk", "°/√h", DEG_PER_SQRT_HOUR, angle_random_walk),
+            ("bias instability", "°/h", DEG_PER_HOUR, bias_instability),
+        )
+        for number, axis in enumerate("xyz")
+        for read in [reading(curve, number)]
+    ]
 
 
 def _now() -> str:

@@ -7,6 +7,7 @@ A folder may be removed.  The core holds this one table of names: which module o
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
 
 from session.io.errors import CalibrationError
@@ -14,8 +15,8 @@ from session.io.errors import CalibrationError
 #: what an annex serves, as messages name it -> its module
 SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
-    "a lot as prior": "tinygc.annexes.lots.fit",
-    "what a lot knows of one unit": "tinygc.annexes.lots.explanation",
+    "a lot as prior (--lot)": "tinygc.annexes.lots.fit",
+    "what a lot knows of one unit (--lot)": "tinygc.annexes.lots.explanation",
     "checks of arrays": "tinygc.annexes.arrays.explanation",
     "a search beyond the catalogue (--discover)": "tinygc.annexes.discovery.engine",
     "reports of a discovery": "tinygc.annexes.discovery.report",
@@ -51,12 +52,19 @@ def find(service: str) -> ModuleType | None:
         return None
 
 
-def need(service: str) -> ModuleType:
-    """The module that serves it.  Raises MissingAnnexError, in one line, where its annex was removed."""
+def is_present(service: str) -> bool:
+    """Whether the folder of the annex that serves it is there; imports nothing of the annex."""
+    spec = find_spec(".".join(SERVICES[service].split(".")[:3]))
+    return spec is not None and spec.origin is not None  # a folder with nothing but a cache has no origin
+
+
+def need(service: str, option: str = "") -> ModuleType:
+    """The module that serves it.  Raises MissingAnnexError, in one line, where its annex was removed; option: that asked for it."""
     module = find(service)
     if module is None:
         package, _, annex = SERVICES[service].split(".")[:3]
+        asked = f"{option}: {service}" if option else service
         raise MissingAnnexError(
-            f"{service}: served by the annex {annex}, which is not there ({package}/annexes/{annex}/); install the whole of TinyGC"
+            f"{asked}: served by the annex {annex}, which is not there ({package}/annexes/{annex}/); install the whole of TinyGC"
         )
     return module

@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Iterator
 from types import ModuleType
 
-from session.io.annexes import find, need
+from session.io.annexes import find, is_present, need
 
 #: command -> service of an annex that extends it -> options that report a missing annex
 EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -39,5 +39,10 @@ def add_annex_arguments(name: str, command: argparse.ArgumentParser) -> None:
 class _MissingOption(argparse.Action):
     """An option of an annex that is not installed; ``const`` names the service in the registry."""
 
-    def __call__(self, *_: object) -> None:
-        need(str(self.const))
+    def __call__(self, parser: object, namespace: object, values: object, option: str | None = None) -> None:
+        need(str(self.const), option or "")
+
+
+def help_if_present(service: str, text: str) -> str:
+    """Return the help of a core option that an annex serves; the help page leaves the option out where the annex is not installed."""
+    return text if is_present(service) else argparse.SUPPRESS

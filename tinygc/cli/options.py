@@ -16,6 +16,7 @@ from tinygc.cli.arguments import (
     path_read,
     segment_numbers,
 )
+from tinygc.cli.extensions import help_if_present
 
 if TYPE_CHECKING:
     from session.io.dialects import Answers
@@ -70,7 +71,7 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
     )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
-    what = "prior from a production lot (lot.json): fewer turns are enough"
+    what = help_if_present("a lot as prior (--lot)", "prior from a production lot (lot.json): fewer turns are enough")
     command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
@@ -82,27 +83,17 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
     """Return the fit's options from the parsed arguments, without physics."""
     from tinygc.estimation.options import DenoiseOptions, FitOptions
 
-    chosen = tuple(args.methods)
-    return FitOptions(
-        methods=WITH_LOT if args.lot is not None and chosen == tuple(METHODS.split(",")) else chosen,
-        folds=args.folds,
-        seed=args.seed,
-        still_rates=args.still_rates,
-        integrator=args.integrator,
-        optimizer=args.optimizer,
-        epochs=args.epochs,
-        loss=args.loss,
-        earth=not args.no_earth,
-        exclude=tuple(dict.fromkeys(args.exclude)),
-        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
-        variant=args.variant,
-        parts=args.parts,
-        conditions=args.conditions,
-        bias_per_log=args.bias_per_log,
-        bias=args.bias or "auto",
-        accelerometer=args.accelerometer,
-        lot=args.lot,
-    )
+    chosen = {name: getattr(args, name) for name in FitOptions.__dataclass_fields__ if hasattr(args, name)}
+    methods = tuple(args.methods)
+    chosen |= {
+        "methods": WITH_LOT if args.lot is not None and methods == tuple(METHODS.split(",")) else methods,
+        "earth": not args.no_earth,
+        "exclude": tuple(dict.fromkeys(args.exclude)),
+        "denoise": DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
+        "bias": args.bias or "auto",
+        "physics": None,
+    }
+    return FitOptions(**chosen)
 
 
 def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
@@ -137,15 +128,5 @@ def answers_of(args: argparse.Namespace) -> Answers:
     """Return ``session.io.dialects.Answers`` of the options."""
     from session.io.dialects import Answers
 
-    return Answers(
-        odr_hz=args.odr,
-        gyro_fs_dps=args.gyro_fs,
-        accel_fs_g=args.accel_fs,
-        time_unit=args.time_unit,
-        gyro_unit=args.gyro_unit,
-        accel_unit=args.accel_unit,
-        columns=args.columns,
-        gyro_axes=args.gyro_axes,
-        accel_axes=args.accel_axes,
-        sensor=args.sensor,
-    )
+    same_name = ("time_unit", "gyro_unit", "accel_unit", "columns", "gyro_axes", "accel_axes", "sensor")
+    return Answers(odr_hz=args.odr, gyro_fs_dps=args.gyro_fs, accel_fs_g=args.accel_fs, **{name: getattr(args, name) for name in same_name})

@@ -375,7 +375,7 @@ def lot_of(args: argparse.Namespace) -> Any:
 
     if args.no_coach:
         raise CalibrationError("--lot tells the coach how many turns are enough; leave it or --no-coach out")
-    lots = need("a lot as prior")
+    lots = need("a lot as prior (--lot)")
     lot = lots.read_lot(args.lot)
     lots.require_usable(lot, lot.sensor, str(args.lot))
     return lot
@@ -399,7 +399,7 @@ def coach_of(lot: Any) -> Callable[[Progress], Advice]:
         if coach is None:
             from tinygc.planning.coach import Coach
 
-            coach = Coach(beforehand=None if lot is None else partial(need("what a lot knows of one unit").board_prior, lot))
+            coach = Coach(beforehand=None if lot is None else partial(need("what a lot knows of one unit (--lot)").board_prior, lot))
         return coach(progress)
 
     return advise

@@ -224,7 +224,7 @@ def explain(
             raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
     search = need("a search beyond the catalogue (--discover)") if discover else None
-    known = None if lot is None else need("what a lot knows of one unit").known_effects(lot, config.sensor.model)
+    known = None if lot is None else need("what a lot knows of one unit (--lot)").known_effects(lot, config.sensor.model)
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, known=known)
     if search is None:
         return Why(explanation)

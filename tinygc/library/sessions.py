@@ -364,6 +364,12 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     CalibrationError
         For data that cannot be read or fitted, and if the temperature annex was removed; its message is one line.
 
+    Examples
+    --------
+    >>> import tinygc
+    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
+    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
+
     """
     annex = need("calibrations over temperature")
     return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)

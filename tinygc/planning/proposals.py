@@ -96,7 +96,7 @@ class RecordingPlan:
 def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
     """Plan a session; lot: file of a production lot.  Raises the errors of ``build_problem`` and ``lot_for``."""
     session, _ = with_own_accelerometer(read_session(folder))
-    given = None if lot is None else need("a lot as prior").lot_for(lot, session.config.sensor.model)
+    given = None if lot is None else need("a lot as prior (--lot)").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
     problem = build_problem(with_bridges(session), prior=None if given is None else given.prior)
     known, use = known_of(problem), None

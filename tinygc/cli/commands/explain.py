@@ -11,6 +11,7 @@ from session.io.errors import CalibrationError
 from session.io.names import is_array
 from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
+from tinygc.cli.extensions import help_if_present
 from tinygc.cli.results import complain, output, print_commands, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
@@ -22,8 +23,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=path_read, help="session folder, or one of an array")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     lot = "effects of a production lot (lot.json): how probable each is in this unit, and its usual size"
+    lot = help_if_present("what a lot knows of one unit (--lot)", lot)
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
+    search = help_if_present("a search beyond the catalogue (--discover)", search)
     command.add_argument("--discover", action="store_true", help=search)
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")

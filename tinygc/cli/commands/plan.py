@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tinygc.cli.arguments import count, path_read
+from tinygc.cli.extensions import help_if_present
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "say which movements to record next"
@@ -14,7 +15,7 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder")
-    lot = "prior from a production lot (lot.json): fewer turns are enough"
+    lot = help_if_present("a lot as prior (--lot)", "prior from a production lot (lot.json): fewer turns are enough")
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument("--count", type=count(1), default=5, help="movements at most (%(default)s)")
 

@@ -22,6 +22,7 @@ from tinygc.cli.arguments import (
     stream_header,
 )
 from tinygc.cli.defaults import defaults_json
+from tinygc.cli.extensions import help_if_present
 from tinygc.cli.recording import (
     DEFAULTS,
     LOOPBACK,
@@ -70,7 +71,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     lot = "prior from a production lot (lot.json): the coach states how many turns are enough, and stops there"
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
+    command.add_argument("--lot", type=path_read, metavar="FILE", help=help_if_present("a lot as prior (--lot)", lot))
     command.add_argument(
         "--closure",
         type=closure_seconds,

@@ -169,7 +169,7 @@ def test_all_names_are_there_and_no_other():
         tinygc.fitt  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["check", "explain", "fit", "simulate"])
+@pytest.mark.parametrize("name", ["FitOptions", "check", "explain", "fit", "load", "simulate"])
 def test_examples_of_docstrings_run(name):
     (example,) = doctest.DocTestFinder(recurse=False).find(getattr(tinygc, name), name, module=False, globs={})
     assert example.examples

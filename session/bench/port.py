@@ -23,6 +23,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import STANDIN, BoardStatus, CommandResult, Info
 from session.bench.rawfile import is_locked
 from session.io.errors import CalibrationError, DeviceError
+from session.io.texts import command_line
 
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
@@ -95,7 +96,7 @@ def only_candidate() -> KnownPort:
     """The only port with a board; DeviceError where there is none, or more than one."""
     candidates = [port for port in known_ports() if port.is_candidate]
     if not candidates:
-        raise DeviceError("no serial port with a board; plug it in (calibrate.py ports lists what there is), or give --port")
+        raise DeviceError(f"no serial port with a board; plug it in ({command_line('ports')} lists what there is), or give --port")
     boards = [port for port in candidates if port.usb and port.usb[0] == ST_VENDOR] or candidates
     if len(boards) > 1:
         raise DeviceError(f"more than one port may be the board: {', '.join(port.name for port in candidates)}; choose with --port")
@@ -195,7 +196,7 @@ class Port:
         try:
             self._serial = self._open()
         except UNPLUGGED as error:
-            raise DeviceError(f"{name}: cannot be opened ({_reason(error)}); see calibrate.py ports") from None
+            raise DeviceError(f"{name}: cannot be opened ({_reason(error)}); see {command_line('ports')}") from None
         self._thread = threading.Thread(target=self._read, name="port-reader", daemon=True)
         self._thread.start()
 

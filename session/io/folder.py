@@ -21,7 +21,7 @@ from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, 
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.names import log_paths, refuse_array
 from session.io.samples import Samples, joined, mapped, samples_from_arrays, usual_ranges
-from session.io.texts import printable, shell_word, unicode_text
+from session.io.texts import command_line, printable, unicode_text
 from session.io.toml import Note, line, parse_toml, value_text
 from session.io.units import DEG
 
@@ -134,7 +134,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     rests = log_paths(folder, "rest")
     if not paths and rests:
         raise FormatError(
-            f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {shell_word(folder)}` fits their temperature"
+            f"{folder}: no log but rest logs, in which nothing is turned; `{command_line('fit', folder)}` fits their temperature"
         )
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from session.io.errors import FormatError, StorageError
-from session.io.texts import shell_word
+from session.io.texts import command_line
 from session.io.toml import read_toml
 
 # Which files are a recording's own, so that no result is ever written over one.
@@ -117,8 +117,8 @@ def array_folders(folder: Path) -> list[str]:
 def refuse_array(folder: Path) -> None:
     """FormatError where a folder that is to be read as one session is an array."""
     if (count := array_size(folder)) is not None:
-        word = shell_word(folder)
         raise FormatError(
-            f"{folder}: an array of {count} unit{'s' * (count != 1)} on one body, and no single session; `calibrate.py check {word}` and "
-            f"`calibrate.py fit {word}` take it whole; to read one unit alone, give it a folder of its own"
+            f"{folder}: an array of {count} unit{'s' * (count != 1)} on one body, and no single session; "
+            f"`{command_line('check', folder)}` and `{command_line('fit', folder)}` take it whole; "
+            "to read one unit alone, give it a folder of its own"
         )

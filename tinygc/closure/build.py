@@ -13,6 +13,7 @@ from session.detect.stills import SessionStills, Still
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
 from session.io.samples import start_times
+from session.io.texts import command_line
 from session.io.units import DEG, EARTH_RATE_RPS, NS
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -392,7 +393,7 @@ def _require_enough(
     where = session.folder
     still_s = session.config.protocol.still_s
     if not logs:
-        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `calibrate.py check`")
+        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `{command_line('check')}`")
     if not segments:
         stills = [still for log in logs for still in log.stills]
         bad = next((still.problem for still in stills if still.problem), None)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.io.errors import FitError
+from session.io.texts import command_line
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.prior import GaussianPrior
@@ -207,7 +208,9 @@ def fit_least_squares(
             break
         at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
     else:
-        raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
+        raise FitError(
+            f"least squares did not settle in {MAX_STEPS} steps; look at `{command_line('check')}` for what is wrong with the data"
+        )
     covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     if rest_rps is not None:

@@ -14,7 +14,7 @@ from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import DataError, FormatError
 from session.io.folder import sha256_of
 from session.io.names import log_paths, refuse_array
-from session.io.texts import printable, shell_word
+from session.io.texts import command_line, printable
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -130,7 +130,7 @@ def read_triad(table: dict, fit: dict, config: Config, where: str) -> SessionTri
     if joint is not None:
         covariance, shared = (_part(joint, key, where) for key in ("matrix", "shared"))
     if mode not in MODES or not isinstance(left, list) or (mode != "given" and covariance is None and joint is not None):
-        raise FormatError(f"{where}: fit.json beside it says nothing sound of the accelerometer; run `calibrate.py fit` again")
+        raise FormatError(f"{where}: fit.json beside it says nothing sound of the accelerometer; run `{command_line('fit')}` again")
     return SessionTriad(mode, calibration, covariance, shared, tuple(name for name in ACCELEROMETER_NAMES if name in left))
 
 
@@ -143,7 +143,7 @@ def _part(joint: Any, key: str, where: str) -> np.ndarray | None:
     except (KeyError, TypeError, ValueError):
         matrix = np.empty(0)
     if matrix.ndim != 2 or min(matrix.shape) < PARAMETERS or not np.isfinite(matrix).all():
-        raise FormatError(f"{where}: joint_covariance.{key} is not 21 x 21; run `calibrate.py fit` again")
+        raise FormatError(f"{where}: joint_covariance.{key} is not 21 x 21; run `{command_line('fit')}` again")
     return matrix[:PARAMETERS, :PARAMETERS]
 
 
@@ -292,18 +292,18 @@ def read_calibrated(folder: Path) -> Calibrated:
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
         refuse_array(folder)
-        raise FormatError(f"{path}: not found; run `calibrate.py fit {shell_word(folder)}` first")
+        raise FormatError(f"{path}: not found; run `{command_line('fit', folder)}` first")
     model, table = models.load_with_table(path)
     covariance = _matrix(table.get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
-        raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {shell_word(folder)}` again")
+        raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `{command_line('fit', folder)}` again")
     if certain(covariance) or np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
-        raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {shell_word(folder)}` again")
+        raise FormatError(f"{path}: the covariance is not positive definite; run `{command_line('fit', folder)}` again")
     notes = []
-    fit = read_fit(folder / "fit" / "fit.json", f"run `calibrate.py fit {shell_word(folder)}` again")
+    fit = read_fit(folder / "fit" / "fit.json", f"run `{command_line('fit', folder)}` again")
     if fit.get("goodness") is None:
         raise FormatError(
-            f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `calibrate.py fit {shell_word(folder)}` again"
+            f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `{command_line('fit', folder)}` again"
         )
     if fit["goodness"]["p_value"] < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
@@ -313,7 +313,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     if "accelerometer_covariance" in table:
         accelerometer = _matrix(table["accelerometer_covariance"])
         if accelerometer.shape != (12, 12) or not np.isfinite(accelerometer).all():
-            raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {shell_word(folder)}` again")
+            raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `{command_line('fit', folder)}` again")
     triad = read_triad(table, fit, config, str(path))
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer, triad)
 

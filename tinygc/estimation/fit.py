@@ -59,7 +59,7 @@ def fit_session(
     """
     given = None
     if options.lot is not None:
-        lots = need("a lot as prior")
+        lots = need("a lot as prior (--lot)")
         lots.require_possible(options)
         session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
         given, saved = lots.lot_for(options.lot, session.config.sensor.model), None

@@ -124,30 +124,69 @@ LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options that determine a fit's numbers.  Raises CalibrationError for invalid ones; one name may replace a tuple of one.
+    """Options that determine a fit's numbers.
 
-    methods: some of ``CHOSEN``, in the order of the report;
-    folds: of the held-out closure, 2 or more;
-    seed: of the swarm, 0 or more;
-    still_rates: whether the mean rate in each still is also data;
-    integrator: ``exact``, or the paper's ``first-order``;
-    optimizer: of the nets, ``second-order``, or the paper's ``adamw``;
-    epochs: of adamw;
-    loss: of the net, ``squared``, or the paper's ``distance``, not squared;
-    earth: whether the Earth's rotation is subtracted;
-    physics: ids of effects to fit as well, ("auto",) for those that `explain` would report, None for none;
-    exclude: numbers of segments to leave out;
-    denoise: options of tinygc_denoised;
-    variant: of the calibration subnet, ``paper`` (27 parameters) or ``published`` (26);
-    parts: segments over which the net's training propagates the attitude;
-    conditions: inputs of a further net, some of ``temperature``, ``force``;
-    checkpoints: folder of AdamW's checkpoints, and resume: whether it continues from them;
-    bias_per_log: whether each log has a bias of its own, of which the median is kept;
-    bias: from the ``ends`` of the turns, as all other parameters, from the ``stills`` around each, or ``auto``: the source with the
-        smaller closure error on held-out segments.
-    accelerometer: its calibration is the one ``given``, that of a ``fit``, or a given one is a ``prior``; ``auto``: a prior where one is
-        given and agrees with the data, else a fit;
-    lot: file of a production lot, the prior of least squares; other methods are fitted without it.
+    Parameters
+    ----------
+    methods : tuple of str, optional
+        Some of ``CHOSEN``, in the order of the report; one name may replace a tuple of one.
+    folds : int, optional
+        Folds of the held-out closure, 2 or more.
+    seed : int, optional
+        Seed of the swarm, 0 or more.
+    still_rates : bool, optional
+        Whether the mean rate in each still is also data.
+    integrator : {"exact", "first-order"}, optional
+        The second is the paper's.
+    optimizer : {"second-order", "adamw"}, optional
+        Optimizer of the nets; the second is the paper's.
+    epochs : int, optional
+        Epochs of adamw.
+    loss : {"squared", "distance"}, optional
+        Loss of the net; the second is the paper's, not squared.
+    earth : bool, optional
+        Whether the Earth's rotation is subtracted.
+    physics : tuple of str, optional
+        Ids of effects to fit as well, ``("auto",)`` for those that ``explain`` would report.
+    exclude : tuple of int, optional
+        Numbers of segments to leave out.
+    denoise : DenoiseOptions, optional
+        Options of tinygc_denoised.
+    variant : {"paper", "published"}, optional
+        Of the calibration subnet: 27 parameters, or 26.
+    parts : int, optional
+        Segments over which the net's training propagates the attitude.
+    conditions : tuple of str, optional
+        Inputs of a further net, some of ``temperature``, ``force``.
+    checkpoints : Path, optional
+        Folder of AdamW's checkpoints.
+    resume : bool, optional
+        Whether AdamW continues from its checkpoints.
+    bias_per_log : bool, optional
+        Whether each log has a bias of its own, of which the median is kept.
+    bias : {"auto", "ends", "stills"}, optional
+        From the ends of the turns, as all other parameters, or from the stills around each; ``auto``: the source with the smaller closure
+        error on held-out segments.
+    accelerometer : {"auto", "given", "fit", "prior"}, optional
+        Its calibration is the one given, that of a fit, or a given one is a prior; ``auto``: a prior where one is given and agrees with
+        the data, else a fit.
+    lot : Path, optional
+        File of a production lot, the prior of least squares; other methods are fitted without it.
+
+    Raises
+    ------
+    CalibrationError
+        For an invalid option; its message names the option and what was expected.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> tinygc.FitOptions(methods="least_squares", folds=3).methods
+    ('least_squares',)
+    >>> tinygc.FitOptions(folds=1)
+    Traceback (most recent call last):
+    session.io.errors.CalibrationError: folds is 1, expected a whole number of 2 or more
+
     """
 
     methods: tuple[str, ...] = CHOSEN

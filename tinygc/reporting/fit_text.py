@@ -69,8 +69,6 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
 
 # Remarks on a fit, below its tables in the terminal: warnings, noise, losses, physics, correlations.
 
-NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
-
 
 def remarks(result: FitResult) -> list[Text]:
     """Remarks, one per line, as far as they apply."""
@@ -159,7 +157,9 @@ def _physics_words(physics: PhysicsFit) -> str:
     fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:
-        mended.append("there is more that has no name: see calibrate.py explain" if mended else NAMELESS)
+        explain = command_line("explain")
+        nameless = f"a mismatch that no effect in the catalogue fits ({explain} says what is known): nothing is added to the linear model"
+        mended.append(f"there is more that has no name: see {explain}" if mended else nameless)
     if physics.model.session_s is not None:
         mended.append(
             "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"

@@ -16,11 +16,11 @@ import numpy as np
 
 from session.annexes.public.euroc import write_sequences
 from session.io.units import DEG, G
-from tinygc.cli.console import output
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.explanations import explain
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport, explanation_page
+from tinygc.reporting.terminal import output
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from session.io.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
 from tinygc.explanation.engine import explain_session
-from tinygc.library.sessions import as_text
 from tinygc.noise.channels import turn_equations
 from tinygc.noise.twin import READ, Variable, variable_of
 from tinygc.reporting.explanation_text import explanation_page
@@ -21,6 +20,7 @@ from tinygc.reporting.pictures.canvas import BEFORE, PALE
 from tinygc.reporting.pictures.page import figure_of
 from tinygc.reporting.pictures.panels import PAIRS, draw_claim, in_stills
 from tinygc.reporting.pictures.values import per_parameter, strongest
+from tinygc.reporting.terminal import as_text
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")

@@ -242,6 +242,7 @@ def test_a_simulated_session_of_a_sensor_with_a_line_end_in_its_name(tmp_path, r
 
 def test_a_progress_bar_reads_no_markup():
     """On a terminal as elsewhere: a log's name is drawn as it is."""
-    code = "from tinygc.cli.console import progress_bar\nwith progress_bar() as progress: progress('reading [/red] [bold]x\\x1b[2J', 0, 1)"
+    code = "from tinygc.reporting.terminal import progress_bar\n"
+    code += "with progress_bar() as progress: progress('reading [/red] [bold]x\\x1b[2J', 0, 1)"
     made = processes.run([sys.executable, "-c", code], stderr=processes.PIPE, text=True, check=True)
     assert made.stderr == "reading [/red] [bold]x\\x1b[2J …\n"

@@ -9,9 +9,9 @@ import pytest
 from explained_sessions import make_explained, make_session
 
 from tinygc.explanation.result import HEADING, channel_rms, residual_table
-from tinygc.library.sessions import as_text
 from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.html.sections.explanation import section
+from tinygc.reporting.terminal import as_text
 
 
 @pytest.fixture(scope="module")

@@ -24,9 +24,9 @@ from tinygc.annexes.discovery.words import in_words, terms_of
 from tinygc.closure.residual import Batch
 from tinygc.explanation.engine import explain_session
 from tinygc.library import explanations
-from tinygc.library.sessions import as_text
 from tinygc.planning.proposals import requested_by_explain
 from tinygc.planning.turns import trials
+from tinygc.reporting.terminal import as_text
 
 ZONE, CUBE = LAWS["dead zone"], LawForm((Factor("rate", "cube"),))
 

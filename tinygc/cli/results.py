@@ -23,9 +23,7 @@ from session.io.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from session.bench.console import PlainConsole
+    from tinygc.reporting.terminal import PlainConsole, RenderableType
 
 
 # Signals that end a command: Ctrl-C, SIGTERM, and SIGHUP of a closed terminal.  A recording ends between two steps of its loop, not
@@ -106,9 +104,9 @@ def _let_go() -> None:
 
 def output(args: argparse.Namespace) -> PlainConsole:
     """Return standard output for text; silent when quiet, and where the JSON uses standard output."""
-    from tinygc.cli import console
+    from tinygc.reporting import terminal
 
-    return console.output(args.quiet or is_standard_output(args.json))
+    return terminal.output(args.quiet or is_standard_output(args.json))
 
 
 def print_commands(args: argparse.Namespace, introduction: str, *commands: str) -> None:
@@ -129,10 +127,10 @@ def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> N
 def verdict(args: argparse.Namespace, line: RenderableType) -> None:
     """Print the one-line result of a command with ``--quiet``; otherwise it is already in the output.  For several folders a table
     contains it."""
-    from tinygc.cli import console
+    from tinygc.reporting import terminal
 
     if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
-        console.output().print(line, soft_wrap=True)
+        terminal.output().print(line, soft_wrap=True)
 
 
 def complain(line: str) -> None:
@@ -263,6 +261,9 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
 
     Raises CalibrationError, before any work, where two results would have the same path.
     """
+    from tinygc.reporting import terminal
+    from tinygc.reporting.tables import degrees_text, outcomes_table
+
     folders, entries, rows, worst = folders_of(args), [], [], 0
     places = _places(args, folders)
     for folder in folders:
@@ -279,9 +280,9 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
             code = done.code
             entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})
             runs = ", ".join(f"{run:.4f}" for run in done.runs_deg)
-            rows.append((str(folder), _figure(done.held_out_deg), _figure(done.floor_deg), runs or "–", done.says))
+            rows.append((str(folder), degrees_text(done.held_out_deg), degrees_text(done.floor_deg), runs or "–", done.says))
         worst = max(worst, code)
-    _print(args, title, rows)
+    terminal.output(is_standard_output(args.json)).print(outcomes_table(title, rows))  # also with --quiet
     write_json(args.json, {"schema": schema, "sessions": entries})
     return worst
 
@@ -296,21 +297,3 @@ def _places(args: argparse.Namespace, folders: list[Path]) -> dict[Path, Path]:
             raise CalibrationError(f"--out {args.out}: {taken[place]} and {folder} would both go to {place}; rename one, or run them apart")
         taken[place] = folder
     return places
-
-
-def _figure(value_deg: float | None) -> str:
-    return "–" if value_deg is None else f"{value_deg:.4f}"
-
-
-def _print(args: argparse.Namespace, title: str, rows: list[tuple[str, str, str, str, str]]) -> None:
-    from rich.table import Table
-
-    from tinygc.cli import console
-    from tinygc.cli.arguments import is_standard_output
-
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in ("", "held out", "floor", "closure runs", "it says"):
-        table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    console.output(is_standard_output(args.json)).print(table)  # also with --quiet

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,10 +32,6 @@ from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.results import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
-
-if TYPE_CHECKING:
-    from rich.console import Group
-
 
 # The bias of the day: from the first still, from gravity, over several days.
 
@@ -497,29 +492,3 @@ def remarks(result: Rebiased) -> list[str]:
             "moves between rest and motion; one of the two sigmas does not hold"
         )
     return said
-
-
-def rebias_report(result: Rebiased) -> Group:
-    """Return a table for the terminal."""
-    from rich.console import Group
-    from rich.table import Table
-
-    from session.bench.console import one_line
-
-    titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
-    table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
-    for column in ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs)):
-        table.add_column(column, justify="left" if not column else "right")
-    for name, angles in result.angles.items():
-        change, sigma = result.changes.get(name, (np.zeros(3), None))
-        own = closure_figures(angles)
-        cells = [
-            f"{c / DEG:+.4f}" + ("" if sigma is None else f" ± {s / DEG:.4f}")
-            for c, s in zip(change, np.zeros(3) if sigma is None else sigma, strict=True)
-        ]
-        yaw = "–" if own["yaw_rms_deg"] is None else f"{own['yaw_rms_deg']:.4f}"
-        rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
-        table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
-    table.caption, table.caption_justify = "bold is what is saved", "left"
-    first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
-    return Group(table, one_line(first), *(one_line(each, "yellow") for each in warnings))

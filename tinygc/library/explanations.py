@@ -8,21 +8,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Group
-from rich.text import Text
-
 from session.io.annexes import need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.library.sessions import Progress, as_html, as_text, nothing, public, session_or_folder
+from tinygc.library.sessions import Progress, nothing, public, session_or_folder
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
 from tinygc.reporting.pictures.canvas import save as save_figure
+from tinygc.reporting.terminal import Group, Text, as_html, as_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from tinygc.reporting.pictures.canvas import Figure
 
 #: reference of a session -> its engine and its report; gravity and dials share them
 ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
@@ -13,9 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
-from rich.console import Group, RenderableType
 
-from session.bench.console import PlainConsole
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from session.detect.findings import Finding, worst
@@ -37,33 +34,13 @@ from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
 from tinygc.models.linear import NAMES
 from tinygc.reporting.fit_text import fit_report
+from tinygc.reporting.terminal import Group, as_html, as_text
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session
 from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
 
 if TYPE_CHECKING:
     from tinygc.deploy.calibration import Calibration
-
-
-# Render a page as plain text, and as HTML for a notebook.
-
-#: width in columns at which no cell of a table wraps
-WIDTH = 160
-_HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-height:1.35;white-space:pre">{code}</pre>'
-
-
-def as_text(page: RenderableType) -> str:
-    """Render as plain lines, without colours and trailing blanks."""
-    file = io.StringIO()
-    PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
-    return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
-
-
-def as_html(page: RenderableType) -> str:
-    """Render as HTML with colours, for a notebook."""
-    console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
-    console.print(page)
-    return console.export_html(inline_styles=True, code_format=_HTML)
 
 
 # Options and arguments of the public functions.

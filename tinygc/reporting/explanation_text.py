@@ -6,11 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
-from session.bench.console import one_line
 from session.detect.check_references import frame_text, mounting_text, offset_text
 from session.io.files import result_folder
 from session.io.results import write_whole
@@ -40,6 +36,7 @@ from tinygc.noise.twin import Variable
 from tinygc.reporting.pictures.canvas import save as save_figure
 from tinygc.reporting.pictures.page import figure_of
 from tinygc.reporting.pictures.truth import figure_of as truth_figure_of
+from tinygc.reporting.terminal import Group, Table, Text, one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
-from session.bench.console import one_line
 from session.detect.accelerometer import LengthFit
 from session.detect.check_references import truth_words
 from session.io.texts import command_line, printable
@@ -22,8 +18,10 @@ from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
 from tinygc.models.linear import BIAS, COVERAGE_FACTOR, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 if TYPE_CHECKING:
+    from tinygc.estimation.bias_of_day import Rebiased
     from tinygc.estimation.physics import PhysicsFit
 
 
@@ -215,14 +213,6 @@ def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
     return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *given)}"))
 
 
-def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(first)
-    for column in columns:
-        table.add_column(column, justify="right" if right else "left", no_wrap=right)
-    return table
-
-
 def _headline(result: FitResult) -> Text:
     problem = result.problem
     noise = problem.noise.gyro / DEG * 1e3
@@ -279,7 +269,7 @@ def _heading_words(result: FitResult) -> str:
 
 
 def _methods(result: FitResult) -> Table:
-    table = _table("Closure per segment, degrees rms", "", "par.", "fitted", "held out", "roll", "pitch", "yaw", "seconds", right=True)
+    table = plain_table("Closure per segment, degrees rms", "", "par.", "fitted", "held out", "roll", "pitch", "yaw", "seconds", right=True)
     for name, fit in result.methods.items():
         train, held = closure_figures(fit.angles), closure_figures(fit.held_out)
         yaw = "–" if held["yaw_rms_deg"] is None else f"{held['yaw_rms_deg']:.4f}"
@@ -310,7 +300,7 @@ def _methods(result: FitResult) -> Table:
 
 
 def _closure_runs(result: FitResult) -> Table:
-    table = _table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
+    table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
     for run, errors in zip(result.runs, result.run_errors, strict=True):
         table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
         for name, error in errors.items():
@@ -333,7 +323,7 @@ def _parameters(result: FitResult) -> Table:
     hidden = tuple(result.linear.notes.get("unobserved", ()))
     quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden)
     by_name = {(q.word, q.component): q for q in quantities}
-    table = _table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
+    table = plain_table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
 
     def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
         table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
@@ -356,3 +346,29 @@ def _accelerometer(result: FitResult) -> list[Table]:
     """The nine accelerometer parameters, if they were estimated with the gyroscope's."""
     found = result.accelerometer
     return [] if found.mode == "given" else [accelerometer_table(found, "Accelerometer, estimated with them: value ± one sigma")]
+
+
+# The bias of the day in the terminal.
+
+
+def rebias_report(result: Rebiased) -> Group:
+    """Table of a bias of the day: change of B and closure, by the source of the bias."""
+    from tinygc.estimation.bias_of_day import remarks
+
+    titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
+    table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
+    for column in ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs)):
+        table.add_column(column, justify="left" if not column else "right")
+    for name, angles in result.angles.items():
+        change, sigma = result.changes.get(name, (np.zeros(3), None))
+        own = closure_figures(angles)
+        cells = [
+            f"{c / DEG:+.4f}" + ("" if sigma is None else f" ± {s / DEG:.4f}")
+            for c, s in zip(change, np.zeros(3) if sigma is None else sigma, strict=True)
+        ]
+        yaw = "–" if own["yaw_rms_deg"] is None else f"{own['yaw_rms_deg']:.4f}"
+        rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
+        table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
+    table.caption, table.caption_justify = "bold is what is saved", "left"
+    first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
+    return Group(table, one_line(first), *(one_line(each, "yellow") for each in warnings))

@@ -6,15 +6,12 @@ import re
 from pathlib import Path
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
-from session.bench.console import one_line
 from session.detect.findings import LEVELS, Finding, worst
 from session.io.texts import command_line, printable
 from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
 from tinygc.estimation.listing import ListedSession
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 # The first look in the terminal: worst findings first; the verdict and the next step come last, where the reader looks.
 
@@ -25,9 +22,7 @@ LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bo
 
 def findings_table(findings: list[Finding]) -> Table:
     """Table of findings, one row per check, the worst first; findings of one level keep the order of the checks."""
-    table = Table(title="First look", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in ("", "where", "what", "it says", "do"):
-        table.add_column(column)
+    table = plain_table("First look", "", "where", "what", "it says", "do")
     for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
         table.add_row(Text(finding.level, LEVEL_STYLES[finding.level]), finding.where, finding.what, finding.says, finding.do)
     return table
@@ -86,15 +81,26 @@ def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableTyp
         sensor = (f"{each.units} × " if each.units else "") + " ".join(filter(None, (each.model, each.serial)))
         recorded = (each.date or NONE)[:16].replace("T", " ") + (" (file)" if each.date_from == "file" else "")
         logs = NONE if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
-        figures = [_figure(each.held_out_deg), _figure(each.floor_deg), ", ".join(map(_figure, each.runs_deg)) or NONE]
+        figures = [degrees_text(each.held_out_deg), degrees_text(each.floor_deg), ", ".join(map(degrees_text, each.runs_deg)) or NONE]
         said = Text(f"! {each.problem}", "red") if each.problem else Text((each.verdict or NONE).replace("_", " "))
         use = each.method or NONE
         table.add_row(printable(str(name)), recorded, printable(sensor) or NONE, logs, str(each.segments or NONE), *figures, use, said)
     return table
 
 
-def _figure(value_deg: float | None) -> str:
+def degrees_text(value_deg: float | None) -> str:
+    """Angle in degrees to four decimals; a dash where there is none."""
     return NONE if value_deg is None else f"{value_deg:.4f}"
+
+
+def outcomes_table(title: str, rows: list[tuple[str, str, str, str, str]]) -> Table:
+    """Result of one command for several folders: folder, held out, floor, closure runs, statement; all text."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for column in ("", "held out", "floor", "closure runs", "it says"):
+        table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(printable, row))
+    return table
 
 
 # Comparison of two calibrations in the terminal.

@@ -58,7 +58,7 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
 def fit(args: argparse.Namespace) -> Done:
     """Estimate all units of one folder jointly."""
     from tinygc.annexes.arrays import library
-    from tinygc.cli.console import progress_bar
+    from tinygc.reporting.terminal import progress_bar
 
     idle = [*given(args, USED), *(f"--{name.replace('_', '-')}" for name in UNUSED if getattr(args, name, None))]
     if idle := list(dict.fromkeys(idle)):
@@ -89,7 +89,7 @@ def explain(args: argparse.Namespace) -> int:
     """Explain each unit by itself and by comparison with the others."""
     from tinygc.annexes.arrays import library
     from tinygc.annexes.arrays.explanation import array_verdict_line
-    from tinygc.cli.console import progress_bar
+    from tinygc.reporting.terminal import progress_bar
 
     if args.lot is not None:
         raise CalibrationError(f"--lot: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
@@ -112,7 +112,7 @@ def apply(args: argparse.Namespace, out: Path) -> int:
     """Write an array's folder as one log: the fused units, and those that fault detection excluded."""
     from session.io.units import DEG
     from tinygc.annexes.arrays.apply import apply_array
-    from tinygc.cli.console import progress_bar
+    from tinygc.reporting.terminal import progress_bar
 
     if args.session is not None:
         raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")

@@ -7,14 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 from scipy.spatial.transform import Rotation
 
 from session import VERSION
 from session.annexes.arrays.recording import ArraySession
-from session.bench.console import one_line
 from session.detect.check_references import with_own_accelerometer
 from session.detect.events import find_impacts
 from session.detect.findings import Finding, worst
@@ -35,6 +31,7 @@ from tinygc.estimation.choice import run_figures
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.faulty_readings import FALSE, bridged, proposed
 from tinygc.explanation.result import to_json
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
 
 # ``check`` and ``explain`` of an array: each unit by itself, and by comparison with the others.
 

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.console import Group
-
 from session.annexes.arrays.recording import ArraySession, read_array
 from tinygc.annexes.arrays.explanation import (
     ArrayExplanation,
@@ -18,7 +16,7 @@ from tinygc.annexes.arrays.explanation import (
     save_array_explanation,
 )
 from tinygc.annexes.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
-from tinygc.library.sessions import as_html, as_text
+from tinygc.reporting.terminal import Group, as_html, as_text
 
 #: called with the current step's name, the steps done, and their total
 Progress = Callable[[str, int, int], None]

@@ -58,7 +58,7 @@ def _examined(args: argparse.Namespace, folder: Path) -> tuple[Any, dict]:
     from tinygc.annexes.challenge.examination import challenge_tables
     from tinygc.annexes.challenge.law_examination import law_tables
     from tinygc.annexes.challenge.recording_examination import power_tables
-    from tinygc.cli.console import progress_bar
+    from tinygc.reporting.terminal import progress_bar
 
     announce = lambda text: output(args).print(text, soft_wrap=True)  # noqa: E731
     with progress_bar(args.quiet) as progress:

@@ -16,9 +16,6 @@ from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
 from session.io.errors import DataError, FormatError
 from session.io.files import MOST_JSON, naming, read_bytes
@@ -27,6 +24,7 @@ from tinygc.annexes.challenge.rate_effects import Maker
 from tinygc.annexes.challenge.score import CLAIMS_FROM, KINDS, Score, calibration_error, reliability, score, splits
 from tinygc.annexes.challenge.worker import DISCOVER
 from tinygc.effects.catalogue import loaded_folders
+from tinygc.reporting.terminal import Group, Table, Text
 from tinygc.simulation.write import write_files
 
 # Seal the truth: a file that cannot be read without the key, which only the examiner's memory holds until the end.

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
 from session.io.samples import Samples
 from session.io.units import DEG
@@ -19,6 +16,7 @@ from tinygc.annexes.challenge.examination import SESSIONS, Examination, as_table
 from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import Conditions, Effect, EffectError, Movement, Parts, catalogue, movement_of, using
+from tinygc.reporting.terminal import Group, Table, Text
 from tinygc.simulation import simulator
 from tinygc.simulation.options import GYRO_LPF2_HZ
 from tinygc.simulation.simulator import fine_grid, true_signals, unit_of

@@ -43,13 +43,12 @@ from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import Effect, EffectError, FoundAt, NoC
 from tinygc.effects.catalogue import having, tried
 from tinygc.explanation.engine import Explanation
+from tinygc.reporting.pictures.canvas import pair_of_panels
 from tinygc.reporting.pictures.panels import draw_claim
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     from tinygc.annexes.challenge.proof_sessions import FittedProof
+    from tinygc.reporting.pictures.canvas import Axes, FigureCanvasAgg
 
 
 # Words, units and JSON.
@@ -319,8 +318,7 @@ INK = 0.002
 def picture(effect: Effect, e: Explanation | None) -> str:
     """Check that both panels have data, ink and axis labels."""
     try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        canvas, panels = pair_of_panels()
     except ImportError:
         raise NotChecked("no matplotlib on this machine") from None
     if e is None:
@@ -328,9 +326,6 @@ def picture(effect: Effect, e: Explanation | None) -> str:
     claim = next((claim for claim in [*e.claimed, *e.findings] if claim.effect.id == effect.id), None)
     if claim is None:
         raise Wrong(f"the explanation that was given claims no {effect.id}")
-    figure = Figure(figsize=(13, 4), layout="constrained")
-    canvas = FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2)
     draw_claim(e, claim, *panels)
     shares = []
     for name, panel in zip(("left", "right"), panels, strict=True):

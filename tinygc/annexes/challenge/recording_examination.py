@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
 
 from session.io.errors import DataError
 from tinygc.annexes.challenge.examination import SEALED, SESSIONS, Seal, asked_blind, explained, new_folder, opened, seal
 from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.recording import STRONG, HostRecording, InjectionTrial, draw_trials, inject, recording_of, write_spoilt
 from tinygc.annexes.challenge.score import NAMELESS, score
+from tinygc.reporting.terminal import Group, Table, Text
 
 # The size from which a recording reports each injected effect, compared with the detection limit of ``explain``.
 

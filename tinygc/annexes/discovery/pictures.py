@@ -30,12 +30,11 @@ from tinygc.annexes.discovery.search_state import Discovery, Law
 from tinygc.annexes.discovery.words import coefficient_unit, equation
 from tinygc.effects import Movement
 from tinygc.explanation.engine import Explanation
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, legend, plain
+from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, plain
 from tinygc.reporting.pictures.values import one_way, projector, telling
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from tinygc.reporting.pictures.canvas import Axes, Figure
 
 
 # Residuals of stills and turns: without the law, with it, and with its runner-up.
@@ -295,10 +294,7 @@ def _levels(e: Explanation, law: Law, own: Fitted, points: Points, times: float,
     assert points.level is not None
     other = other_of(law.form)
     assert other is not None
-    from matplotlib import colormaps
-    from matplotlib.colors import Normalize
-
-    scale, colours = Normalize(*_span(points.level)), colormaps["viridis"]
+    scale, colours = colour_scale(*_span(points.level))
     for axes, values in ((left, points.without), (right, points.left)):
         axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
         drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)

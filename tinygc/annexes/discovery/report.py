@@ -12,9 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Group
-from rich.text import Text
-
 from session import VERSION
 from session.io.errors import FormatError
 from session.io.files import MB, naming, read_bytes, result_folder
@@ -32,9 +29,10 @@ from tinygc.effects.catalogue import loaded_folders
 from tinygc.explanation.engine import Explanation
 from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
 from tinygc.reporting.pictures.canvas import save as save_figure
+from tinygc.reporting.terminal import Group, Text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from tinygc.reporting.pictures.canvas import Figure
 
 
 # Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.

@@ -7,10 +7,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
-from rich.console import Group
-from rich.text import Text
 
-from session.bench.console import one_line
 from session.io.units import DEG
 from tinygc.annexes.discovery.law_code import law_code
 from tinygc.annexes.discovery.quantities import QUANTITIES
@@ -29,6 +26,7 @@ from tinygc.annexes.discovery.words import (
     terms_of,
 )
 from tinygc.explanation.claims import measured, p_entry, p_words
+from tinygc.reporting.terminal import Group, Text, one_line
 
 # A discovery as the key ``discovery`` of ``tinygc-explain/1`` (docs/formats.md); the page and the report are made from the same table.
 

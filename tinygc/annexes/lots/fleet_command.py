@@ -35,7 +35,7 @@ class Meter:
         self._stack = ExitStack()
 
     def __enter__(self) -> Meter:
-        from tinygc.cli.console import progress_bar
+        from tinygc.reporting.terminal import progress_bar
 
         self._show = self._stack.enter_context(progress_bar(self._quiet))
         self._every_s = OFTEN_S if sys.stderr.isatty() else SELDOM_S

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
-from session.bench.console import one_line
 from session.io.texts import printable
 from tinygc.annexes.lots.lot import SENSOR_ERRORS, PooledEffect
 from tinygc.annexes.lots.report import LotQuantity, LotReport
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
 
 if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_run import Tally

@@ -31,7 +31,7 @@ def fit(args: argparse.Namespace) -> Done:
     """Fit one model to all folders."""
     from tinygc.annexes.temperature.library import fit_temperature
     from tinygc.annexes.temperature.output import MODEL, save_thermal, temperature_report, to_json
-    from tinygc.cli.console import progress_bar
+    from tinygc.reporting.terminal import progress_bar
 
     limit = ["--limit"] if args.limit is not None and args.defaults is None else []
     if idle := [*given(args, ()), *limit, *(["--model"] if args.model else [])]:

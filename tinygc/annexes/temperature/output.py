@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.text import Text
 
 from session import VERSION
 from session.io.files import result_folder
@@ -20,13 +18,12 @@ from tinygc.annexes.temperature.sessions_fit import APART_C, SessionsFit, Therma
 from tinygc.closure.floor import angle_random_walk, bias_instability
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
-from tinygc.reporting.fit_text import _table
 from tinygc.reporting.pictures.canvas import AXES, PALE, can_draw, canvas, save
 from tinygc.reporting.tables import findings_table
+from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from tinygc.reporting.pictures.canvas import Axes, Figure
 
 
 # The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
@@ -166,7 +163,7 @@ def _headline(fit: ThermalFit) -> Text:
 
 
 def _sessions(found: SessionsFit) -> RenderableType:
-    table = _table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+    table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
     for point in found.points:
         zero, there = point.values[BIAS], found.model.zero(np.full((1, 3), point.temp_c))[0]
         said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
@@ -177,7 +174,7 @@ def _sessions(found: SessionsFit) -> RenderableType:
 
 def _over_temperature(fit: ThermalFit) -> RenderableType:
     """Return scale factors and zeros at five temperatures, with their sigmas."""
-    table = _table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
+    table = plain_table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
     for temp_c in np.linspace(*fit.model.range_c, 5):
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
         E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
@@ -194,7 +191,7 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
     unit, word = (DEG, "dps") if kind == "gyro" else (MG, "mg")
     title = "Zero over temperature" if kind == "gyro" else "Accelerometer at rest over temperature, zero and scale in one"
     reference = rests.knots.reference_c
-    table = _table(
+    table = plain_table(
         title,
         "axis",
         "model",
@@ -225,7 +222,7 @@ def _extent(rests: RestFit, fit: AxisFit) -> float:
 
 
 def _noise(rests: RestFit) -> RenderableType:
-    table = _table("Noise at rest", "axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature")
+    table = plain_table("Noise at rest", "axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature")
     for axis in range(3):
         if rests.allan is None:
             break

@@ -36,9 +36,9 @@ def run(args: argparse.Namespace) -> int:
     """Write a log with calibrated rates and specific force."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
-    from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
     from tinygc.models.files import is_array_model
+    from tinygc.reporting.terminal import progress_bar
 
     to_stdout = is_standard_output(args.out)
     if to_stdout and is_standard_output(args.json):

@@ -37,8 +37,8 @@ def run(args: argparse.Namespace) -> int:
     """Explain differences between recording and simulation; for an array, attribute them to its sensors."""
     if is_array(args.folder):
         return need("commands on arrays").explain(args)
-    from tinygc.cli.console import progress_bar
     from tinygc.library.explanations import explain
+    from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args, "explain")
     if args.discover:

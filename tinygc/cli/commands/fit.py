@@ -65,10 +65,10 @@ def _fit(args: argparse.Namespace) -> Done:
             "--resume goes on with an adamw training, and this fit has none; add --optimizer adamw and a method that is trained "
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
-    from tinygc.cli.console import progress_bar
     from tinygc.estimation.adamw import forget
     from tinygc.library.sessions import fit
     from tinygc.reporting.fit_text import next_line
+    from tinygc.reporting.terminal import progress_bar
 
     physics = None if args.physics is None else _physics(args.physics)
     checkpoints = args.out or args.folder / "fit"
@@ -139,8 +139,9 @@ def _rebias(args: argparse.Namespace) -> Done:
             f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
-    from tinygc.cli.console import progress_bar
-    from tinygc.estimation.bias_of_day import MODEL, rebias_report, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.estimation.bias_of_day import MODEL, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.reporting.fit_text import rebias_report
+    from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:

@@ -39,10 +39,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace) -> Done:
     from session.io.units import DEG
-    from tinygc.cli.console import progress_bar
     from tinygc.reporting.html.evidence import gather
     from tinygc.reporting.html.markup import tilt_rms
     from tinygc.reporting.html.page import save, summary
+    from tinygc.reporting.terminal import progress_bar
 
     path = args.out or args.folder / "report.html"
     try_file(args, path)

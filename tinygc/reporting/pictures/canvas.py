@@ -17,8 +17,9 @@ from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg as FigureCanvasAgg
+    from matplotlib.figure import Figure as Figure
 
 
 # The empty page of an explanation: two panels per row, below its text.
@@ -39,6 +40,23 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) ->
     lines = [headline, ", ".join(ids), *(fill(sentence, 150) for sentence in says)]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
     return figure, figure.subplots(rows, 2)
+
+
+def pair_of_panels() -> tuple[FigureCanvasAgg, Any]:
+    """Canvas that gives a figure's pixels, and the figure's two panels.  Raises ImportError if matplotlib is missing."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 4), layout="constrained")
+    return FigureCanvasAgg(figure), figure.subplots(1, 2)
+
+
+def colour_scale(low: float, high: float) -> tuple[Any, Any]:
+    """Normalisation of values from low to high, and the colour map of the normalised values."""
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    return Normalize(low, high), colormaps["viridis"]
 
 
 def save(figure: Figure, path: Path) -> None:

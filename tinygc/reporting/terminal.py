@@ -1,15 +1,21 @@
-"""Output of results to standard output and of progress to standard error, as plain text where there is no terminal."""
+"""The terminal: console, tables, progress; plain text, and HTML for a notebook.  Other rooms take rich from here."""
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from rich.console import Group as Group
+from rich.console import RenderableType as RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table as Table
+from rich.text import Text as Text
 
-from session.bench.console import PlainConsole
+from session.bench.console import PlainConsole as PlainConsole
+from session.bench.console import one_line as one_line
 
 #: columns of a table in a pipe: wide enough that no cell wraps
 PIPED_WIDTH = 160
@@ -60,3 +66,33 @@ class _Lines:
         if what != self._last:
             self._console.print(f"{what} …", soft_wrap=True)
             self._last = what
+
+
+def plain_table(title: str, first: str, *columns: str, right: bool = False) -> Table:
+    """An empty table without a frame; right: whether all columns but the first hold numbers, aligned and never wrapped."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(first)
+    for column in columns:
+        table.add_column(column, justify="right" if right else "left", no_wrap=right)
+    return table
+
+
+# Render a page as plain text, and as HTML for a notebook.
+
+#: width in columns at which no cell of a table wraps
+WIDTH = 160
+_HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-height:1.35;white-space:pre">{code}</pre>'
+
+
+def as_text(page: RenderableType) -> str:
+    """Render as plain lines, without colours and trailing blanks."""
+    file = io.StringIO()
+    PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
+    return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
+
+
+def as_html(page: RenderableType) -> str:
+    """Render as HTML with colours, for a notebook."""
+    console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
+    console.print(page)
+    return console.export_html(inline_styles=True, code_format=_HTML)

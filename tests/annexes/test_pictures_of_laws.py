@@ -19,7 +19,6 @@ from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.pictures import panels
 from tinygc.reporting.pictures.canvas import plain, told_value
 from tinygc.reporting.pictures.panels import draw_claim, in_stills, in_turns
-from tinygc.reporting.pictures.panels import in_turns as data_rate
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
 FS = 500.0  #: dps
@@ -102,7 +101,7 @@ def test_the_slope_of_a_lag_is_the_lag(known, name):
     found = np.array([slope(per_parameter(e, claim, axis))[0] for axis in range(3)])
     assert found - found.mean() == pytest.approx(truth - truth.mean(), abs=3e-4)
     axes = Figure().subplots()
-    in_turns.lag_before(e, claim, axes)
+    in_turns.against_one_ms(e, claim, axes, taken_off=False)
     lines = [line.get_xydata() for line in axes.lines if "slope" in str(line.get_label())]
     assert len(lines) == 3
     drawn = [(line[1, 1] - line[0, 1]) / (line[1, 0] - line[0, 0]) for line in lines]  # degrees for those that 1 ms makes
@@ -118,8 +117,8 @@ def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):
         assert found == pytest.approx(1.0, abs=4 * sigma + 0.02)
         assert rms(of.after / of.sigma) < 1.7
     panels = Figure().subplots(1, 2)
-    in_turns.before(e, claim, panels[0])
-    in_turns.after(e, claim, panels[1])
+    in_turns.against_prediction(e, claim, panels[0], taken_off=False)
+    in_turns.against_prediction(e, claim, panels[1], taken_off=True)
     (law,) = [line.get_xydata() for line in panels[0].lines if str(line.get_label()).startswith("slope 1")]
     assert law[:, 0] == pytest.approx(law[:, 1])
     assert panels[0].get_ylim() == pytest.approx(panels[1].get_ylim(), rel=0.1)
@@ -180,9 +179,9 @@ def test_a_law_at_a_constant_movement_is_its_equation(name, variable, at, one):
 def test_the_closure_over_the_data_rate_leads_to_the_native_one():
     """Made-up: motion that closes by 0.4° at 100 Hz, and by the square of the interval."""
     rates = 100.0 / np.arange(1, 5)
-    data = data_rate.DataRates(rates, 0.4 * (rates / 100) ** -2.0, -2.0, 0.4, floor_deg=0.02)
+    data = in_turns.DataRates(rates, 0.4 * (rates / 100) ** -2.0, -2.0, 0.4, floor_deg=0.02)
     axes = Figure().subplots()
-    data_rate.draw(axes, data)
+    in_turns.draw(axes, data)
     assert axes.get_xscale() == axes.get_yscale() == "log"
     (line,) = [each.get_xydata() for each in axes.lines if "motion" in str(each.get_label())]
     (thinned,) = [each.get_xydata() for each in axes.lines if "left out" in str(each.get_label())]

@@ -12,7 +12,6 @@ from session.detect.accelerometer import LengthFit
 from session.detect.check_references import truth_words
 from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
-from tinygc.closure.runs import ClosureRun
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS, MethodFit
@@ -80,7 +79,10 @@ def remarks(result: FitResult) -> list[Text]:
     said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         said.append(Text(_physics_words(result.physics), "cyan"))
-        said += [one_line(f"{run.file}: {words}.", "yellow") for run, words in _losses(result.runs, result.physics) if words]
+        from tinygc.estimation.physics import loss_words
+
+        lost = [(run.file, loss_words(samples)) for run, samples in zip(result.runs, result.physics.lost_s, strict=True)]
+        said += [one_line(f"{file}: {words}.", "yellow") for file, words in lost if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
         seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
@@ -108,7 +110,8 @@ def _noise_words(result: FitResult) -> list[Text]:
     words = []
     if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
-        p = f" (p {_p_words(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
+        p_value = result.goodness.p_value
+        p = f" (p {f'= {p_value:.1g}' if p_value > 1e-99 else '< 1e-99'})" if result.goodness.excess > 1 else ""
         if above >= 1:
             much = f"The closure is {above:.1f} times its noise floor{p}"
         else:  # for all turns together; it is larger if each is weighted by its own or the estimated noise
@@ -136,13 +139,6 @@ def linear_of(fit: MethodFit) -> LinearModel:
     return fit.model
 
 
-def _losses(runs: list[ClosureRun], physics: PhysicsFit) -> list[tuple[ClosureRun, str]]:
-    """Each closure run with the remark on samples lost in it."""
-    from tinygc.estimation.physics import loss_words
-
-    return [(run, loss_words(lost)) for run, lost in zip(runs, physics.lost_s, strict=True)]
-
-
 def _denoiser_words(figures: dict) -> str:
     ratios = figures["noise_reduction"]
     reduced = (
@@ -163,10 +159,6 @@ def _physics_words(physics: PhysicsFit) -> str:
             "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
         )
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
-
-
-def _p_words(p_value: float) -> str:
-    return f"= {p_value:.1g}" if p_value > 1e-99 else "< 1e-99"
 
 
 def _correlations(covariance: np.ndarray) -> list[str]:
@@ -190,8 +182,10 @@ def fit_report(result: FitResult) -> Group:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
-    parts += [_parameters(result), *_accelerometer(result), *remarks(result), use_line(result)]
-    return Group(*parts)
+    parts.append(_parameters(result))
+    if result.accelerometer.mode != "given":
+        parts.append(accelerometer_table(result.accelerometer, "Accelerometer, estimated with them: value ± one sigma"))
+    return Group(*parts, *remarks(result), use_line(result))
 
 
 def use_line(result: FitResult) -> Text:
@@ -340,12 +334,6 @@ def _parameters(result: FitResult) -> Table:
 def _cell(quantity: Quantity, digits: int) -> str:
     sigma = quantity.expanded / COVERAGE_FACTOR
     return f"{quantity.value:.{digits}f} ± {sigma:.{digits}f}" if quantity.observed else "not observed"
-
-
-def _accelerometer(result: FitResult) -> list[Table]:
-    """The nine accelerometer parameters, if they were estimated with the gyroscope's."""
-    found = result.accelerometer
-    return [] if found.mode == "given" else [accelerometer_table(found, "Accelerometer, estimated with them: value ± one sigma")]
 
 
 # The bias of the day in the terminal.

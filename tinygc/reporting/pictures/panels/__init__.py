@@ -14,12 +14,6 @@ from tinygc.effects import effect
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.reporting.pictures.panels import in_stills, in_turns, registers
-from tinygc.reporting.pictures.panels import in_stills as creeping_stills
-from tinygc.reporting.pictures.panels import in_stills as earth
-from tinygc.reporting.pictures.panels import in_stills as gravity_length
-from tinygc.reporting.pictures.panels import in_turns as clock_offset
-from tinygc.reporting.pictures.panels import in_turns as data_rate
-from tinygc.reporting.pictures.panels import in_turns as law_of_turns
 from tinygc.reporting.pictures.values import draw_own
 
 if TYPE_CHECKING:
@@ -28,21 +22,27 @@ if TYPE_CHECKING:
 #: (explanation, claim, matplotlib axes)
 Panel = Callable[..., None]
 
+
+def _before_and_after(panel: Panel) -> tuple[Panel, Panel]:
+    """The same turns twice, to one scale: as recorded, and with the effect removed."""
+    return partial(panel, taken_off=False), partial(panel, taken_off=True)
+
+
 PAIRS: dict[str, tuple[Panel, Panel]] = {
     effect.STILLS: (in_stills.along, in_stills.against_explained),
-    effect.TURNS: (in_turns.before, in_turns.after),
+    effect.TURNS: _before_and_after(in_turns.against_prediction),
     effect.CLIPPED_TURN: (registers.one_turn, registers.closure_over_peak),
     effect.FALSE_READINGS: (registers.one_reading, registers.all_readings),
     effect.LOST_SAMPLES: (registers.one_loss, registers.closure_over_losses),
-    effect.CREEPING_STILLS: (creeping_stills.turned_angle, creeping_stills.rate_against_bar),
-    effect.CLOCKS: (clock_offset.misfit_over_offset, clock_offset.misfit_by_turn),
-    effect.GRAVITY_LENGTH: (gravity_length.over_attitude, gravity_length.length_against_explained),
-    effect.WORLD: (earth.in_the_table, in_stills.against_explained),
-    effect.EARTH: (partial(earth.in_the_table, as_the_earths=True), in_stills.against_explained),
-    effect.SCALE_LAW: (law_of_turns.law_before, law_of_turns.law_after),
-    effect.ENERGY_LAW: (law_of_turns.law_before, law_of_turns.law_after),
-    effect.LAG_LAW: (in_turns.lag_before, in_turns.lag_after),
-    effect.DATA_RATE: (data_rate.over_rate, in_turns.along),
+    effect.CREEPING_STILLS: (in_stills.turned_angle, in_stills.rate_against_bar),
+    effect.CLOCKS: (in_turns.misfit_over_offset, in_turns.misfit_by_turn),
+    effect.GRAVITY_LENGTH: (in_stills.over_attitude, in_stills.length_against_explained),
+    effect.WORLD: (in_stills.in_the_table, in_stills.against_explained),
+    effect.EARTH: (partial(in_stills.in_the_table, as_the_earths=True), in_stills.against_explained),
+    effect.SCALE_LAW: _before_and_after(in_turns.along_law),
+    effect.ENERGY_LAW: _before_and_after(in_turns.along_law),
+    effect.LAG_LAW: _before_and_after(in_turns.against_one_ms),
+    effect.DATA_RATE: (in_turns.over_rate, in_turns.along),
 }
 
 

@@ -26,27 +26,8 @@ MOST = 3
 ONE_MS = 1e-3
 
 
-def before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot residuals over predictions, which lie on the line of slope one if the effect is the cause."""
-    _against_said(e, claim, axes, taken_off=False)
-
-
-def after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot the same turns to the same scale with the effect removed; the points are level if it is the only cause."""
-    _against_said(e, claim, axes, taken_off=True)
-
-
-def lag_before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot the closure residual of each turn over the closure of a lag of 1 ms; the slope is the lag in ms."""
-    _against_one_ms(e, claim, axes, taken_off=False)
-
-
-def lag_after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot the same turns to the same scale with the lag removed."""
-    _against_one_ms(e, claim, axes, taken_off=True)
-
-
-def _against_said(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+def against_prediction(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    """Plot residuals over predictions: on the line of slope one if the effect is the only cause, level once it is taken off."""
     values, spans = theta(e, claim), []
     for entry, colour in _drawn(e, claim):
         value = told_value(claim, entry)
@@ -63,9 +44,10 @@ def _against_said(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> 
     legend(axes, None if taken_off else claim.effect.equation)
 
 
-def _against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+def against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    """Plot the closure residual of each turn over the closure of a lag of 1 ms; the slope is the lag in ms."""
     if claim.effect.parameter.unit != "s":  # not a lag
-        _against_said(e, claim, axes, taken_off)
+        against_prediction(e, claim, axes, taken_off)
         return
     values = theta(e, claim)
     for entry, colour in _drawn(e, claim):
@@ -115,20 +97,11 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
 # The law turn by turn: scale error or zero-rate offset estimated from each turn, with the effect's curve.
 
 
-def law_before(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot the estimates as recorded with the noise of each turn, and the curve of the law."""
-    _panel(e, claim, axes, taken_off=False)
-
-
-def law_after(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot the same turns to the same scale with the law removed."""
-    _panel(e, claim, axes, taken_off=True)
-
-
-def _panel(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+def along_law(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
+    """Plot the estimates with the noise of each turn, and the curve of the law; or the turns with the law removed."""
     laws = axis_laws(e, claim)
     if laws is None:
-        (after if taken_off else before)(e, claim, axes)
+        against_prediction(e, claim, axes, taken_off)
         return
     for number, ((axis, colour), of, (at, values)) in enumerate(zip(AXES.items(), laws.turns, laws.curves, strict=True)):
         alpha = np.clip(2 * of.sigma.min(initial=np.inf) / of.sigma, 0.15, 1)

@@ -178,12 +178,6 @@ class Registers:
         )
 
 
-def force_constant(accelerometer: Accelerometer) -> np.ndarray:
-    """(3, 4) float32: one affine map from measured force, m/s^2, to calibrated specific force."""
-    matrix, bias = accelerometer.matrix, accelerometer.bias_mps2
-    return table(matrix, -matrix @ bias, "the accelerometer's calibration")
-
-
 FORCE_FUNCTION = """\
 void tinygc_force(const float measured[3], float force[3])
 {
@@ -216,16 +210,11 @@ SPAN_C = 16.0
 _SEED = 195
 
 
-@dataclass(frozen=True, eq=False)
-class Vectors:
-    """registers (COUNT, 7) int16; rates (COUNT, 3) float32 rad/s, the program's output for these samples in sequence."""
+def vectors(program: Program, registers: Registers) -> tuple[np.ndarray, np.ndarray]:
+    """Return registers (COUNT, 7) int16, and the rates (COUNT, 3) float32 rad/s that the program gives for them in sequence.
 
-    registers: np.ndarray
-    rates: np.ndarray
-
-
-def vectors(program: Program, registers: Registers) -> Vectors:
-    """Return vectors with rates over the full range, gravity in all directions, and 16 degC to either side of the register's zero."""
+    They have rates over the full range, gravity in all directions, and 16 degC to either side of the register's zero.
+    """
     rng = np.random.default_rng(_SEED)
     numbers = rng.integers(-28000, 28000, size=(COUNT, 7)).astype(np.int16)
     direction = rng.normal(size=(COUNT, 3))
@@ -233,4 +222,4 @@ def vectors(program: Program, registers: Registers) -> Vectors:
     numbers[:, 3:6] = np.rint(direction / np.linalg.norm(direction, axis=1, keepdims=True) * one_g)
     span = round(SPAN_C * registers.thermometer.lsb_per_c)
     numbers[:, 6] = rng.integers(-span, span, size=COUNT)
-    return Vectors(numbers, program.run(registers.inputs(numbers)))
+    return numbers, program.run(registers.inputs(numbers))

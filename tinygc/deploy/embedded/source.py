@@ -8,10 +8,10 @@ import numpy as np
 
 from session.io.config import Accelerometer
 from session.io.texts import comment
-from tinygc.deploy.embedded import program as register_input
-from tinygc.deploy.embedded import stages as affine
-from tinygc.deploy.embedded.program import TOLERANCE, Program, Registers, Vectors, vectors
-from tinygc.deploy.embedded.stages import ProgramStage
+from tinygc.deploy.embedded.program import FORCE_FUNCTION, TOLERANCE, Program, Registers, vectors
+from tinygc.deploy.embedded.program import FUNCTION as REGISTERS_FUNCTION
+from tinygc.deploy.embedded.stages import FUNCTION as AFFINE_FUNCTION
+from tinygc.deploy.embedded.stages import ProgramStage, table
 
 #: characters in a line of comment
 LONGEST = 120
@@ -163,6 +163,9 @@ def source_files(
     accelerometer = accelerometer or known.accelerometer
     members, start = ("".join(getattr(stage, name) for stage in stages) for name in ("state", "start"))
     code = "\n".join(stage.body for stage in stages)
+    calibration = table(accelerometer.matrix, -accelerometer.matrix @ accelerometer.bias_mps2, "the accelerometer's calibration")
+    tables = constants | known.constants | {"ACCELEROMETER": calibration}
+    registers, rates = vectors(program, known)
     unread = "; this model does not read it"
     fill = {
         "title": commented(title),
@@ -180,30 +183,20 @@ def source_files(
         "temp": "" if "in->temp_c" in code else unread,
         "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=literal(np.float32(sensor.odr_hz))),
         "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=commented(sensor.model))),
-        "constants": "\n\n".join(
-            constant(name, array)
-            for name, array in (constants | known.constants | {"ACCELEROMETER": register_input.force_constant(accelerometer)}).items()
-        ),
-        "functions": "\n".join([affine.FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
-        "from_registers": register_input.FORCE_FUNCTION + "\n" + ("static " if sensor is None else "") + register_input.FUNCTION,
+        "constants": "\n\n".join(constant(name, array) for name, array in tables.items()),
+        "functions": "\n".join([AFFINE_FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
+        "from_registers": FORCE_FUNCTION + "\n" + ("static " if sensor is None else "") + REGISTERS_FUNCTION,
         "start": indent(start or "state->unused = 0;", "    "),
         "body": indent("\n".join(["(void)state;"] * (not members) + [_block(stage) for stage in stages]), "    "),
-        "self_test": _self_test(vectors(program, known)),
+        "self_test": _SELF_TEST.format(
+            count=len(registers), registers=initialiser(registers), rates=initialiser(rates), tolerance=literal(np.float32(TOLERANCE))
+        ),
     }
     return {HEADER: _HEADER.format(**fill), SOURCE: _SOURCE.format(**fill)}
 
 
 def _block(stage: ProgramStage) -> str:
     return f"{{ /* {commented(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
-
-
-def _self_test(test: Vectors) -> str:
-    return _SELF_TEST.format(
-        count=len(test.registers),
-        registers=initialiser(test.registers),
-        rates=initialiser(test.rates),
-        tolerance=literal(np.float32(TOLERANCE)),
-    )
 
 
 def constant(name: str, array: np.ndarray) -> str:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from session.bench.messages import Advice, Progress
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
-    from session.bench.screen import LiveScreen, PlainLines
     from session.bench.session_file import BoardSeries
     from session.io.config import Config, Site
     from tinygc.planning.coach import Coach
@@ -100,8 +99,13 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
 
 @contextlib.contextmanager
 def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
-    """Yield the view of the recording, and the receiver of its samples."""
-    with _screen(args, title) as screen:
+    """Yield the view of the recording, a live screen in a terminal and lines elsewhere, and the receiver of its samples."""
+    from session.bench.console import PlainConsole
+    from session.bench.screen import LiveScreen, PlainLines
+
+    console = PlainConsole(stderr=True, quiet=args.quiet)
+    in_terminal = console.is_terminal and not args.quiet
+    with LiveScreen(title, args.mute, console) if in_terminal else PlainLines(console) as screen:
         if server is None:
             yield screen, None
             return
@@ -109,15 +113,6 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 
         page = PageView(screen, server)
         yield page, page.watch
-
-
-def _screen(args: argparse.Namespace, title: str) -> contextlib.AbstractContextManager[LiveScreen | PlainLines]:
-    """Return the live screen in a terminal, lines elsewhere, nothing when quiet."""
-    from session.bench.console import PlainConsole
-    from session.bench.screen import LiveScreen, PlainLines
-
-    console = PlainConsole(stderr=True, quiet=args.quiet)
-    return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
 # The recorded data, in lines and as JSON.
@@ -334,7 +329,7 @@ def _one(
     from session.bench.session_file import SeriesEntry
 
     of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
-    while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
+    while (found := led(of_one, folder, port, wanted, page)) is None:
         pass  # the recording began again, without the bytes of another board
     interrupted = tell(of_one, folder, port, *found)
     guide = found[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -118,9 +117,9 @@ def run(args: argparse.Namespace) -> int:
     _require_place(folder, args.resume)
     with page_server(args) as page:
         with Interruption() as wanted:
-            told = _say_what_was_asked
-            while (led := _led(args, folder, port, wanted, told, page)) is None:
-                told = _nothing  # the recording began again, without the bytes of another board
+            announce = True
+            while (led := _led(args, folder, port, wanted, page, announce)) is None:
+                announce = False  # the recording began again, without the bytes of another board
         interrupted = _tell(args, folder, port, *led)
         if page is not None:
             _end_page(page, args, folder, port, interrupted)
@@ -180,12 +179,7 @@ def _tell(
 
 
 def _led(
-    args: argparse.Namespace,
-    folder: Path,
-    port: str,
-    wanted: Interruption,
-    tell: Callable[[argparse.Namespace, Path], None],
-    page: PageServer | None,
+    args: argparse.Namespace, folder: Path, port: str, wanted: Interruption, page: PageServer | None, announce: bool = False
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """Lead one recording to its end; return its parts and whether it was interrupted, or None where it must begin again: it held another
     board's bytes, which are now in a separate file."""
@@ -197,7 +191,8 @@ def _led(
     from session.io.errors import CalibrationError, OtherSensor
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
-    tell(args, folder)
+    if announce:
+        _say_what_was_asked(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
@@ -247,10 +242,6 @@ def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError |
             with contextlib.suppress(OSError):
                 session_file.save_copy(recorder.raw.saved)
     return recorder.raw.trouble
-
-
-def _nothing(args: argparse.Namespace, folder: Path) -> None:
-    """Report nothing: it was reported already."""
 
 
 def _next_folder() -> Path:

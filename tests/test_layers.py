@@ -156,6 +156,13 @@ def test_a_part_of_a_list_does_not_import_the_list(folder):
     assert [module for module in parts if folder in graph()[module]] == []
 
 
+def test_what_draws_and_prints_lies_in_one_room():
+    """rich and matplotlib are imported in tinygc.reporting alone; the bench has a console and a screen of its own."""
+    library = re.compile(r"^\s*(from|import) (rich|matplotlib)\b", re.M)
+    others = [module for module in FILES if module.startswith("tinygc.") and room_of(module) != "tinygc.reporting"]
+    assert [module for module in others if library.search(FILES[module].read_text(encoding="utf-8"))] == []
+
+
 def test_no_module_bears_the_name_of_a_public_function():
     import tinygc
 

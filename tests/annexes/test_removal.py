@@ -47,6 +47,8 @@ GONE = {
     "emulated": (["board", "--firmware", "board.elf"],),
     "challenge": (["challenge", "--cases", "1", "--out", "c"],),
 }
+#: options that an annex serves
+OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--firmware")
 MAIN_JOB = (
     ["check", "data/session1"],
     ["fit", "data/session1", "--methods", "raw,least_squares", "--folds", "2"],
@@ -123,6 +125,11 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
         assert code == 2, command
         assert len(errors) == 1, (command, errors)
         assert f"the annex {annex}, which is not there" in errors[0], command
+        for option in set(command) & set(OPTIONS):
+            assert option in errors[0], command
+            page = processes.run([sys.executable, "calibrate.py", command[0], "--help"], cwd=folder, capture_output=True, text=True).stdout
+            assert page.startswith("usage"), command
+            assert f"\n  {option} " not in page, command
     assert python(folder, IMPORT).stderr == ""
     whole = processes.run(
         [sys.executable, "calibrate.py", "--help"],

@@ -251,11 +251,6 @@ class Done:
     runs_deg: tuple[float, ...] = ()
 
 
-def folders_of(args: argparse.Namespace) -> list[Path]:
-    """Return each folder once, in the order of the command line."""
-    return list(dict.fromkeys([args.folder, *args.more]))
-
-
 def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done], schema: str, title: str) -> int:
     """Run ``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
 
@@ -264,7 +259,7 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
     from tinygc.reporting import terminal
     from tinygc.reporting.tables import degrees_text, outcomes_table
 
-    folders, entries, rows, worst = folders_of(args), [], [], 0
+    folders, entries, rows, worst = list(dict.fromkeys([args.folder, *args.more])), [], [], 0
     places = _places(args, folders)
     for folder in folders:
         each = argparse.Namespace(**{**vars(args), "folder": folder, "more": [], "out": places.get(folder), "of_several": True})

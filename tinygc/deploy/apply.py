@@ -45,8 +45,8 @@ class Applied:
     rows: int
     kind: str
     delay_s: float
-    notes: tuple[str, ...]
     accelerometer: str | None
+    notes: tuple[str, ...]
 
 
 def apply_model(
@@ -102,9 +102,8 @@ def apply_model(
         notes.append(f"specific force: {known.says}")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
-    return Applied(
-        out, count, models.to_dict(model)["kind"], model.delay_s, tuple(notes), None if reader.layout.accel is None else known.source
-    )
+    source_of_force = None if reader.layout.accel is None else known.source
+    return Applied(out, count, models.to_dict(model)["kind"], model.delay_s, source_of_force, tuple(notes))
 
 
 def _number(reader: Reader, key: str) -> float | None:

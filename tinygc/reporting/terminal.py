@@ -48,24 +48,20 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
         return
     console = PlainConsole(stderr=True)
     if not console.is_terminal:
-        yield _Lines(console)
+        last = ""
+
+        def print_step(what: str, done: int, of: int) -> None:
+            nonlocal last
+            if what != last:
+                console.print(f"{what} …", soft_wrap=True)
+            last = what
+
+        yield print_step
         return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1)
         yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
-
-
-class _Lines:
-    """Progress as one line per step, not per update."""
-
-    def __init__(self, console: PlainConsole):
-        self._console, self._last = console, ""
-
-    def __call__(self, what: str, done: int, of: int) -> None:
-        if what != self._last:
-            self._console.print(f"{what} …", soft_wrap=True)
-            self._last = what
 
 
 def plain_table(title: str, first: str, *columns: str, right: bool = False) -> Table:

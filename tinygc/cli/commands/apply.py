@@ -57,16 +57,5 @@ def run(args: argparse.Namespace) -> int:
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
     said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
     beside_log(args, said, to_stdout)
-    write_json(
-        args.json,
-        {
-            "schema": "tinygc-apply/1",
-            "out": str(done.out),
-            "rows": done.rows,
-            "kind": done.kind,
-            "delay_s": done.delay_s,
-            "accelerometer": done.accelerometer,
-            "notes": list(done.notes),
-        },
-    )
+    write_json(args.json, {"schema": "tinygc-apply/1", **vars(done), "out": str(done.out)})
     return 0

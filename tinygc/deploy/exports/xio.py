@@ -34,8 +34,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
     header = remarks(context, *lines, mark="//")
     table = {"comment": [line.removeprefix("// ") for line in header.splitlines()]}
     for name, (misalignment, sensitivity, offset) in triads.items():
-        rows = ",\n    ".join(", ".join(_float(value) for value in row) for row in misalignment)
-        header += f"static const FusionMatrix {name}Misalignment = {{.array = {{\n    {_braced(rows)}\n}}}};\n"
+        rows = ",\n    ".join(f"{{{', '.join(map(_float, row))}}}" for row in misalignment)
+        header += f"static const FusionMatrix {name}Misalignment = {{.array = {{\n    {rows}\n}}}};\n"
         for word, vector in (("Sensitivity", sensitivity), ("Offset", offset)):
             header += f"static const FusionVector {name}{word} = {{.array = {{{', '.join(_float(value) for value in vector)}}}}};\n"
         table |= {f"{name}Misalignment": misalignment.ravel().tolist(), f"{name}Sensitivity": sensitivity.tolist()}
@@ -49,10 +49,6 @@ def factor(E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not (np.abs(sensitivity) > LEAST).all():
         raise ExportError("xio scales each axis by itself, and one of the model's has nothing of its own; json and c carry it")
     return E / sensitivity, sensitivity
-
-
-def _braced(rows: str) -> str:
-    return ",\n    ".join("{" + row.strip().rstrip(",") + "}" for row in rows.split("\n"))
 
 
 def _float(value: float) -> str:

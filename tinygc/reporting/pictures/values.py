@@ -197,7 +197,8 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     of_samples = replay.sensitivity[:, :, :, axis] * carried[:, :, None]
     share, own_sigma = projector(of_samples.sum(axis=1), sigma)
     weight = np.einsum("sd,std->st", share, of_samples)
-    along = _padded_scalar(e, [_along(variable, movement, axis) for movement in movements])
+    of_logs = [_along(variable, movement, axis) for movement in movements]
+    along = twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
     before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
@@ -210,7 +211,9 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
 
     x, law = standing(mean, unit, curve, span), unit * theta(e, claim)[axis]
     keep &= one_way(weight, along, mean)
-    keep[keep] &= _on_curve(unit[keep], curve(x[keep]))
+    # The law of one unit acts on a turn as at a constant movement, except on a turn that crosses a jump of the law.
+    at_turns = curve(x[keep])
+    keep[keep] &= np.abs(unit[keep] - at_turns) <= OFF_CURVE * np.max(np.abs(at_turns), initial=0.0)
     return OfTurns(x[keep], before[keep], after[keep], own_sigma[keep], law[keep])
 
 
@@ -258,22 +261,12 @@ def one_way(weight: np.ndarray, along: np.ndarray, mean: np.ndarray) -> np.ndarr
     return (mean >= -low) & (mean <= high)
 
 
-def _on_curve(unit: np.ndarray, curve: np.ndarray) -> np.ndarray:
-    """Turns on which the law of one unit acts as at a constant movement, (S',) bool; none that cross a jump of the law."""
-    return np.abs(unit - curve) <= OFF_CURVE * np.max(np.abs(curve), initial=0.0)
-
-
 def _along(variable: Variable, movement: Movement, axis: int) -> np.ndarray:
     """Value of the variable (N,); a rate keeps its sign, which separates both senses."""
     if variable.variable == "rate":
         return movement.rate[:, axis] / DEG
     values = READ[variable.variable][0](movement)
     return values if values.ndim == 1 else values[:, axis]
-
-
-def _padded_scalar(e: Explanation, of_logs: list[np.ndarray]) -> np.ndarray:
-    """Values (N,) of each log arranged by segment, (S, T)."""
-    return e.twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
 
 
 def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], span: np.ndarray) -> np.ndarray:

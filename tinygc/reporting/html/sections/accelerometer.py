@@ -12,9 +12,8 @@ from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
 from tinygc.models.linear import COVERAGE_FACTOR, Quantity
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData
+from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text
 from tinygc.reporting.html.markup import Section, decimals_for, render
-from tinygc.reporting.html.measures import misses_of, spread_text
 
 #: term -> its meaning in one line
 MEANINGS = {

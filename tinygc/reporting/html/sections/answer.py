@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from session.io.units import DEG
 from tinygc.reporting.html.chart import drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees, rmse
+from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees, misses_of, rmse, spread_text
 from tinygc.reporting.html.markup import Section, degrees, render, tilt_rms
-from tinygc.reporting.html.measures import misses_of, spread_text
 
 
 def section(evidence: ReportData) -> Section:

@@ -135,13 +135,9 @@ def _law(e: Explanation, claim: Claim, laws: AxisLaws | None, width: int) -> str
     if laws is None:
         own = claim.effect.parameter.size == 3
         parts = [("xyz"[entry if own else number], per_parameter(e, claim, entry)) for number, entry in enumerate(strongest(e, claim))]
-        span = linear_axis(np.concatenate([of.law for _, of in parts] + [of.before for _, of in parts]) / DEG)
-        x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, degrees", "missed in the turn, degrees"))
-        chart = Chart(width, 300, x, y, f"What each turn misses against what {claim.effect.id} says")
-        chart.line([span.lo, span.hi], [span.lo, span.hi], "floor", "dash")
-        for colour, of in parts:
-            chart.dots(of.law / DEG, of.before / DEG, colour)
-        return chart.svg()
+        labels = (f"{claim.effect.id} says, degrees", "missed in the turn, degrees")
+        about = f"What each turn misses against what {claim.effect.id} says"
+        return _on_slope_one([(colour, of.law / DEG, of.before / DEG) for colour, of in parts], labels, about, width)
     x, y = linear_axis(laws.reached, laws.x_label), linear_axis(laws.asked, f"{laws.words}, {laws.unit}", zero=True)
     chart = Chart(width, 270, x, y, f"The {laws.words} of each turn along its {laws.follows}")
     chart.across(0, "floor", style="axis")
@@ -154,12 +150,17 @@ def _law(e: Explanation, claim: Claim, laws: AxisLaws | None, width: int) -> str
 
 def _said_against_recorded(e: Explanation, claim: Claim, width: int) -> str:
     said, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
-    span = linear_axis(np.concatenate([said, recorded]))
-    x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, mdps", "recorded, mdps"))
-    chart = Chart(width, 300, x, y, "Recorded against explained")
-    chart.line([span.lo, span.hi], [span.lo, span.hi], "floor", "dash")
-    for i, axis in enumerate("xyz"):
-        chart.dots(said[:, i], recorded[:, i], axis)
+    points = list(zip("xyz", said.T, recorded.T, strict=True))
+    return _on_slope_one(points, (f"{claim.effect.id} says, mdps", "recorded, mdps"), "Recorded against explained", width)
+
+
+def _on_slope_one(points: list[tuple[str, np.ndarray, np.ndarray]], labels: tuple[str, str], about: str, width: int) -> str:
+    """Chart of series (colour, x, y) to one scale on both axes, with the line of slope one."""
+    span = linear_axis(np.concatenate([values for _, *pair in points for values in pair]))
+    x, y = (Axis(span.lo, span.hi, label) for label in labels)
+    chart = Chart(width, 300, x, y, about).line([span.lo, span.hi], [span.lo, span.hi], "floor", "dash")
+    for colour, predicted, recorded in points:
+        chart.dots(predicted, recorded, colour)
     return chart.svg()
 
 
@@ -175,16 +176,6 @@ def _proof(e: Explanation, width: int) -> str:
         "Closure of each segment before and after naming",
     )
     chart.across(floor, "floor")
-    chart.dots(
-        e.proof.before_numbers,
-        before,
-        "before",
-        [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.before_numbers, before, strict=True)],
-    )
-    chart.dots(
-        e.proof.after_numbers,
-        after,
-        "after",
-        [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.after_numbers, after, strict=True)],
-    )
+    for kind, numbers, closure in (("before", e.proof.before_numbers, before), ("after", e.proof.after_numbers, after)):
+        chart.dots(numbers, closure, kind, [f"segment {n}: {significant(v)}°" for n, v in zip(numbers, closure, strict=True)])
     return chart.svg()

@@ -9,9 +9,8 @@ from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData
+from tinygc.reporting.html.evidence import ReportData, density
 from tinygc.reporting.html.markup import Section, render, significant
-from tinygc.reporting.html.measures import density
 
 
 def section(evidence: ReportData) -> Section | None:

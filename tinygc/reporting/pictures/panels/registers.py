@@ -148,7 +148,7 @@ def one_loss(e: Explanation, claim: Claim, axes: Axes) -> None:
             "x",
             color="black",
             ms=5,
-            label=_once(i, "as stamped"),
+            label="as stamped" if i == 0 else None,
         )
         axes.plot(1e3 * (mended.t_s[whole] - zero_s), mended.gyro[whole, i] / DEG, ".-", color=AXES[axis], lw=0.8, label=axis)
         axes.plot(
@@ -157,7 +157,7 @@ def one_loss(e: Explanation, claim: Claim, axes: Axes) -> None:
             "o",
             mfc="white",
             color=AXES[axis],
-            label=_once(i, "put between"),
+            label="put between" if i == 0 else None,
         )
     axes.axvspan(*(1e3 * (mended.t_s[[row, row + count + 1]] - zero_s)), color=FLOOR, alpha=0.15)
     axes.set(
@@ -204,7 +204,3 @@ def _jump(e: Explanation, log: int, row: int, count: int) -> float:
     """Jump of the gyro's readings across a loss, rad/s."""
     gyro = e.mended.problem.session.logs[log].samples.gyro
     return float(np.linalg.norm(gyro[min(row + count + 1, len(gyro) - 1)] - gyro[row]))
-
-
-def _once(i: int, label: str) -> str | None:
-    return label if i == 0 else None

@@ -70,8 +70,8 @@ def chain(folder: Path, elf: Path, rate: float, segments: int, speed: str, reset
         told, said, visitor, seconds = _record(port, recorded, config, rate, segments)
     finally:
         board.terminate()
-        board_said = board.communicate()[1]
-    found = {"seconds": seconds, "told": told, "said": said, "page": visitor.events if visitor else {}, "board": board_said.splitlines()}
+        board_text = board.communicate()[1]
+    found = {"seconds": seconds, "told": told, "said": said, "page": visitor.events if visitor else {}, "board": board_text.splitlines()}
     simulation = simulate_session(options, unit=with_its_own_rate(unit_of(options), options.odr_hz))
     found["rows"] = laid_beside(simulation, recorded, file)
     for name, where in (("recorded", recorded), ("file", file)):

@@ -13,7 +13,7 @@ import calibrate
 from session.io.config import BoardGiven
 from session.io.units import DEG
 from tinygc.reporting.html import markup
-from tinygc.reporting.html.sections.provenance import board_said
+from tinygc.reporting.html.sections.provenance import board_text
 
 
 @pytest.fixture(scope="module")
@@ -199,10 +199,10 @@ def test_what_a_session_lacks_is_said(tmp_path):
 
 def test_what_the_board_said_of_itself_is_kept():
     sensor = BoardGiven("sensor", "1.0.0", 0x6B, -7, "8c88", 417.0)
-    said = board_said(sensor)
+    said = board_text(sensor)
     assert said == "firmware 1.0.0; WHO_AM_I 0x6B, which siblings of the sensor share; INTERNAL_FREQ_FINE −7; CTRL1_XL to CTRL10_C 8c88"
-    assert "it had no sensor" in board_said(BoardGiven("stand-in", "1.0.0"))
-    assert board_said(BoardGiven()) == "said nothing of itself"
+    assert "it had no sensor" in board_text(BoardGiven("stand-in", "1.0.0"))
+    assert board_text(BoardGiven()) == "said nothing of itself"
 
 
 @pytest.mark.slow

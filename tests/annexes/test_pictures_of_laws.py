@@ -17,7 +17,7 @@ from tinygc.effects.effect import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_L
 from tinygc.noise.twin import Variable
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.pictures import panels
-from tinygc.reporting.pictures.canvas import plain, told_value
+from tinygc.reporting.pictures.canvas import plain, value_text
 from tinygc.reporting.pictures.panels import draw_claim, in_stills, in_turns
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
@@ -222,7 +222,7 @@ def test_a_number_is_told_with_the_decimals_that_its_sigma_is_worth(known):
     assert plain(21.8194, 0.28) == "21.82 ± 0.28"
     assert plain(0.0, 0.0) == "0"
     _, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
-    assert told_value(claim, 0).endswith("% of full scale")
+    assert value_text(claim, 0).endswith("% of full scale")
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def defaults_json(args: argparse.Namespace) -> dict:
     return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
 
 
-def whose_limit(args: argparse.Namespace) -> str:
+def limit_text(args: argparse.Namespace) -> str:
     """Return ``--limit``, and its source if that is not the command line."""
     return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults.path})")
 

@@ -376,7 +376,7 @@ def lot_of(args: argparse.Namespace) -> Any:
     return lot
 
 
-def of_the_model(args: argparse.Namespace, config: Config) -> Config:
+def of_lot_model(args: argparse.Namespace, config: Config) -> Config:
     """Return the configuration of a board of the lot's model.  Raises CalibrationError for another model."""
     from session.io.errors import CalibrationError
 

@@ -71,16 +71,20 @@ def surroundings(table: dict, model_path: Path, log: Path, session: Path | None)
         return Surroundings(sensor, accelerometer, "session", says)
     if own is None:
         return Surroundings(sensor, None, "none", "as measured: neither the model nor a session.toml calibrates it")
-    says = f"calibrated as the model's fit has it ({WORDS[own.source]})"
+    says = f"calibrated as the model's fit has it ({SOURCE_TEXTS[own.source]})"
     if given is not None and config is not None and not _is_own(table, path):
         turned, turned_rad = in_frame_of(own, given)
-        says += f"; that of {path} differs by {apart_mg(own, turned, config):.2g} mg at one g"
+        says += f"; that of {path} differs by {difference_mg(own, turned, config):.2g} mg at one g"
         says += f" and by {1e3 * turned_rad:.2g} mrad of the body frame: --session takes it"
     return Surroundings(sensor, own, "model", says)
 
 
 #: source of a calibration -> text for the user
-WORDS = {"given": "as it was given", "prior": "the given one, sharpened by stills and turns", "stills": "from its own stills and turns"}
+SOURCE_TEXTS = {
+    "given": "as it was given",
+    "prior": "the given one, sharpened by stills and turns",
+    "stills": "from its own stills and turns",
+}
 
 
 def in_frame_of(own: Accelerometer, other: Accelerometer) -> tuple[Accelerometer, float]:
@@ -90,7 +94,7 @@ def in_frame_of(own: Accelerometer, other: Accelerometer) -> tuple[Accelerometer
     return replace(other, matrix=turn @ other.matrix), angle
 
 
-def apart_mg(one: Accelerometer, other: Accelerometer, config: Config) -> float:
+def difference_mg(one: Accelerometer, other: Accelerometer, config: Config) -> float:
     """Greatest difference of the two forces, mg, over gravity along the positive and negative axes."""
     gravity = np.concatenate([np.eye(3), -np.eye(3)]) * (config.site.gravity_mps2 or G)
     measured = one.measured(gravity)

@@ -18,7 +18,7 @@ from tinygc.annexes.temperature.sessions_fit import APART_C, SessionsFit, Therma
 from tinygc.closure.floor import angle_random_walk, bias_instability
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
-from tinygc.reporting.pictures.canvas import AXES, PALE, can_draw, canvas, save
+from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
 from tinygc.reporting.tables import findings_table
 from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
 
@@ -462,7 +462,7 @@ def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
     with result_folder(folder):
         write_whole(folder / MODEL, model_table(fit))
         write_whole(folder / FIGURES, to_json(fit))
-        if pictures and can_draw():
+        if pictures and has_matplotlib():
             draw(fit, folder / PICTURE)
     return folder
 

@@ -67,9 +67,9 @@ def _try_effects(folder: Path) -> None:
 
 def _with_pictures(args: argparse.Namespace) -> bool:
     """Whether pictures are wanted and can be drawn; reports where they cannot."""
-    from tinygc.reporting.pictures.canvas import can_draw
+    from tinygc.reporting.pictures.canvas import has_matplotlib
 
-    if not args.no_pictures and not can_draw():
+    if not args.no_pictures and not has_matplotlib():
         complain("no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')")
         return False
     return not args.no_pictures

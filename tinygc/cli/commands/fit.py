@@ -10,7 +10,7 @@ from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
 from tinygc.cli.arguments import folder_written, path_read, positive, three
-from tinygc.cli.defaults import defaults_json, whose_limit
+from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options, given
 from tinygc.cli.results import Done, complain, output, run_each, try_destinations, write_json
 
@@ -85,7 +85,7 @@ def _fit(args: argparse.Namespace) -> Done:
     output(args).print(next_line(result.result, args.effects), soft_wrap=True)
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
-        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
+        complain(f"above {limit_text(args)}: {'; '.join(above)}")
     if failed := result.result.against_raw.failed:
         complain(result.result.against_raw.words)
     use = result.result.use
@@ -160,7 +160,7 @@ def _rebias(args: argparse.Namespace) -> Done:
     }
     above = [] if args.limit is None else _above(only, args.limit)
     if above:
-        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
+        complain(f"above {limit_text(args)}: {'; '.join(above)}")
     return _done(1 if above else 0, table, chosen, f"bias of the day: {args.bias}")
 
 

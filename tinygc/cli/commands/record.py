@@ -31,7 +31,7 @@ from tinygc.cli.recording import (
     left_out,
     lot_of,
     missing,
-    of_the_model,
+    of_lot_model,
     page_address,
     page_server,
     so_far,
@@ -204,7 +204,7 @@ def _led(
 
             def configure(info: Info | None, waited_s: float) -> Config | None:
                 config = session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
-                return config if config is None or args.lot is None else of_the_model(args, config)
+                return config if config is None or args.lot is None else of_lot_model(args, config)
 
             coach, wished = (
                 None if args.no_coach else coach_of(None if args.lot is None else args.lot_read),

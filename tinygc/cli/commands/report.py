@@ -6,7 +6,7 @@ import argparse
 
 from session.io.errors import CalibrationError
 from tinygc.cli.arguments import file_written, path_read, positive
-from tinygc.cli.defaults import defaults_json, whose_limit
+from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 
@@ -59,7 +59,7 @@ def _report(args: argparse.Namespace) -> Done:
     verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
     table, code = summary(evidence) | defaults_json(args), 0
     if args.limit is not None and not decision.passed:
-        complain(f"above {whose_limit(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
+        complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
         code = 1
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")

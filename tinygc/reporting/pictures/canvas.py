@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # The empty page of an explanation: two panels per row, below its text.
 
 
-def can_draw() -> bool:
+def has_matplotlib() -> bool:
     """Whether matplotlib is installed, which `fit` does not need."""
     return find_spec("matplotlib") is not None
 
@@ -114,7 +114,7 @@ def _value(claim: Claim, entry: int) -> tuple[float, float]:
     return (float(values[entry]), float(sigmas[entry])) if entry < len(values) and entry < len(sigmas) else (np.nan, np.nan)
 
 
-def told_value(claim: Claim, entry: int) -> str:
+def value_text(claim: Claim, entry: int) -> str:
     """Text ``-4.21 ± 0.05 ms``, to the sigma's first digits; empty if the claim states other numbers."""
     value, sigma = _value(claim, entry)
     if not np.isfinite(value):

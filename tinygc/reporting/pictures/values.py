@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # contribution added back they are "before".
 
 
-def told(e: Explanation) -> Claim | None:
+def strongest_rate_effect(e: Explanation) -> Claim | None:
     """The strongest effect that adds to the rates; only these can be drawn against a variable."""
     return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
 
@@ -144,7 +144,7 @@ GRID = 201
 
 
 @dataclass(frozen=True, eq=False)
-class OfTurns:
+class TurnEstimates:
     """Estimates of one axis or parameter, in SI, from the S' turns that observe it.
 
     x (S',): value of the variable at each turn, in display units, or the closure (rad) of one unit of the parameter; before, after (S',):
@@ -183,7 +183,7 @@ def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
     return e.twin.residuals(replace(state, claims=claims)).closure
 
 
-def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Variable) -> OfTurns:
+def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Variable) -> TurnEstimates:
     """Scale error (fraction) or offset (rad/s) of one axis estimated from each turn, located along the variable.
 
     Requires an effect with one parameter per axis.  A turn is located where a constant movement would have the same law, weighted as the
@@ -214,10 +214,10 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     # The law of one unit acts on a turn as at a constant movement, except on a turn that crosses a jump of the law.
     at_turns = curve(x[keep])
     keep[keep] &= np.abs(unit[keep] - at_turns) <= OFF_CURVE * np.max(np.abs(at_turns), initial=0.0)
-    return OfTurns(x[keep], before[keep], after[keep], own_sigma[keep], law[keep])
+    return TurnEstimates(x[keep], before[keep], after[keep], own_sigma[keep], law[keep])
 
 
-def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
+def per_parameter(e: Explanation, claim: Claim, entry: int) -> TurnEstimates:
     """Closure residual of each turn along the direction in which one parameter moves it, rad; x: closure of one SI unit, rad.
 
     This is an added-variable plot: a straight line through zero whose slope is the parameter.
@@ -231,7 +231,7 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
     before, after = (np.einsum("sd,sd->s", ahead, angles) for angles in (without(e, claim, [entry]), left_by_turn(e)))
     noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1))
     keep = size > 0
-    return OfTurns(signed[keep], before[keep], after[keep], noise[keep], (signed * theta(e, claim)[entry])[keep])
+    return TurnEstimates(signed[keep], before[keep], after[keep], noise[keep], (signed * theta(e, claim)[entry])[keep])
 
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
@@ -309,7 +309,7 @@ class AxisLaws:
     follows: str
     unit: str
     x_label: str
-    turns: list[OfTurns]
+    turns: list[TurnEstimates]
     curves: list[tuple[np.ndarray, np.ndarray]]
 
     @property
@@ -348,7 +348,7 @@ def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:
     )
 
 
-def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis: int, of: OfTurns) -> tuple[np.ndarray, np.ndarray]:
+def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis: int, of: TurnEstimates) -> tuple[np.ndarray, np.ndarray]:
     """Variable (K,) and law (K,) SI over the range of the axis's turns; for a rate, the range is symmetric about zero."""
     span = np.max(np.abs(of.x), initial=0.0)
     low, high = (-span, span) if variable.variable == "rate" else (np.min(of.x, initial=np.inf), np.max(of.x, initial=-np.inf))

@@ -40,7 +40,7 @@ from tinygc.reporting.pictures.values import (
     rates_per_still,
     recorded_in_stills,
     strongest,
-    told,
+    strongest_rate_effect,
     variable_for,
 )
 
@@ -57,7 +57,7 @@ def section(evidence: ReportData) -> Section | None:
     e = evidence.explanation
     if e is None:
         return None
-    claim = told(e)
+    claim = strongest_rate_effect(e)
     turning = claim is not None and claim.effect.pair in OF_TURNS
     in_stills = claim is not None and not turning and "still" in claim.effect.seen_in
     laws = axis_laws(e, claim) if claim is not None and turning else None

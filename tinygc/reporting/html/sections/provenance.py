@@ -35,7 +35,7 @@ def section(evidence: ReportData) -> Section:
             ("Latitude", "not given" if site.latitude_deg is None else f"{site.latitude_deg:g}°"),
             ("Gravity", "not given" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"),
             ("Heading", "not given" if site.heading_deg is None else f"{site.heading_deg:g}°"),
-            ("Board", board_said(session.config.board)),
+            ("Board", board_text(session.config.board)),
             ("Registers", ", ".join(dict.fromkeys(registers)) or "not stated in the logs"),
         ],
         source=SOURCES[accelerometer.source],
@@ -57,7 +57,7 @@ def section(evidence: ReportData) -> Section:
     return Section("provenance", "Provenance", html)
 
 
-def board_said(board: BoardGiven) -> str:
+def board_text(board: BoardGiven) -> str:
     """Board information that was stored with the recording."""
     if not board.source:
         return "said nothing of itself"

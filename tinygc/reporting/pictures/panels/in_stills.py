@@ -13,7 +13,7 @@ from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.twin import Variable, bent_by
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, told_value
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, value_text
 from tinygc.reporting.pictures.values import (
     added_in_stills,
     at_constant,
@@ -57,7 +57,7 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
             curve = at_constant(claim.effect, values, e.twin.movements[0], along_axis, i, at) / DEG
             axes.plot(at, curve * 1e3, color=AXES[axis], lw=1.5)
         number = i if values.size == 3 else 3 * i + (variable.axis or 0)
-        value = told_value(claim, number) if claim.effect.parameter.shape in ((3,), (3, 3)) else ""
+        value = value_text(claim, number) if claim.effect.parameter.shape in ((3,), (3, 3)) else ""
         axes.plot([], [], "o-", color=AXES[axis], label=f"{axis}: {value}" if value else axis)
     axes.plot([], [], "o", mfc="none", color="black", label="after")
     axes.axhline(0, color=FLOOR, lw=0.8)
@@ -137,7 +137,7 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
         axes.plot(x, (after + down[:, number] * bias) / MG, "o", color=colour, ms=4)
         axes.plot(x, after / MG, "o", mfc="none", color=colour, ms=4)
         ends = np.array([x.min(), x.max()])
-        axes.plot(ends, -ends * bias / MG, "-", color=colour, lw=1.5, label=f"{axis}: {told_value(claim, number)}")
+        axes.plot(ends, -ends * bias / MG, "-", color=colour, lw=1.5, label=f"{axis}: {value_text(claim, number)}")
     axes.plot([], [], "o", mfc="none", color="black", label="after")
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set(

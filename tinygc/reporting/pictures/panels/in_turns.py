@@ -11,7 +11,7 @@ from session.io.units import DEG, MG
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.channels import turn_equations
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, told_value
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, value_text
 from tinygc.reporting.pictures.values import axis_laws, closure_by_segment, per_parameter, strongest, theta, variable_for
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def against_prediction(e: Explanation, claim: Claim, axes: Axes, taken_off: bool
     """Plot residuals over predictions: on the line of slope one if the effect is the only cause, level once it is taken off."""
     values, spans = theta(e, claim), []
     for entry, colour in _drawn(e, claim):
-        value = told_value(claim, entry)
+        value = value_text(claim, entry)
         label = entry_name(claim.effect, entry) + (f": {value}" if value and not taken_off else "")
         spans.append(_points(e, claim, axes, taken_off, entry, values[entry], colour, label))
     if not taken_off:
@@ -54,7 +54,7 @@ def against_one_ms(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) ->
         name = entry_name(claim.effect, entry).replace("from ", "from dω/dt about ")
         span = _points(e, claim, axes, taken_off, entry, ONE_MS, colour, name if taken_off else "")
         if not taken_off:
-            axes.plot(span, span * values[entry] / ONE_MS, color=colour, lw=1.5, label=f"{name}: slope {told_value(claim, entry)}")
+            axes.plot(span, span * values[entry] / ONE_MS, color=colour, lw=1.5, label=f"{name}: slope {value_text(claim, entry)}")
     axes.set(
         xlabel="what 1 ms would make the turn miss (°)",
         ylabel="what the turn misses (°)",
@@ -108,7 +108,7 @@ def along_law(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None
         for x, y, sigma, strength in zip(of.x, of.after if taken_off else of.before, of.sigma, alpha, strict=True):
             axes.errorbar(x, y, sigma, fmt="o", ms=4, lw=0.8, color=colour, alpha=strength)
         if not taken_off:
-            axes.plot(at, values, color=colour, lw=1.8, label=f"{axis}: {told_value(claim, number)}")
+            axes.plot(at, values, color=colour, lw=1.8, label=f"{axis}: {value_text(claim, number)}")
         else:
             axes.plot([], [], "o", color=colour, ms=4, label=axis)
     axes.axhline(0, color=FLOOR, lw=0.8)

@@ -214,16 +214,16 @@ def test_what_is_declared_must_be_possible():
         "id": "gyro.x",
         "equation": "",
         "parameter": Parameter("k", (3,), "dps"),
-        "seen_in": ("turn",),
+        "observable_in": ("turn",),
         "columns": lambda m: m.rate,
         "says": str,
-        "splits": "",
+        "discriminating_motion": "",
     }
     Effect(**good)
     for name, value in {
         "id": 3,
         "parameter": "k",
-        "seen_in": ("space",),
+        "observable_in": ("space",),
         "kind": "wish",
         "inputs": "force",
         "reach": 3,

@@ -21,11 +21,11 @@ def test_none_of_them_is_lost_and_each_has_its_own_name():
 def test_each_says_what_it_is(name):
     effect = catalogue()[name]
     assert effect.equation.strip()
-    assert effect.splits.strip()
-    assert effect.regime is not None
+    assert effect.discriminating_motion.strip()
+    assert effect.conditions is not None
     assert effect.kind in ("rate", "register", "force", "earth")
-    assert effect.seen_in
-    assert set(effect.seen_in) <= {"still", "turn", "reference", "timing"}
+    assert effect.observable_in
+    assert set(effect.observable_in) <= {"still", "turn", "reference", "timing"}
 
 
 @pytest.mark.parametrize("name", sorted(PARAMETERS))
@@ -45,7 +45,7 @@ def test_it_says_one_sentence_with_a_number(name):
         theta = np.linspace(0.3, 1, effect.parameter.size) * effect.parameter.plausible
     if effect.scan:
         effect = effect.variants(np.array([12.0]))[0]
-    says = effect.says(theta)
+    says = effect.describe(theta)
     assert re.search(r"\d", says)
     assert "\n" not in says
     assert not re.search(r"[.!?] +[A-Z]", says), says  # one sentence
@@ -71,7 +71,7 @@ def test_it_says_one_sentence_with_a_number(name):
 )
 def test_the_sentence_has_the_right_number_unit_and_axis(name, value, words):
     effect = catalogue()[name]
-    assert words in effect.says(theta_of(effect, value))
+    assert words in effect.describe(theta_of(effect, value))
 
 
 @pytest.mark.parametrize("latitude", [-75, -10, 0, 31.03, 60.17, 90])

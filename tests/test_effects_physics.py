@@ -185,7 +185,7 @@ def test_a_step_is_nothing_before_its_time_and_itself_afterwards():
     added = effect.distort(moved, np.array([0.1, -0.2, 0.3]) * DEG) - moved.rate
     np.testing.assert_array_equal(added[moved.t_s < 4.2], 0)
     np.testing.assert_allclose(added[moved.t_s >= 4.2], np.tile(np.array([0.1, -0.2, 0.3]) * DEG, ((moved.t_s >= 4.2).sum(), 1)), rtol=1e-9)
-    assert "4 s" in effect.says(np.array([0.1, -0.2, 0.3]) * DEG)
+    assert "4 s" in effect.describe(np.array([0.1, -0.2, 0.3]) * DEG)
 
 
 def test_a_step_is_scanned_at_every_time_that_is_asked_for():

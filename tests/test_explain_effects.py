@@ -200,6 +200,6 @@ def test_a_weak_delay_has_lookalikes_and_a_movement_that_would_tell(explained):
     assert set(effect["equivalent"]) <= alike - {effect["id"]} | {"unknown.rate_products"}
     assert effect["id"] in result["next"]
     assert all(name in result["next"] for name in effect["equivalent"])
-    assert catalogue()[effect["id"]].splits in result["next"]
+    assert catalogue()[effect["id"]].discriminating_motion in result["next"]
     held = result["fit"]["holdout_closure_rms_deg"]
     assert held["after"] < 1.6 * held["floor"]

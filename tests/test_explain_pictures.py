@@ -149,11 +149,11 @@ def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explain
         id="gyro.humidity",
         equation="ω += k h",
         parameter=Parameter("dps_per_percent", (3,), "dps/%", DEG),
-        seen_in=("still", "turn"),
+        observable_in=("still", "turn"),
         columns=lambda movement: diagonal(movement.temp_c),
-        says=lambda theta: "",
-        splits="",
-        regime=("humidity", "%"),
+        describe=lambda theta: "",
+        discriminating_motion="",
+        conditions=("humidity", "%"),
     )
     found = variable_of(effect, np.ones(3))
     assert (found.words, found.units) == ("time", "s")

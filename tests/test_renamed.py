@@ -1,12 +1,17 @@
 """Names of 0.1.0 that users import: they lead to the same things, and state the new name in one line."""
 
 import importlib
+import re
 import sys
+from dataclasses import replace
 
+import numpy as np
 import processes
 import pytest
 
+from session.io import renamed
 from session.io.renamed import RENAMED
+from tinygc.effects import CommonDelay, PerAxisC, effect_of, using
 
 
 @pytest.mark.parametrize("name", sorted(RENAMED))
@@ -27,3 +32,49 @@ def test_the_new_name_is_stated_in_one_line():
 def test_what_never_was_is_still_not_found():
     with pytest.raises(ModuleNotFoundError):
         importlib.import_module("session.common.nothing")
+
+
+OLD_EFFECT = """
+from tinygc.effects import CommonDelay, Effect, FoundAt, Parameter, PerAxisC, diagonal
+
+EFFECT = Effect(
+    id="gyro.old",
+    equation="w += k w^2",
+    parameter=Parameter("k", (3,), "s", plausible=1e-3),
+    seen_in=("turn",),
+    columns=lambda movement: diagonal(movement.rate**2),
+    says=lambda theta: f"{theta[0]:.3g} s",
+    splits="turn both ways",
+    regime=("rate", "dps"),
+    gauge=CommonDelay((0, 1, 2)),
+    found_at=FoundAt(fs_rps=1.0),
+    device=PerAxisC(name="K", says="r -= k r^2", term="K[i] * w * w", numpy=None, cost=None),
+)
+"""
+
+
+def test_an_effect_file_of_0_1_0_works_and_names_what_is_new(tmp_path, capsys):
+    """Each line comes once in a process, whatever other tests have printed before: names are counted, not lines."""
+    (tmp_path / "old.py").write_text(OLD_EFFECT)
+    with using([tmp_path]):
+        effect = effect_of("gyro.old")
+    assert effect.describe(np.ones(3)) == effect.says(np.ones(3)) == "1 s"
+    assert (effect.observable_in, effect.discriminating_motion, effect.conditions) == (("turn",), "turn both ways", ("rate", "dps"))
+    assert effect.gauge_convention == CommonDelay((0, 1, 2))
+    assert effect.reference_conditions.fs_rps == 1.0
+    assert effect.device.formula == "r -= k r^2"
+    moved = replace(effect, splits="turn one way")
+    assert moved.discriminating_motion == moved.splits == "turn one way"
+    with pytest.raises(AttributeError, match="no attribute 'gauges'"):
+        effect.gauges  # noqa: B018
+    with pytest.raises(TypeError, match="regimes"):
+        replace(effect, regimes=None)
+    for line in capsys.readouterr().err.splitlines():
+        assert re.fullmatch(r"[A-Za-z._]+ is now [A-Za-z_.]+; the old name goes with version 0.3", line)
+
+
+def test_an_old_field_is_announced_once_with_its_new_name(monkeypatch, capsys):
+    monkeypatch.setattr(renamed, "_announced", set())
+    for _ in range(2):
+        assert PerAxisC(name="K", says="r", term="", numpy=None, cost=None).says == "r"
+    assert capsys.readouterr().err == "PerAxisC.says is now formula; the old name goes with version 0.3\n"

@@ -111,10 +111,10 @@ def test_what_cannot_stand_still_is_left_in_the_rates():
         id="gyro.scale_drift",
         equation="ω_i += s_i t ω_i",
         parameter=Parameter("per_s", (3,), "1/s", plausible=0.01),
-        seen_in=("turn",),
+        observable_in=("turn",),
         columns=lambda movement: diagonal(movement.t_s[:, None] * movement.rate),
-        says=lambda theta: "1",
-        splits="",
+        describe=lambda theta: "1",
+        discriminating_motion="",
         inputs=("time",),
     )
     model = PhysicsModel(LINEAR, (AppliedEffect(effect, np.full(3, 1e-4)),), KNOWN)

@@ -32,9 +32,9 @@ def test_these_delay_all_axes_alike():
 @pytest.mark.parametrize("name", ["gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"])
 def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
     effect = catalogue()[name]
-    late = getattr(effect.gauge, "late", 1.0)
+    late = getattr(effect.gauge_convention, "late", 1.0)
     theta = np.zeros(effect.parameter.size)
-    theta[list(effect.gauge.delays)] = 0.002
+    theta[list(effect.gauge_convention.delays)] = 0.002
 
     def residuals(*claims):
         return twin.residuals(replace(twin.start(), claims=claims)).closure - twin.residuals(twin.start()).closure
@@ -42,16 +42,16 @@ def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
     delayed, clock = residuals(AppliedEffect(effect, theta)), residuals(AppliedEffect(OFFSET, np.array([late * 0.002])))
     # To first order one column; two milliseconds of a turn's bell bend it by some percent.
     assert np.linalg.norm(delayed - clock) < 0.05 * np.linalg.norm(clock)
-    theta[effect.gauge.delays[1]] += 0.001
+    theta[effect.gauge_convention.delays[1]] += 0.001
     whiten = Evidence(twin).first_whiten
     state = replace(twin.start(), claims=(AppliedEffect(OFFSET, np.array([0.001])), AppliedEffect(effect, theta)))
     fit = refit(twin, whiten, [OFFSET, effect], state, max_steps=0)
     gauged = in_gauge(twin, whiten, fit)
     moved, kept = (claim.theta for claim in gauged.state.claims)
     shared = np.mean if name == "gyro.angular_acceleration" else np.min
-    assert shared(kept[list(effect.gauge.delays)]) == pytest.approx(0, abs=1e-12)
-    assert np.ptp(kept[list(effect.gauge.delays)]) == pytest.approx(0.001)
-    assert moved[0] == pytest.approx(0.001 + late * shared(theta[list(effect.gauge.delays)]))
+    assert shared(kept[list(effect.gauge_convention.delays)]) == pytest.approx(0, abs=1e-12)
+    assert np.ptp(kept[list(effect.gauge_convention.delays)]) == pytest.approx(0.001)
+    assert moved[0] == pytest.approx(0.001 + late * shared(theta[list(effect.gauge_convention.delays)]))
     assert gauged.chi_square == pytest.approx(fit.chi_square, rel=0.02)
     # The clock's sigma is that of the sum, which the recording knows, not of a share of it, which nothing tells.
     assert np.sqrt(gauged.theta_covariance(0)[0, 0]) < 0.3 * np.sqrt(fit.theta_covariance(0)[0, 0]) < 0.05

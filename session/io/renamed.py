@@ -1,4 +1,4 @@
-"""Modules that users of 0.1.0 import by their old names: they work on until 0.3, with one line that states the new name.
+"""Modules, fields and functions that users of 0.1.0 wrote: they work on until 0.3, with one line that states the new name.
 
 Only names that pages of 0.1.0 showed to users are kept.  ``install`` adds a finder behind Python's own, so that nothing is slower.
 """
@@ -6,10 +6,14 @@ Only names that pages of 0.1.0 showed to users are kept.  ``install`` adds a fin
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import wraps
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any, cast
+from typing import Any, TypeVar, cast
+
+T = TypeVar("T")
 
 _EMULATED = "tinygc.annexes.emulated"
 #: old name -> new name
@@ -41,6 +45,42 @@ RENAMED = {
 _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}
 
 
+_announced: set[str] = set()
+
+
+def announce(old: str, new: str) -> None:
+    """State the new name on standard error, once in a process."""
+    if old not in _announced:
+        _announced.add(old)
+        print(f"{old} is now {new}; the old name goes with version 0.3", file=sys.stderr)
+
+
+def renamed_fields(**names: str) -> Callable[[type[T]], type[T]]:
+    """Class decorator: a dataclass whose old field names (old=new) still work as keywords, as attributes and in ``replace``."""
+
+    def decorate(cls: type[T]) -> type[T]:
+        init: Any = cls.__init__
+
+        @wraps(init)
+        def renaming(self: T, *args: Any, **values: Any) -> None:
+            for old in values.keys() & names.keys():
+                announce(f"{cls.__name__}.{old}", names[old])
+                values[names[old]] = values.pop(old)
+            init(self, *args, **values)
+
+        def attribute(self: T, name: str) -> Any:
+            if name not in names:
+                raise AttributeError(f"{cls.__name__} has no attribute {name!r}", name=name, obj=self)
+            announce(f"{cls.__name__}.{name}", names[name])
+            return getattr(self, names[name])
+
+        open_class: Any = cls
+        open_class.__init__, open_class.__getattr__ = renaming, attribute
+        return cls
+
+    return decorate
+
+
 class _Finder:
     # Python asks a finder and a loader for these three methods; their abstract classes take longer to import than all else here.
     def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
@@ -52,7 +92,7 @@ class _Finder:
     def exec_module(self, module: ModuleType) -> None:
         name = module.__name__
         if name in RENAMED:
-            print(f"{name} is now {RENAMED[name]}; the old name goes with version 0.3", file=sys.stderr)
+            announce(name, RENAMED[name])
             sys.modules[name] = import_module(RENAMED[name])  # the import system takes the module that stands here
 
 

@@ -124,7 +124,7 @@ def test_a_key_that_nothing_reads_is_kept_for_the_first_look(named):
 
 
 def test_one_session_refuses_an_array(named):
-    with pytest.raises(FormatError, match=r"an array of 3 units on one body, and no single session; `calibrate.py check "):
+    with pytest.raises(FormatError, match=r"an array of 3 units on one body, and no single session; `(python )?calibrate.py check "):
         read_session(named)
 
 

@@ -34,10 +34,10 @@ EFFECT = Effect(
     id="{id}",
     equation="w += c x",
     parameter=Parameter("at_fs_percent", (3,), "%", 0.01),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda m: diagonal(({x}) / m.fs_rps),
-    says=lambda theta: "a law",
-    splits="turn",
+    describe=lambda theta: "a law",
+    discriminating_motion="turn",
 )
 '''
 

@@ -117,7 +117,7 @@ def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
     same = runner_up(LawForm((Factor("rate", "dead_zone", 0.1001),)))
     warm = law_of(*LAWS["warm"], runners_up=(runner_up(LawForm((Factor("temperature", "square"),))),))
     for law in (told_law(runners_up=(same,)), warm):
-        assert DiscoveryReport(e, found(law, verdict="ambiguous")).to_json()["next"].endswith(f": {same.splits}")
+        assert DiscoveryReport(e, found(law, verdict="ambiguous")).to_json()["next"].endswith(f": {same.discriminating_motion}")
 
 
 def test_of_two_laws_each_has_its_own_numbers(e):

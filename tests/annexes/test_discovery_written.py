@@ -13,7 +13,7 @@ from tinygc.annexes.discovery.equivalence import as_effect
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_code import device_code
 from tinygc.annexes.discovery.words import constants_of
-from tinygc.effects import FoundAt, StageC, load_folder, using
+from tinygc.effects import ReferenceConditions, StageC, load_folder, using
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
 
@@ -87,7 +87,7 @@ def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_fo
     """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""
     form = LawForm((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))
     effect = loaded(written(law_of(form, [0.9, -0.8, 0.7]), Where("here", full_scale_dps=full_scale, first_temp_c=61.0)), tmp_path)
-    assert effect.found_at == FoundAt(full_scale * DEG, 61.0)
+    assert effect.reference_conditions == ReferenceConditions(full_scale * DEG, 61.0)
     assert check(effect, parts=("columns", "undo", "live")).ok
 
 

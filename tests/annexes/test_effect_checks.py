@@ -11,7 +11,7 @@ from tinygc.annexes.challenge import proofs
 from tinygc.annexes.challenge.cases import Case, conceal
 from tinygc.annexes.challenge.proof_sessions import _setting
 from tinygc.deploy.calibration import Calibration
-from tinygc.effects import Cost, EffectError, FoundAt, Parameter, StageC, catalogue, diagonal
+from tinygc.effects import Cost, EffectError, Parameter, ReferenceConditions, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
 from tinygc.explanation.engine import explain_session
 from tinygc.simulation.write import write_files
@@ -159,8 +159,8 @@ def test_parameters_that_change_nothing_fail():
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"says": lambda theta: "a sentence without one"}, "expected one sentence with a number"),
-        ({"says": lambda theta: "1\n2"}, "expected one sentence with a number"),
+        ({"describe": lambda theta: "a sentence without one"}, "expected one sentence with a number"),
+        ({"describe": lambda theta: "1\n2"}, "expected one sentence with a number"),
         ({"parameter": replace(DRIFT.parameter, name="theta_si")}, "cannot be a parameter's name"),
         ({"parameter": replace(DRIFT.parameter, unit="ppm", si=1.0)}, "unit 'ppm' is 1e-06 in SI, and si says 1"),
     ],
@@ -229,7 +229,7 @@ REMEMBERS = replace(
     exact_correct=lambda measured, m, theta: _one_by_one(measured, theta),
     reach=replace(catalogue()["gyro.bandwidth"].reach, before_samples=60, after_samples=0),
     device=StageC(
-        says="r -= k |r one sample ago|",
+        formula="r -= k |r one sample ago|",
         body=(
             "for (int i = 0; i < 3; i++) {\n    if (!state->previous_begun)\n        state->previous[i] = r[i] * PREVIOUS_FIRST[i];\n"
             "    r[i] -= PREVIOUS_SIZE[i] * state->previous[i];\n    state->previous[i] = r[i] < 0.0f ? -r[i] : r[i];\n}\n"
@@ -306,7 +306,7 @@ def test_a_report_is_read_by_name_and_printed_by_lines():
 
 @pytest.mark.parametrize(("dps", "own"), [(500.0 * (1 - 1e-12), 500.0), (573.0, 1000.0), (2000.0, 2000.0), (9000.0, 4000.0)])
 def test_the_session_of_a_law_found_elsewhere_has_a_full_scale_that_a_sensor_has(dps, own):
-    effect = replace(catalogue()["gyro.scale_nonlinearity"], found_at=FoundAt(dps * DEG, 61.0))
+    effect = replace(catalogue()["gyro.scale_nonlinearity"], reference_conditions=ReferenceConditions(dps * DEG, 61.0))
     chosen = SimulationOptions(**_setting(effect))
     assert (chosen.gyro_fs_dps, chosen.temperature_start_c) == (own, 61.0)
     assert _setting(catalogue()["gyro.scale_nonlinearity"]) == {}

@@ -7,10 +7,10 @@ import pytest
 
 from session.io.units import DEG
 from tinygc.annexes.challenge.proof_sessions import movement
-from tinygc.effects import Effect, EffectError, FoundAt, NoC, Parameter, Reach, diagonal, full, signals
+from tinygc.effects import Effect, EffectError, NoC, Parameter, Reach, ReferenceConditions, diagonal, full, signals
 from tinygc.effects.inversion import MOST_PASSES, substituted
 
-AT = FoundAt()
+AT = ReferenceConditions()
 MOVED = movement(104.0, AT)
 
 
@@ -61,7 +61,7 @@ def test_who_looks_around_takes_the_passes_that_it_declares():
     three, twelve = (effect_of(columns, 9, reach=reach, passes=passes) for passes in (None, 12))
     assert left_of(three, dps) > 5e-3
     assert left_of(twelve, dps) < 1e-4
-    assert twelve.looks(dps).before_s == pytest.approx(4 * three.looks(dps).before_s)
+    assert twelve.total_reach(dps).before_s == pytest.approx(4 * three.total_reach(dps).before_s)
     with pytest.raises(EffectError, match=f"passes is 99, expected a number from 1 to {MOST_PASSES}"):
         effect_of(columns, 9, reach=Reach(1), passes=99)
 

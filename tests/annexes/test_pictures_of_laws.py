@@ -198,7 +198,7 @@ def test_every_name_of_a_pair_has_panels():
 
 
 def test_every_effect_of_turns_alone_draws_its_law():
-    of_turns = {name: effect.pair for name, effect in catalogue().items() if effect.kind == "rate" and "still" not in effect.seen_in}
+    of_turns = {name: effect.pair for name, effect in catalogue().items() if effect.kind == "rate" and "still" not in effect.observable_in}
     assert set(of_turns.values()) <= {SCALE_LAW, LAG_LAW, ENERGY_LAW}
 
 
@@ -207,14 +207,14 @@ def test_an_effect_that_stills_show_is_drawn_there_unless_it_follows_what_only_t
         id="gyro.something",
         equation="ω += k",
         parameter=Parameter("dps", (3,), "dps", DEG),
-        seen_in=("still", "turn"),
+        observable_in=("still", "turn"),
         columns=lambda movement: diagonal(movement.temp_c),
-        says=lambda theta: "",
-        splits="",
-        regime=("temperature", "°C"),
+        describe=lambda theta: "",
+        discriminating_motion="",
+        conditions=("temperature", "°C"),
     )
     assert effect.pair == STILLS
-    assert replace(effect, regime=("rate", "dps")).pair == TURNS
+    assert replace(effect, conditions=("rate", "dps")).pair == TURNS
 
 
 def test_a_number_is_told_with_the_decimals_that_its_sigma_is_worth(known):

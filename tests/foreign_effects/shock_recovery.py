@@ -19,7 +19,7 @@ def _grid(movements) -> np.ndarray:
 def _draw(data: PictureData, left, right) -> None:
     for axis, name in enumerate("xyz"):
         left.plot(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, "o", label=name)
-        right.plot(data.says[:, axis] / DEG, (data.says + data.after)[:, axis] / DEG, "o", label=name)
+        right.plot(data.predicted[:, axis] / DEG, (data.predicted + data.after)[:, axis] / DEG, "o", label=name)
     left.axvline(data.parameters["shock_min"], color="black")
     left.set(xlabel="time (min)", ylabel="rate in the still (dps)", title="The shock, and the way back")
     right.set(xlabel="says (dps)", ylabel="recorded (dps)")
@@ -31,24 +31,24 @@ def _at(shock_s: float) -> Effect:
         since = movement.t_s - shock_s
         return np.where(since >= 0, np.exp(-np.maximum(since, 0) / RECOVERS_S), 0.0)[:, None]
 
-    def says(theta: np.ndarray) -> str:
+    def describe(theta: np.ndarray) -> str:
         return (
             f"a shock at {shock_s / MINUTE_S:.2f} min moves the zero of {axis_of(theta)} by {abs(largest(theta)) / DEG:.3f} dps for a while"
         )
 
-    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says)
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, describe=describe)
 
 
 EFFECT = Effect(
     id="gyro.shock_recovery",
     equation="ω += b exp(−(t − t₀) / 25 s) from the shock t₀ on",
     parameter=Parameter("dps", (3,), "dps", DEG, plausible=5 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=lambda movement: _at(movement.duration_s / 2).columns(movement),
-    says=lambda theta: "a shock moves the zero for a while, 1 time",
-    splits="leave the table still for a minute",
+    describe=lambda theta: "a shock moves the zero for a while, 1 time",
+    discriminating_motion="leave the table still for a minute",
     inputs=("time",),
-    regime=("time", "s"),
+    conditions=("time", "s"),
     scan=Scan("shock_min", "min", make=_at, si=MINUTE_S, grid=_grid),
     picture=_draw,
     device=BYGONE,

@@ -14,17 +14,17 @@ EFFECT = Effect(
     id="gyro.thermal_curvature",
     equation="ω += k (T − T₀)², T₀ the temperature of the first sample",
     parameter=Parameter("dps_per_c2", (3,), "dps/°C²", DEG, plausible=0.1 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=_columns,
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro's zero-rate offset bends with temperature, {abs(largest(theta)) / DEG:.5f} dps per °C² on {axis_of(theta)}"
     ),
-    splits="let the sensor warm up, cool, and warm up again",
+    discriminating_motion="let the sensor warm up, cool, and warm up again",
     inputs=("temperature",),
-    regime=("temperature", "°C"),
+    conditions=("temperature", "°C"),
     device=PerAxisC(
         name="THERMAL_CURVATURE",
-        says="r -= k (T - T0)^2 (gyro.thermal_curvature)",
+        formula="r -= k (T - T0)^2 (gyro.thermal_curvature)",
         term="THERMAL_CURVATURE[i] * ((in->temp_c - THERMAL_CURVATURE_AT_C[0]) * (in->temp_c - THERMAL_CURVATURE_AT_C[0]))",
         constants=lambda theta, known: {"THERMAL_CURVATURE": theta, "THERMAL_CURVATURE_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_CURVATURE"] * _square(inputs.temp_c - c["THERMAL_CURVATURE_AT_C"])[:, None],

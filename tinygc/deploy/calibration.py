@@ -145,7 +145,7 @@ class Stream:
         self._live = live
         if live and (ahead := calibration.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
-        reach = sum((claim.effect.looks(claim.theta) for claim in self._model.undone), NOWHERE)
+        reach = sum((claim.effect.total_reach(claim.theta) for claim in self._model.undone), NOWHERE)
         if "temp" in self._needs and not live:
             reach += TEMPERATURE_REACH
         #: samples before and after a sample on which its rate depends
@@ -346,7 +346,7 @@ class Calibration:
     @property
     def looks_ahead(self) -> tuple[str, ...]:
         """Ids of the effects whose correction needs later samples, so that a live stream is impossible."""
-        return tuple(sorted(claim.effect.id for claim in self.model.undone if claim.effect.looks(claim.theta).is_ahead))
+        return tuple(sorted(claim.effect.id for claim in self.model.undone if claim.effect.total_reach(claim.theta).is_ahead))
 
     def at_end(self) -> Calibration:
         """Return the model for logs of any time: effects of session time are held at their values at the session's end."""

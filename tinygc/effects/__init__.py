@@ -6,6 +6,7 @@ changed: model selection, refitting, simulation, plots, live use, exports and C 
 ``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` tests an effect.
 """
 
+from session.io.renamed import announce
 from tinygc.effects import signals
 from tinygc.effects.catalogue import catalogue, effect_of, load_folder, using
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
@@ -15,11 +16,11 @@ from tinygc.effects.effect import (
     Convention,
     Derived,
     Effect,
-    FoundAt,
     Occurrence,
     Parameter,
     Parts,
     PictureData,
+    ReferenceConditions,
     Scan,
 )
 from tinygc.effects.movement import (
@@ -54,7 +55,6 @@ __all__ = [
     "Derived",
     "Effect",
     "EffectError",
-    "FoundAt",
     "MatrixC",
     "Movement",
     "NoC",
@@ -64,6 +64,7 @@ __all__ = [
     "PerAxisC",
     "PictureData",
     "Reach",
+    "ReferenceConditions",
     "Scan",
     "StageC",
     "axis_of",
@@ -84,3 +85,10 @@ __all__ = [
     "using",
     "without_vibration",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name == "FoundAt":  # in effect files of 0.1.0, those that ``explain --discover`` wrote among them
+        announce("FoundAt", "ReferenceConditions")
+        return ReferenceConditions
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

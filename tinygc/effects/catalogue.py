@@ -52,8 +52,8 @@ def _try(effect: Effect) -> None:
     if effect.kind == "rate":
         _expect(effect, "distort", effect.distort(movement, theta), (SAMPLES, 3))
         _expect(effect, "correct", effect.correct(movement.rate, movement, theta), (SAMPLES, 3))
-    if not isinstance(said := effect.says(theta), str):
-        raise EffectError(f"{effect.id}: says gives {type(said).__name__}, expected a sentence")
+    if not isinstance(said := effect.describe(theta), str):
+        raise EffectError(f"{effect.id}: describe gives {type(said).__name__}, expected a sentence")
 
 
 def _expect(effect: Effect, name: str, value: Any, shape: tuple[int, ...]) -> None:

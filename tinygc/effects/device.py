@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from session.io.renamed import renamed_fields
 from tinygc.effects.movement import Conditions
 
 #: passes of rate <- measured - add(rate): each multiplies the error by the effect's own size, some per cent
@@ -31,18 +32,19 @@ class Cost:
         return Cost(self.multiply + other.multiply, self.add + other.add, self.compare + other.compare)
 
 
+@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class PerAxisC:
     """The correction r_i -= term with one coefficient for each axis.
 
-    name: the coefficients' name in C, capital letters; says: a line of the header's formula; term: a C expression of ``NAME[i]``,
+    name: the coefficients' name in C, capital letters; formula: a line of the header; term: a C expression of ``NAME[i]``,
     ``in``, other constants, and ``w``, the rate about axis i, where the term depends on it (then it is repeated ``passes`` times);
     numpy(c, w, inputs) -> (N, 3) float32, the same operations in the same order, c: name -> constant, w (N, 3), ``inputs.force`` (N, 3),
     ``inputs.temp_c`` (N,); constants(theta, known) -> name -> array, ``name`` itself first; cost of one term.
     """
 
     name: str
-    says: str
+    formula: str
     term: str
     numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
     cost: Cost
@@ -54,15 +56,17 @@ class PerAxisC:
         return {self.name: theta} if self.constants is None else self.constants(theta, known)
 
 
+@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class MatrixC:
-    """The correction r -= K f, f the specific force in m/s^2; matrix(theta, known) -> K (3, 3); name and says as in ``PerAxisC``."""
+    """The correction r -= K f, f the specific force in m/s^2; matrix(theta, known) -> K (3, 3); name and formula as in ``PerAxisC``."""
 
     name: str
-    says: str
+    formula: str
     matrix: Callable[[np.ndarray, Conditions], np.ndarray]
 
 
+@renamed_fields(says="formula")
 @dataclass(frozen=True, eq=False)
 class StageC:
     """Any other correction in C, with a state if it needs one.
@@ -72,7 +76,7 @@ class StageC:
     them; functions: static C functions that the body calls; cost: of one sample.
     """
 
-    says: str
+    formula: str
     body: str
     constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]]
     numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]

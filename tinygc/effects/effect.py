@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from session.io.renamed import renamed_fields
 from session.io.units import DEG
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
@@ -59,21 +60,21 @@ class CommonDelay:
     never_negative: bool = False
 
 
-Gauge = Convention | CommonDelay
+GaugeConvention = Convention | CommonDelay
 
 
 # Reference conditions of a law's constants, for testing an effect: elsewhere the effect may be zero.
 
 
 @dataclass(frozen=True)
-class FoundAt:
+class ReferenceConditions:
     """Conditions of the test session: full scale fs_rps, which its turns reach; first_temp_c, where its warm-up begins."""
 
     fs_rps: float = 500 * DEG
     first_temp_c: float = 25.0
 
 
-ANYWHERE = FoundAt()
+ANYWHERE = ReferenceConditions()
 
 
 # An effect's numbers: its parameter, the quantity displayed instead of it, and one shape number that is found by a search.
@@ -114,20 +115,21 @@ class Derived:
         return {self.name: self.of(theta)}, {self.name: float(np.sqrt(slope @ covariance @ slope))}
 
 
+@renamed_fields(told="observable")
 @dataclass(frozen=True, eq=False)
 class Parts:
     """A parameter that the JSON splits into several quantities.
 
-    parts: names with their units, the size of each unit in SI, and the quantity's indices in theta; told: the projection (P, P) onto the
-    observable part of theta.
+    parts: names with their units, the size of each unit in SI, and the quantity's indices in theta; observable: the projection
+    (P, P) onto the observable part of theta.
     """
 
     parts: tuple[tuple[str, float, tuple[int, ...]], ...]
-    told: np.ndarray
+    observable: np.ndarray
 
     def values(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[dict, dict]:
         """JSON parameters and their std, of theta (P,) with covariance (P, P)."""
-        theta, covariance = self.told @ theta, self.told @ covariance @ self.told.T
+        theta, covariance = self.observable @ theta, self.observable @ covariance @ self.observable.T
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
         shown, spread = ({name: (x[list(at)] / si).tolist() for name, si, at in self.parts} for x in (theta, sigma))
         return shown, spread
@@ -165,25 +167,26 @@ STILLS, TURNS = "stills", "turns"
 CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES = "clipped turn", "false readings", "lost samples"
 CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH = "creeping stills", "clocks", "gravity's length"
 WORLD, EARTH = "a rate fixed in the world", "the Earth's rate"
-#: pairs for laws that turns show, for an effect with one parameter for each axis: a scale error along the regime, a lag (also of a matrix),
-#: a bias along the regime; and the loss in a log that is sampled too slowly
+#: pairs for laws that turns show, for an effect with one parameter for each axis: a scale error along its conditions, a lag (also of a
+#: matrix), a bias along its conditions; and the loss in a log that is sampled too slowly
 SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE = "scale law", "lag law", "energy law", "data rate"
 PAIRS = (
     *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH),
     *(SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE),
 )
-#: regimes that only turns have
+#: conditions that only turns have
 OF_TURNS = ("rate", "angular acceleration", "vibration")
 
 
+@renamed_fields(says="predicted", closure_says="closure_predicted")
 @dataclass(frozen=True, eq=False)
 class PictureData:
     """Input of an effect's own picture: Q stills and S segments of one explained recording; SI, in the sensor's axes.
 
-    theta (P,); parameters and std as in the JSON; variable, unit: the effect's regime in display units, its mean in each
+    theta (P,); parameters and std as in the JSON; variable, unit: the effect's conditions in display units, its mean in each
     still of_stills (Q,) and its maximum in each segment of_segments (S,); stills_s (Q,) s, the middle of each still;
-    before, after (Q, 3) rad/s: residual rate in each still, without the effect and with it; says (Q, 3) rad/s: the effect's
-    contribution in each still; numbers (S,) of the segments; closure_says, closure_recorded (S, d) rad: predicted and measured
+    before, after (Q, 3) rad/s: residual rate in each still, without the effect and with it; predicted (Q, 3) rad/s: the effect's
+    contribution in each still; numbers (S,) of the segments; closure_predicted, closure_recorded (S, d) rad: predicted and measured
     contribution to the closure of each segment; floor_rad: rms closure that noise alone leaves.
     """
 
@@ -197,9 +200,9 @@ class PictureData:
     stills_s: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    says: np.ndarray
+    predicted: np.ndarray
     numbers: np.ndarray
-    closure_says: np.ndarray
+    closure_predicted: np.ndarray
     closure_recorded: np.ndarray
     floor_rad: float
 
@@ -216,18 +219,27 @@ OwnPicture = Callable[[PictureData, Any, Any], None]
 #: JSON value of an effect that acts on the readings
 READINGS = "readings"
 KINDS = ("rate", "force", "earth", "register", "motion", "truth")
-SEEN_IN = ("still", "turn", "reference", "timing")
+OBSERVABLE_IN = ("still", "turn", "reference", "timing")
 #: effects that a format with a matrix or a slope can store: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
 LINEAR_IN = ("force", "temperature")
 
 
+@renamed_fields(
+    seen_in="observable_in",
+    says="describe",
+    splits="discriminating_motion",
+    regime="conditions",
+    gauge="gauge_convention",
+    found_at="reference_conditions",
+    looks="total_reach",
+)
 @dataclass(frozen=True, eq=False, repr=False)
 class Effect:
     """One entry of the catalogue.
 
-    id; equation; parameter; seen_in: some of "still", "turn", "reference", "timing";
+    id; equation; parameter; observable_in: some of "still", "turn", "reference", "timing";
     columns(movement) -> (N, 3, P): the rate per SI unit of each parameter, linear, for model selection;
-    says(theta) -> one plain sentence for the operator; splits: the movement that discriminates it from similar effects;
+    describe(theta) -> one plain sentence for the operator; discriminating_motion: the movement that tells it from similar effects;
     kind: "rate", or what it changes instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (found
     and repaired before any fit), "motion" (motion that the readings miss: it adds variance to the closure and cannot be corrected),
     "truth" (a truth file).
@@ -244,13 +256,13 @@ class Effect:
 
     Numbers.  scan: a shape number found by a search; shape: its value here, by JSON name; derived: the quantity in the JSON instead
     of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: relative uncertainty of the variable that
-    it follows, which no residual shows; it widens the stated std; gauge: what the closure does not determine;
+    it follows, which no residual shows; it widens the stated std; gauge_convention: what the closure does not determine;
     occurs: for a register effect, the parameter that contains the times.
 
-    Use.  regime: variable and unit that it is plotted and located along; picture: a name of ``picture.PAIRS`` or a function;
+    Use.  conditions: variable and unit that it is plotted and located along; picture: a name of ``picture.PAIRS`` or a function;
     of_readings: the same effect acting on the readings, after the linear errors; ``on_readings``: whether this is that form.
-    wider: the same cause with more numbers.  Model selection compares these forms with the effect.  found_at: full scale and temperature
-    of its constants, where it is tested.
+    wider: the same cause with more numbers.  Model selection compares these forms with the effect.
+    reference_conditions: full scale and temperature of its constants, where it is tested.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can store it.
 
     Raises EffectError for an invalid declaration.
@@ -259,20 +271,20 @@ class Effect:
     id: str
     equation: str
     parameter: Parameter
-    seen_in: tuple[str, ...]
+    observable_in: tuple[str, ...]
     columns: Callable[[Movement], np.ndarray]
-    says: Callable[[np.ndarray], str]
-    splits: str
+    describe: Callable[[np.ndarray], str]
+    discriminating_motion: str
     kind: str = "rate"
     inputs: tuple[str, ...] = ()
     reach: Reach | Callable[[np.ndarray], Reach] = NOWHERE
-    regime: tuple[str, str] | None = None
+    conditions: tuple[str, str] | None = None
     scan: Scan | None = None
     shape: dict = field(default_factory=dict)
     derived: Derived | Parts | None = None
     begin: float = 0.0
     known_to: float = 0.0
-    gauge: Gauge | None = None
+    gauge_convention: GaugeConvention | None = None
     occurs: Occurrence | None = None
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
@@ -284,7 +296,7 @@ class Effect:
     linear_in: str | None = None
     of_readings: Effect | None = None
     wider: Effect | None = None
-    found_at: FoundAt = ANYWHERE
+    reference_conditions: ReferenceConditions = ANYWHERE
     on_readings: bool = False
 
     def __post_init__(self) -> None:
@@ -292,15 +304,18 @@ class Effect:
         self._require(known, "id", 'a string such as "gyro.scale_quadratic"')
         self._require(isinstance(self.parameter, Parameter), "parameter", "a Parameter")
         self._require(self.kind in KINDS, "kind", f"one of {', '.join(KINDS)}")
-        self._require(_some_of(self.seen_in, SEEN_IN) and self.seen_in, "seen_in", f"a tuple of some of {', '.join(SEEN_IN)}")
+        somewhere = _some_of(self.observable_in, OBSERVABLE_IN) and self.observable_in
+        self._require(somewhere, "observable_in", f"a tuple of some of {', '.join(OBSERVABLE_IN)}")
         self._require(_some_of(self.inputs, INPUTS), "inputs", f"a tuple of some of {', '.join(INPUTS)}")
         self._require(isinstance(self.reach, Reach) or callable(self.reach), "reach", "a Reach, or a function of theta that gives one")
-        self._require(all(map(callable, (self.columns, self.says))), "columns or says", "functions")
-        self._require(all(isinstance(text, str) for text in (self.equation, self.splits)), "equation or splits", "text")
+        self._require(all(map(callable, (self.columns, self.describe))), "columns or describe", "functions")
+        for name in ("equation", "discriminating_motion"):
+            self._require(isinstance(getattr(self, name), str), name, "text")
         self._require((self.kind == "force") == (self.bends is not None), "bends", 'a function where kind is "force", else None')
         self._require(self.scan is None or isinstance(self.scan, Scan), "scan", "a Scan")
-        self._require(self.gauge is None or isinstance(self.gauge, Gauge), "gauge", "a Convention or a CommonDelay")
-        self._require(isinstance(self.found_at, FoundAt), "found_at", "a FoundAt")
+        fixed = self.gauge_convention is None or isinstance(self.gauge_convention, GaugeConvention)
+        self._require(fixed, "gauge_convention", "a Convention or a CommonDelay")
+        self._require(isinstance(self.reference_conditions, ReferenceConditions), "reference_conditions", "a ReferenceConditions")
         counted = self.passes is None or (type(self.passes) is int and 1 <= self.passes <= MOST_PASSES)
         self._require(counted, "passes", f"a number from 1 to {MOST_PASSES}, or None")
         self._require(isinstance(self.device, DeviceCode), "device", "a PerAxisC, MatrixC, StageC or NoC")
@@ -355,7 +370,7 @@ class Effect:
         """Return the movement with only the fields that the effect may read."""
         return shown(self.id, self.inputs, bool(self.reach), movement)
 
-    def looks(self, theta: np.ndarray) -> Reach:
+    def total_reach(self, theta: np.ndarray) -> Reach:
         """Return how far around a sample the corrected rate depends on the log, including the means in its inputs."""
         reach = self.reach if isinstance(self.reach, Reach) else self.reach(theta)
         once = self.exact_correct is not None or self.basis is not None
@@ -392,8 +407,8 @@ class Effect:
     @property
     def pair(self) -> str | OwnPicture:
         """Return its picture: the one declared, or a default for where it is observable; stills do not show what only turns have."""
-        turning = self.regime is not None and self.regime[0] in OF_TURNS
-        return self.picture or (STILLS if "still" in self.seen_in and not turning else TURNS)
+        turning = self.conditions is not None and self.conditions[0] in OF_TURNS
+        return self.picture or (STILLS if "still" in self.observable_in and not turning else TURNS)
 
 
 def _some_of(names: object, known: Container[str]) -> bool:

@@ -55,8 +55,8 @@ def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, 
     theta, effect = claim.theta, claim.effect
     if effect.derived is not None:
         return theta, *effect.derived.values(theta, covariance)
-    if isinstance(effect.gauge, Convention):
-        slope = effect.gauge.slope(theta)
+    if isinstance(effect.gauge_convention, Convention):
+        slope = effect.gauge_convention.slope(theta)
         covariance = slope @ covariance @ slope.T
     parameter = effect.parameter
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
@@ -167,7 +167,9 @@ def repair_claims(mended: RepairedProblem) -> list[Claim]:
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
         probability = next((v.probability for v in mended.verdicts if v.id == name), CERTAIN)
         bound = name in FROM_THE_BAR
-        claims.append(Claim(effect, parameters, std, mended.p_value[name], effect.says(theta), p_is_bound=bound, probability=probability))
+        claims.append(
+            Claim(effect, parameters, std, mended.p_value[name], effect.describe(theta), p_is_bound=bound, probability=probability)
+        )
     return claims
 
 
@@ -181,7 +183,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     known = catalogue()
     names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
     # Effects that delay each axis to first order: the part common to all axes is a delay of the gyro.
-    lags = sorted(name for name in names if name in known and (gauge := known[name].gauge) is not None and gauge.delays)
+    lags = sorted(name for name in names if name in known and (gauge := known[name].gauge_convention) is not None and gauge.delays)
     effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     # The sigma comes from the scatter of these turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
@@ -189,7 +191,7 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
-    parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.says(np.array([gravity.offset_s]))
+    parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.describe(np.array([gravity.offset_s]))
     return [Claim(effect, parameters, std, p_value, says, tuple(lags), probability=probability)]
 
 
@@ -203,7 +205,7 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         claim = fit.state.claims[number]
         theta, parameters, std = readable(claim, fit.theta_covariance(number))
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        says = claim.effect.says(theta)
+        says = claim.effect.describe(theta)
         claims.append(
             Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals)
         )

@@ -192,9 +192,9 @@ def part_of_a_curve(evidence: Evidence, best: Hypothesis, number: int) -> bool:
     """Whether further terms of an unnamed curve in the same hypothesis reproduce this effect in the channels."""
     own, J = best.effects[number], best.fit.J
     for other in best.effects:
-        if not other.id.startswith(NAMELESS) or own.id.startswith(NAMELESS) or other.regime is None or own.regime is None:
+        if not other.id.startswith(NAMELESS) or own.id.startswith(NAMELESS) or other.conditions is None or own.conditions is None:
             continue
-        terms = curves_like(evidence.twin, other) if own.regime[0] == other.regime[0] else []
+        terms = curves_like(evidence.twin, other) if own.conditions[0] == other.conditions[0] else []
         if not terms:
             continue
         part = claim_slice(best.fit.state.claims, number)
@@ -241,7 +241,7 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
         "closure_deg": (closure / DEG).tolist(),
         "exponent": -missed.exponent,
     }
-    says = f"{effect.says(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
+    says = f"{effect.describe(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
     return [Claim(effect, parameters, std, float(chdtrc(1, max(gain, 0.0))), says, probability=probability)]
 
@@ -462,7 +462,7 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
 def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
     """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad."""
     # Effects seen in stills only are tested there.
-    while turning := [n for n in kept if "turn" in n.effect.seen_in]:
+    while turning := [n for n in kept if "turn" in n.effect.observable_in]:
         if tilt_rms(held_out(twin, best.whiten, fit)) <= before:
             break
         kept = [n for n in kept if n is not min(turning, key=lambda n: n.gain)]

@@ -84,13 +84,13 @@ def where(e: Explanation) -> dict:
     if e.verdict == "no_mismatch":
         return dict(NOWHERE)
     told = [*e.claimed, *e.findings]
-    phases = {phase for claim in e.claimed for phase in claim.effect.seen_in}  # a shape without a name may be seen anywhere
+    phases = {phase for claim in e.claimed for phase in claim.effect.observable_in}  # a shape without a name may be seen anywhere
     names = {"closure": "turn", "still": "still", "length": "reference"}
     phases |= {names[name] for name, (before, after) in e.own_p.items() if (after if e.claimed else before) < BELONGS_P}
     order = ("still", "turn", "reference", "timing")
     segments = worst_segments(e)
     spans = _spans(e, segments)
-    strongest = next((claim for claim in told if claim.effect.regime), None)
+    strongest = next((claim for claim in told if claim.effect.conditions), None)
     return {
         "phases": [phase for phase in order if phase in phases],
         "axes": _axes(e, told),
@@ -245,9 +245,9 @@ def what_next(e: Explanation) -> str | None:
     """Motion or condition that would decide what this recording cannot; None if nothing is open."""
     for claim in e.claimed:
         if claim.equivalent:
-            return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.splits}"
+            return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.discriminating_motion}"
     if e.findings:
-        return e.findings[0].effect.splits
+        return e.findings[0].effect.discriminating_motion
     if e.verdict == "unexplained" and (suspicion := next((warning.do for warning in e.warnings if warning.do), None)):
         return suspicion
     if e.verdict == "unexplained":
@@ -363,7 +363,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
     """The result of a session with a truth file, JSON-ready."""
     expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
     lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
-    place = {"phases": sorted({phase for c in e.claimed for phase in c.effect.seen_in}), "axes": [], "segments": [], "regime": None}
+    place = {"phases": sorted({phase for c in e.claimed for phase in c.effect.observable_in}), "axes": [], "segments": [], "regime": None}
     return _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed) | {
         "refused": [claim.to_json() for claim in e.refused],
         "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],

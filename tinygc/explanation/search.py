@@ -133,7 +133,7 @@ def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) ->
 
 def _delays(effect: Effect) -> bool:
     """Whether an effect is a delay, which linear columns rank poorly: they miss the curvature of a long delay and cannot separate two."""
-    return effect.gauge is not None
+    return effect.gauge_convention is not None
 
 
 def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
@@ -375,12 +375,12 @@ def _finding(
         id=f"{NAMELESS}{name}",
         equation=equation,
         parameter=Parameter("coefficients_dps", (size,), "dps", DEG, plausible=PLAUSIBLE_RPS),
-        seen_in=("still", "turn"),
+        observable_in=("still", "turn"),
         columns=columns,
         basis=basis,
-        says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
-        splits="repeat the session with this variable changed on purpose, all else alike",
-        regime=regime,
+        describe=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
+        discriminating_motion="repeat the session with this variable changed on purpose, all else alike",
+        conditions=regime,
         inputs=inputs,
         reach=reach,
     )
@@ -459,7 +459,7 @@ def _powers(order: int) -> list[tuple[int, int, int]]:
 
 
 def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
-    def says(theta: np.ndarray) -> str:
+    def describe(theta: np.ndarray) -> str:
         whole = earth.rate_t + theta
         seen = -np.arcsin(whole[2] / np.linalg.norm(whole)) / DEG
         as_long = abs(np.linalg.norm(whole) / EARTH_RATE_RPS - 1) < LIKE_THE_EARTH
@@ -474,12 +474,13 @@ def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
         id="unknown.world_direction",
         equation="ω += R_bt w, w fixed in the table's frame",
         parameter=Parameter("rate_dps", (3,), "dps", DEG, plausible=PLAUSIBLE_RPS),
-        seen_in=("still",),
+        observable_in=("still",),
         kind="earth",
         columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
-        says=says,
-        splits="correct site.latitude_deg in session.toml; if it is right, record stills with each axis up and down and pointing each way",
-        regime=("attitude", "g"),
+        describe=describe,
+        discriminating_motion="correct site.latitude_deg in session.toml; if it is right, record stills with each axis up and down "
+        "and pointing each way",
+        conditions=("attitude", "g"),
         picture=WORLD,
     )
 

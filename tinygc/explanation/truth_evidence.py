@@ -240,7 +240,7 @@ def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_v
     parameter = effect.parameter
     values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     parameters = {parameter.name: values, **effect.shape}
-    return TruthClaim(effect, parameters, {parameter.name: std}, p_value, effect.says(theta), theta=theta, sigma=sigma, **more)
+    return TruthClaim(effect, parameters, {parameter.name: std}, p_value, effect.describe(theta), theta=theta, sigma=sigma, **more)
 
 
 @dataclass(frozen=True, eq=False)

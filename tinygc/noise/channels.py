@@ -267,7 +267,7 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     if not twin.stills:  # between moments of truth turns begin and end in motion, so the closure observes a common delay
         return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
     for number, claim in enumerate(fit.state.claims):
-        gauge = claim.effect.gauge
+        gauge = claim.effect.gauge_convention
         if isinstance(gauge, Convention):
             fit = _with_theta(twin, whiten, fit, number, gauge.settle(claim.theta))
         elif isinstance(gauge, CommonDelay):
@@ -287,7 +287,7 @@ def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
         return fit
     moved = []
     for number, claim in enumerate(claims):
-        gauge = claim.effect.gauge
+        gauge = claim.effect.gauge_convention
         if gauge is None or not gauge.delays:
             continue
         entries, late = list(gauge.delays), gauge.late if isinstance(gauge, CommonDelay) else 1.0

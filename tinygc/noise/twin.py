@@ -424,7 +424,7 @@ def variable_of(effect: Effect | None, theta: np.ndarray | None = None) -> Varia
 
     Time is used for an effect whose variable a movement does not contain, and for None.
     """
-    variable = effect.regime[0] if effect is not None and effect.regime else "time"
+    variable = effect.conditions[0] if effect is not None and effect.conditions else "time"
     if variable not in READ:
         return Variable("time")
     if theta is not None and np.size(theta) == 9 and variable in ("attitude", "rate", "angular acceleration"):

@@ -148,7 +148,7 @@ def _denoiser_words(figures: dict) -> str:
 
 
 def _physics_words(physics: PhysicsFit) -> str:
-    fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
+    fitted = [claim.effect.describe(claim.theta) for claim in physics.fit.state.claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:
         explain = command_line("explain")

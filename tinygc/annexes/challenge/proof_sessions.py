@@ -17,7 +17,7 @@ from session.io.registers import require_profile
 from session.io.samples import Samples
 from session.io.units import DEG, NS_PER_S, G
 from tinygc.closure.build import build_problem
-from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Convention, Derived, Effect, FoundAt, Movement
+from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Convention, Derived, Effect, Movement, ReferenceConditions
 from tinygc.effects.effect import ANYWHERE
 from tinygc.effects.movement import vibration
 from tinygc.explanation.claims import named_claims, readable
@@ -115,9 +115,9 @@ class EffectTrial:
         return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), self.known)
 
     @property
-    def at(self) -> FoundAt:
+    def at(self) -> ReferenceConditions:
         """Full scale and first temperature of the scene."""
-        return self.original.found_at
+        return self.original.reference_conditions
 
     @property
     def known(self) -> Conditions:
@@ -132,13 +132,13 @@ def trial(effect: Effect, size: float, seed: int, value: float | None = None) ->
     """Draw parameters of either sign, 0.5 to 1.5 times ``size``; lags are positive; the scanned shape at ``value``, or mid-grid."""
     here = effect
     if effect.scan is not None:
-        here = effect.at(middle_value(effect, [movement(104.0, effect.found_at)]) if value is None else value)
+        here = effect.at(middle_value(effect, [movement(104.0, effect.reference_conditions)]) if value is None else value)
     return EffectTrial(here, effect, random_theta(effect, size, seed))
 
 
 def random_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
     """(P,) SI, in a convention's gauge where there is one."""
-    rng, gauge = np.random.default_rng(seed), effect.gauge
+    rng, gauge = np.random.default_rng(seed), effect.gauge_convention
     theta = size * rng.uniform(0.5, 1.5, effect.parameter.size) * rng.choice((-1.0, 1.0), effect.parameter.size)
     if isinstance(gauge, CommonDelay):
         if gauge.never_negative:
@@ -158,7 +158,7 @@ def middle_value(effect: Effect, movements: list[Movement]) -> float:
     return float(values[max(at - 1, 0) : at + 1].mean())
 
 
-def movement(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Movement:
+def movement(odr_hz: float, at: ReferenceConditions, length_s: float = LENGTH_S) -> Movement:
     """A hand movement: rest, movement up to two fifths of full scale and 2 Hz, rest; with all inputs, each of its own shape."""
     t_s = np.arange(0, length_s, 1 / odr_hz)
     vibration = 0.2 * np.exp(-(((t_s / length_s - 0.5) * 10) ** 2))
@@ -167,7 +167,7 @@ def movement(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Movement
     return Movement(t_s, 1 / odr_hz, rate, _turned(t_s), temp_c, vibration, length_s, at.fs_rps, at.first_temp_c)
 
 
-def log(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Samples:
+def log(odr_hz: float, at: ReferenceConditions, length_s: float = LENGTH_S) -> Samples:
     """The same movement as a log without noise."""
     moved = movement(odr_hz, at, length_s)
     stamps = np.rint(np.arange(len(moved.t_s)) * (NS_PER_S / odr_hz)).astype(np.int64)
@@ -251,11 +251,11 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
 
 def _setting(effect: Effect) -> dict[str, Any]:
     """Options for a session as fast and as warm as the one to which the effect's constants belong, where these are known."""
-    if effect.found_at == ANYWHERE:
+    if effect.reference_conditions == ANYWHERE:
         return {}
-    full_scale_dps = effect.found_at.fs_rps / DEG
+    full_scale_dps = effect.reference_conditions.fs_rps / DEG
     vigour = float(np.clip(full_scale_dps / SimulationOptions.gyro_fs_dps, 1 / MOST_VIGOUR, MOST_VIGOUR))
-    first_c = float(np.clip(effect.found_at.first_temp_c, *FIRST_C))
+    first_c = float(np.clip(effect.reference_conditions.first_temp_c, *FIRST_C))
     ranges = sorted(require_profile(SimulationOptions.sensor).gyro or [])
     own = next((one for one in ranges if one > RANGE_WITHIN * full_scale_dps), ranges[-1])
     return {"gyro_fs_dps": own, "vigour": vigour, "temperature_start_c": first_c}
@@ -386,8 +386,8 @@ def _look(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
         return error, np.array([std[name]]), np.eye(1), np.abs([effect.derived.of(truth)])
     sigma = np.ravel(std[effect.parameter.name]) * effect.parameter.si
     keep = sigma > 0  # a convention fixes one entry exactly
-    if isinstance(effect.gauge, Convention):
-        slope = effect.gauge.slope(claim.theta)
+    if isinstance(effect.gauge_convention, Convention):
+        slope = effect.gauge_convention.slope(claim.theta)
         covariance = slope @ covariance @ slope.T
     own = np.sqrt(np.diag(covariance)[keep])
     correlation = covariance[np.ix_(keep, keep)] / np.outer(own, own)

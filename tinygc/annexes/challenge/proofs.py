@@ -40,7 +40,7 @@ from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
 from tinygc.deploy.embedded.stages import Inputs
-from tinygc.effects import Effect, EffectError, FoundAt, NoC
+from tinygc.effects import Effect, EffectError, NoC, ReferenceConditions
 from tinygc.effects.catalogue import having, tried
 from tinygc.explanation.engine import Explanation
 from tinygc.reporting.pictures.canvas import pair_of_panels
@@ -79,9 +79,9 @@ def units(trial: EffectTrial) -> str:
 
 
 def _sentence(trial: EffectTrial) -> None:
-    says = trial.effect.says(trial.theta)
+    says = trial.effect.describe(trial.theta)
     if not isinstance(says, str) or "\n" in says or not re.search(r"\d", says) or "nan" in says or len(says) > LONGEST:
-        raise Wrong(f"says gives {says!r:.120}, expected one sentence with a number")
+        raise Wrong(f"describe gives {says!r:.120}, expected one sentence with a number")
 
 
 def _unit(unit: str, si: float) -> str:
@@ -226,7 +226,7 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
 def _looks_no_farther(trial: EffectTrial, samples: Samples) -> None:
     """Check that samples beyond the declared reach do not change a sample's rate."""
     middle = len(samples) // 2
-    behind, ahead = trial.effect.looks(trial.theta).rows(RATE_HZ)
+    behind, ahead = trial.effect.total_reach(trial.theta).rows(RATE_HZ)
     model, rng = trial.model(), np.random.default_rng(0)
     base = model.calibrate(samples, live=True)[middle]
     beyond = np.ones(len(samples), dtype=bool)
@@ -274,7 +274,7 @@ def c(trial: EffectTrial) -> str:
     return f"its C is its NumPy bit for bit over {len(samples)} samples, and within {off:.2g} of correct"
 
 
-def _samples(at: FoundAt) -> Samples:
+def _samples(at: ReferenceConditions) -> Samples:
     """A hand movement, followed by independent random readings."""
     moved, rng = log(RATE_HZ, at), np.random.default_rng(0)
     assert moved.temp_c is not None  # as ``log`` makes it

@@ -296,7 +296,7 @@ def rate_changes(recording: HostRecording, trial: InjectionTrial, rng: np.random
             values = effect.scan.grid(recording.movements) if effect.scan.grid else recording.log_s * rng.uniform(0.25, 0.75, 1)
             effect = effect.at(float(rng.choice(values)))
         direction = rng.standard_normal(effect.parameter.size)
-        if getattr(effect.gauge, "never_negative", False):
+        if getattr(effect.gauge_convention, "never_negative", False):
             direction = np.abs(direction)
         shown = trial.size * direction / np.linalg.norm(direction)
         truth = {effect.parameter.name: shown.reshape(effect.parameter.shape).tolist(), **effect.shape}

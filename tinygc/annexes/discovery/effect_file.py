@@ -25,9 +25,9 @@ from tinygc.annexes.discovery.words import (
     in_words,
     jumps,
     known_to,
+    observable_in,
     regime,
     rounded,
-    seen_in,
     splits,
     what,
 )
@@ -116,7 +116,7 @@ def _held_out(each: HeldOut) -> str:
 
 def _runner_up(each: RunnerUp) -> str:
     name = each.effect.id if each.form is None else equation(each.form)
-    return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {plain(each.splits)}"
+    return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {plain(each.discriminating_motion)}"
 
 
 # How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.
@@ -306,13 +306,13 @@ class _File:
             f'id="discovered.{self.name}",',
             *_text("equation=", self._anywhere(equation(form)), ","),
             f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
-            f"seen_in={_tuple(seen_in(form))},",
+            f"observable_in={_tuple(observable_in(form))},",
             f"columns={own}_columns(m)," if own else "columns=_columns,",
-            "says=lambda theta: (",
+            "describe=lambda theta: (",
             f'    f"{{abs(largest(theta)) / DEG:.3g}} {unit} on {{axis_of(theta)}}: "',
             *(f"    {line}" for line in _pieces(self._anywhere(follows(form)))),
             "),",
-            *_text("splits=", splits(form), ","),
+            *_text("discriminating_motion=", splits(form), ","),
         ]
         lines += [f"inputs={_tuple(inputs)},"] if (inputs := form.inputs) else []
         lines += [f"reach={reach},"] if reach else []
@@ -326,7 +326,7 @@ class _File:
             lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
         if self.fixed:
             given = {"FULL_SCALE_RPS": "fs_rps", "FIRST_TEMP_C": "first_temp_c"}
-            lines += [f"found_at=FoundAt({', '.join(f'{given[name]}={name}' for name in self.fixed)}),"]
+            lines += [f"reference_conditions=ReferenceConditions({', '.join(f'{given[name]}={name}' for name in self.fixed)}),"]
         lines += [f"known_to={share},"] if (share := known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += f"device={self.device.source},".split("\n")
@@ -377,8 +377,8 @@ def at_of(where: Where) -> dict[str, tuple[float, str]]:
 
 #: names of ``tinygc.effects`` that a file may use in addition to ``Effect`` and ``Movement``
 USED = (
-    *("NEIGHBOURS", "Conditions", "Cost", "FoundAt", "NoC", "Parameter", "Reach", "Scan", "StageC", "axis_of", "before", "behind"),
-    *("cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
+    *("NEIGHBOURS", "Conditions", "Cost", "ReferenceConditions", "NoC", "Parameter", "Reach"),
+    *("Scan", "StageC", "axis_of", "before", "behind", "cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
 )
 
 

@@ -228,8 +228,8 @@ def _same(assessed: _AssessedLaw, evidence: FormEvidence) -> tuple[LawForm, ...]
 def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp:
     form = evidence.forms.get(rival.effect.id)
     if form is None:
-        return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.splits)
-    effect = replace(rival.effect, id=_free_id(form, ids), equation=equation(form), splits=splits(form))
+        return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.discriminating_motion)
+    effect = replace(rival.effect, id=_free_id(form, ids), equation=equation(form), discriminating_motion=splits(form))
     return RunnerUp(form, effect, rival.nearest, rival.correlation, splits(form))
 
 

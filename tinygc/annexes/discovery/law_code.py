@@ -231,7 +231,7 @@ class _Code:
 
     def all(self) -> DeviceCode:
         """The device stage of a law and the functions that it uses."""
-        given = [f'says="r -= the law discovered.{self.name}"', "body=_BODY", "constants=_constants", "numpy=_single"]
+        given = [f'formula="r -= the law discovered.{self.name}"', "body=_BODY", "constants=_constants", "numpy=_single"]
         source = "\n".join(["StageC(", *(f"    {each}," for each in [*given, f"cost={self._cost()}"]), ")"])
         body = '_BODY = """\\\n' + "\n".join(self._c()) + '"""'
         head = 'def _single(c: dict, rate: np.ndarray, inputs) -> np.ndarray:\n    """What the C does, in single precision."""\n'

@@ -217,7 +217,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
 
 
 def _splitting(pair: Pair) -> str:
-    words = pair.law.runners_up[0].splits
+    words = pair.law.runners_up[0].discriminating_motion
     best = None if pair.other is None else best_trial(pair.own, pair.other)
     if best is None:
         return words

@@ -97,7 +97,7 @@ def _runner_up(each: RunnerUp) -> dict:
         "equation": other_equation(each),
         "worse_by": each.worse,
         "correlation": each.correlation,
-        "splits": each.splits,
+        "splits": each.discriminating_motion,
     }
 
 

@@ -393,7 +393,7 @@ def follows(form: LawForm) -> str:
     return words.replace("The error of", "the error of", 1)
 
 
-def seen_in(form: LawForm) -> tuple[str, ...]:
+def observable_in(form: LawForm) -> tuple[str, ...]:
     """Turns alone, where a factor is zero at rest and has no memory."""
     of_turns = any(
         f.quantity in OF_TURNS and f.lag_s is None and not f.through.memory and f.function not in NOT_AT_ZERO for f in form.factors

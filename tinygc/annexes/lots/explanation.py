@@ -203,8 +203,8 @@ def effects_of(explanation: Explanation) -> dict[str, Weighed]:
 def _told(effect: Effect) -> np.ndarray:
     """Return (P, P): the projection on the part of theta that a closure determines: of delays, the differences between axes."""
     told = np.eye(effect.parameter.size)
-    if effect.gauge is not None and effect.gauge.delays:
-        told[np.ix_(effect.gauge.delays, effect.gauge.delays)] -= 1 / len(effect.gauge.delays)
+    if effect.gauge_convention is not None and effect.gauge_convention.delays:
+        told[np.ix_(effect.gauge_convention.delays, effect.gauge_convention.delays)] -= 1 / len(effect.gauge_convention.delays)
     return told
 
 

@@ -87,7 +87,7 @@ class ThermalStage(ProgramStage):
         matrices[0] -= np.eye(3)
         self._E, self._zero = single(matrices, "E over temperature"), single(model.zero_terms, "the zero over temperature")
         self._c = single([model.reference_c, *model.range_c], "the temperatures")
-        self.says = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
+        self.formula = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
         self.constants = {"THERMAL_C": self._c, "THERMAL_ZERO": self._zero, "THERMAL_E": self._E}
         self.functions, follow = _HELD, "for (int i = 0; i < 3; i++)\n    element[i] = in->temp_c;\n"
         powers = len(self._zero) - 1, len(self._E) - 1

@@ -172,7 +172,7 @@ def source_files(
         "header": HEADER,
         "flags": FLAGS,
         "facts": "\n".join(f" * {commented(name):8} {commented(value)}" for name, value in facts.items()),
-        "formula": "\n".join(f" *     {commented(stage.says)}" for stage in stages),
+        "formula": "\n".join(f" *     {commented(stage.formula)}" for stage in stages),
         "identity": program.identity,
         "weights": 4 * sum(array.size for array in constants.values()),
         "state": sum(stage.state_bytes for stage in stages) or 1,
@@ -196,7 +196,7 @@ def source_files(
 
 
 def _block(stage: ProgramStage) -> str:
-    return f"{{ /* {commented(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
+    return f"{{ /* {commented(stage.formula)} */\n{indent(stage.body, '    ')}\n}}"
 
 
 def constant(name: str, array: np.ndarray) -> str:

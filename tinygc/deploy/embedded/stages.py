@@ -46,11 +46,11 @@ class Inputs:
 class ProgramStage(ABC):
     """One step of a program: it changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
 
-    says: a line of the header's formula; constants: name in C -> float32 array; body: C statements; functions: C functions that the
+    formula: a line of the header's formula; constants: name in C -> float32 array; body: C statements; functions: C functions that the
     body calls; state: C members, state_bytes their size, start: C statements that reset the state; cost of one sample.
     """
 
-    says: str
+    formula: str
     constants: dict[str, np.ndarray]
     body: str
     functions = state = start = ""
@@ -114,9 +114,9 @@ class Linear(ProgramStage):
 
     cost = COST + Cost(add=3)
 
-    def __init__(self, model: LinearModel, name: str, says: str):
-        self._w = table(np.asarray(model.E, dtype=float) - np.eye(3), model.B, says)
-        self.says, self.constants = says, {name: self._w}
+    def __init__(self, model: LinearModel, name: str, formula: str):
+        self._w = table(np.asarray(model.E, dtype=float) - np.eye(3), model.B, formula)
+        self.formula, self.constants = formula, {name: self._w}
         self.body = f"float s[3];\naffine({name}, r, s);\n{ADD}"
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
@@ -135,7 +135,7 @@ def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:
 class CalibrationNetStage(ProgramStage):
     """The paper's 27 parameters: r + W2 PReLU(W1 r + b1) + b2, a slope per axis."""
 
-    says = "r += W2 h + b2, h = W1 r + b1 where positive, slope times that below"
+    formula = "r += W2 h + b2, h = W1 r + b1 where positive, slope times that below"
     cost = COST + COST + Cost(multiply=3, add=3, compare=3)
     body = f"""\
 float s[3], h[3];
@@ -158,7 +158,7 @@ affine(OUTER, h, s);
 class Published(ProgramStage):
     """The authors' 26 parameters: r + P2(W2 P1(W1 r + b1) + b2), one slope after each block."""
 
-    says = "r += P2(W2 P1(W1 r + b1) + b2), P(x) = x where positive, slope x below"
+    formula = "r += P2(W2 P1(W1 r + b1) + b2), P(x) = x where positive, slope x below"
     cost = COST + COST + Cost(multiply=6, add=3, compare=6)
     body = """\
 float s[3], h[3];
@@ -183,14 +183,14 @@ for (int i = 0; i < 3; i++)
 class Conditioned(ProgramStage):
     """A net of 27 parameters plus the effects of temperature and force on biases and gains: net(r) + bias c + r (gain c)."""
 
-    says = "r = net(r) + bias c + r (gain c), c the temperature less T0 or the force, or both; in net(r):"
+    formula = "r = net(r) + bias c + r (gain c), c the temperature less T0 or the force, or both; in net(r):"
 
     def __init__(self, model: ConditionsModel):
         self._net, names = CalibrationNetStage(model.net.net), model.net.names
         units = np.concatenate([[1.0 / G if name == "force" else 1.0] * CONDITIONS[name][0] for name in names])
         self._bias, self._gain = (single(weight * units, "the conditions") for weight in (model.net.bias, model.net.gain))
         self._names = names
-        self.says = f"{self.says} {self._net.says}"
+        self.formula = f"{self.formula} {self._net.formula}"
         self.constants = {**self._net.constants, "CONDITION_BIAS": self._bias, "CONDITION_GAIN": self._gain}
         fill = []
         for name in names:
@@ -268,9 +268,9 @@ class Denoise(ProgramStage):
         self._signs = 1 if self._slope is None else 2
         shapes = [weight.shape[1:3] for weight in self._weights]
         self._slots = [(w.shape[-1] - 1) * dilation + 1 for w, dilation in zip(self._weights, self._dilations, strict=True)]
-        self.says = f"r = conv3(conv2(conv1(r))) per axis, dilations {self._dilations}"
+        self.formula = f"r = conv3(conv2(conv1(r))) per axis, dilations {self._dilations}"
         if self._slope is not None:
-            self.says = f"r = (g(r) - g(-r)) / 2, g the three convolutions, leaky ReLUs of slope {denoiser.slope:g}"
+            self.formula = f"r = (g(r) - g(-r)) / 2, g the three convolutions, leaky ReLUs of slope {denoiser.slope:g}"
         self.constants = {f"CONV{n}": w.transpose(0, 3, 1, 2).reshape(3, -1) for n, w in enumerate(self._weights, 1)}
         if self._slope is not None:
             self.constants["LEAK"] = self._slope.reshape(1)
@@ -358,7 +358,7 @@ class Matrix(ProgramStage):
     cost = COST + Cost(add=3)
 
     def __init__(self, code: MatrixC, theta: np.ndarray, known: Conditions, name: str):
-        self.says = code.says
+        self.formula = code.formula
         self._w = table(code.matrix(theta, known), np.zeros(3), name)
         self.constants = {code.name: self._w}
         self.body = f"float s[3];\naffine({code.name}, in->force, s);\nfor (int i = 0; i < 3; i++)\n    r[i] -= s[i];"
@@ -372,8 +372,8 @@ class PerAxis(ProgramStage):
     """One coefficient k per axis: r -= term, where the term, in C and in NumPy, may depend on the rate w."""
 
     def __init__(self, code: PerAxisC, theta: np.ndarray, known: Conditions):
-        self._code, self.says = code, code.says
-        self.constants = {name: single(value, code.says) for name, value in code.values(theta, known).items()}
+        self._code, self.formula = code, code.formula
+        self.constants = {name: single(value, code.formula) for name, value in code.values(theta, known).items()}
         self.body = self._statements()
         self.cost = sum([code.cost] * (3 * code.passes), Cost())
 
@@ -399,9 +399,9 @@ class Own(ProgramStage):
 
     def __init__(self, code: StageC, theta: np.ndarray, known: Conditions):
         self._numpy = code.numpy
-        self.says, self.body, self.cost, self.functions = code.says, code.body, code.cost, code.functions
+        self.formula, self.body, self.cost, self.functions = code.formula, code.body, code.cost, code.functions
         self.state, self.state_bytes, self.start = code.state, code.state_bytes, code.start
-        self.constants = {name: single(value, code.says) for name, value in code.constants(theta, known).items()}
+        self.constants = {name: single(value, code.formula) for name, value in code.constants(theta, known).items()}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         """Apply the body to rates (N, 3) float32, in the same order of operations."""

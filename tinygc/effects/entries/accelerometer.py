@@ -45,13 +45,13 @@ _BIAS = Effect(
     id="reference.accelerometer",
     equation="f = f measured - b: the reference's attitudes and the length of gravity move with attitude",
     parameter=Parameter("bias_mg", (3,), "mg", MG, plausible=100 * MG),
-    seen_in=("reference",),
+    observable_in=("reference",),
     kind="force",
     columns=nothing(3),
     bends=_bias,
-    says=_says,
-    splits="hold each axis of the accelerometer up and down: gravity's length must not change",
-    regime=("attitude", "g"),
+    describe=_says,
+    discriminating_motion="hold each axis of the accelerometer up and down: gravity's length must not change",
+    conditions=("attitude", "g"),
     picture=GRAVITY_LENGTH,
 )
 EFFECT = replace(

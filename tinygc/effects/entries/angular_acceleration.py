@@ -7,16 +7,16 @@ EFFECT = Effect(
     id="gyro.angular_acceleration",
     equation="ω += C dω/dt",
     parameter=Parameter("cross", (3, 3), "s", plausible=0.05),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: full(movement.acceleration),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the output follows angular acceleration by up to {abs(largest(theta)) * 1e3:.1f} ms, across axes too: "
         "keep dω/dt in the model, or turn more gently"
     ),
-    splits="turn about one axis at a time, with sharp starts and stops",
+    discriminating_motion="turn about one axis at a time, with sharp starts and stops",
     reach=NEIGHBOURS,
-    regime=("angular acceleration", "rad/s²"),
+    conditions=("angular acceleration", "rad/s²"),
     picture=LAG_LAW,
-    gauge=CommonDelay((0, 4, 8), late=-1.0),  # the diagonal is a common delay plus differences
+    gauge_convention=CommonDelay((0, 4, 8), late=-1.0),  # the diagonal is a common delay plus differences
     device=AHEAD,
 )

@@ -23,19 +23,21 @@ _BODY = Effect(
     id="timing.axis_skew",
     equation="ω_i(t) is read at t + s_i",
     parameter=Parameter("seconds", (3,), "s", plausible=0.05),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal(-movement.acceleration),
     exact_correct=lambda measured, movement, theta: _shifted(measured, movement, theta),
     exact_distort=lambda movement, theta: _shifted(movement.rate, movement, -theta),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the axes are sampled at different instants, {axis_of(theta)} {1e3 * abs(largest(theta)):.1f} ms after the first: "
         "read all axes in one burst, or shift them back"
     ),
-    splits="shake the table about each axis at several speeds: a delay keeps the shape of fast movements, a lag rounds it off",
+    discriminating_motion=(
+        "shake the table about each axis at several speeds: a delay keeps the shape of fast movements, a lag rounds it off"
+    ),
     reach=lambda theta: Reach.around(samples=SPLINE_SAMPLES, seconds=float(np.abs(theta).max())),
-    regime=("angular acceleration", "rad/s²"),
+    conditions=("angular acceleration", "rad/s²"),
     picture=LAG_LAW,
-    gauge=Convention(
+    gauge_convention=Convention(
         settle=lambda theta: theta - theta.min(),  # counted from the earliest axis
         slope=lambda theta: np.eye(3) - np.eye(3)[int(np.argmin(theta))],
         delays=(0, 1, 2),

@@ -30,21 +30,21 @@ EFFECT = Effect(
     id="gyro.bandwidth",
     equation="τ_i dω_i/dt + ω_i = the true rate",
     parameter=Parameter("tau_s", (3,), "s", plausible=0.05),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal(-movement.acceleration),
     # The axes' common lag appears in the closure by its square: from zero a search may go to negative lags and not return.
     begin=0.005,
     exact_correct=_correct,
     exact_distort=_distort,
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the {axis_of(theta)} axis answers {1e3 * abs(largest(theta)):.1f} ms late like a first-order filter: "
         "check the low-pass setting of each axis"
     ),
-    splits="shake the table about each axis at several speeds: a lag rounds off fast movements, a delay does not",
+    discriminating_motion="shake the table about each axis at several speeds: a lag rounds off fast movements, a delay does not",
     # The correction reads both neighbours; the forward model has a memory, which is not corrected live.
     reach=NEIGHBOURS,
-    regime=("angular acceleration", "rad/s²"),
+    conditions=("angular acceleration", "rad/s²"),
     picture=LAG_LAW,
-    gauge=CommonDelay((0, 1, 2), never_negative=True),
+    gauge_convention=CommonDelay((0, 1, 2), never_negative=True),
     device=AHEAD,
 )

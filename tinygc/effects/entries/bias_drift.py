@@ -7,15 +7,15 @@ EFFECT = Effect(
     id="gyro.bias_drift",
     equation="ω += d t / (length of the session)",
     parameter=Parameter("dps_over_log", (3,), "dps", DEG, plausible=5 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=lambda movement: diagonal(movement.t_s / movement.duration_s),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro's zero-rate offset "
         f"drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session, whatever the temperature: "
         "take the bias afresh before each use"
     ),
-    splits="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
+    discriminating_motion="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
     inputs=("time",),
-    regime=("time", "s"),
+    conditions=("time", "s"),
     device=BYGONE,
 )

@@ -14,13 +14,13 @@ def _at(at_s: float) -> Effect:
     def basis(movement: Movement) -> np.ndarray:
         return (movement.t_s >= at_s)[:, None].astype(float)
 
-    def says(theta: np.ndarray) -> str:
+    def describe(theta: np.ndarray) -> str:
         return (
             f"the gyro's zero-rate offset jumps by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} at {at_s:.0f} s: "
             "look for a shock, a supply change or a change of mode then"
         )
 
-    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says)
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, describe=describe)
 
 
 def _halfway(movement: Movement) -> np.ndarray:
@@ -31,13 +31,13 @@ EFFECT = Effect(
     id="gyro.bias_step",
     equation="ω += b from the time of the step on",
     parameter=Parameter("dps", (3,), "dps", DEG, plausible=5 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=per_axis(_halfway),
     basis=_halfway,
-    says=lambda theta: "the gyro's zero-rate offset jumps",
-    splits="leave the table still for a minute: a step shows as one edge",
+    describe=lambda theta: "the gyro's zero-rate offset jumps",
+    discriminating_motion="leave the table still for a minute: a step shows as one edge",
     inputs=("time",),
-    regime=("time", "s"),
+    conditions=("time", "s"),
     scan=Scan("at_s", "s", make=_at),
     device=BYGONE,
 )

@@ -7,15 +7,15 @@ EFFECT = Effect(
     id="timing.dropped_samples",
     equation="at some moments `length` samples are missing, and the stamps go on as if none were",
     parameter=Parameter("length", (), "samples"),
-    seen_in=("timing", "turn"),
+    observable_in=("timing", "turn"),
     kind="register",
     columns=nothing(1),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"{theta[0]:.0f} samples at a time are lost without a gap in the stamps: "
         "stamp in the sensor, count the frames, empty its FIFO in time"
     ),
-    splits="log the sensor's own time stamps beside the samples",
-    regime=("time", "s"),
+    discriminating_motion="log the sensor's own time stamps beside the samples",
+    conditions=("time", "s"),
     occurs=Occurrence("at_s", SECONDS),
     picture=LOST_SAMPLES,
 )

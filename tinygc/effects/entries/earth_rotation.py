@@ -16,14 +16,14 @@ EFFECT = Effect(
     id="earth.rotation",
     equation="ω += R_bt w, w the Earth's rate in table axes",
     parameter=Parameter("rate_dps", (3,), "dps", DEG, plausible=2 * EARTH_RATE_RPS),
-    seen_in=("still",),
+    observable_in=("still",),
     kind="earth",
     columns=nothing(3),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the stills turn with the Earth, as at a latitude of about {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
     ),
-    splits="record stills with each axis up and down and pointing each way",
-    regime=("attitude", "g"),
+    discriminating_motion="record stills with each axis up and down and pointing each way",
+    conditions=("attitude", "g"),
     derived=Derived("latitude_deg", "deg", latitude_deg),
     picture=EARTH,
 )

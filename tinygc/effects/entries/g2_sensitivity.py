@@ -7,19 +7,19 @@ EFFECT = Effect(
     id="gyro.g2_sensitivity",
     equation="ω_i += k_i f_i², f in g",
     parameter=Parameter("dps_per_g2", (3,), "dps/g²", DEG, plausible=1 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=lambda movement: diagonal(movement.force_g**2),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro's zero-rate offset "
         f"moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}, with the same sign up and down: "
         "keep the square of the specific force in the model"
     ),
-    splits="hold each axis up, down and level: g² agrees up and down, g changes sign",
+    discriminating_motion="hold each axis up, down and level: g² agrees up and down, g changes sign",
     inputs=("force",),
-    regime=("attitude", "g"),
+    conditions=("attitude", "g"),
     device=PerAxisC(
         name="G2_SENSITIVITY",
-        says="r -= k f^2 (gyro.g2_sensitivity)",
+        formula="r -= k f^2 (gyro.g2_sensitivity)",
         term="G2_SENSITIVITY[i] * (in->force[i] * in->force[i])",
         constants=lambda theta, known: {"G2_SENSITIVITY": theta / G**2},
         numpy=lambda c, w, inputs: c["G2_SENSITIVITY"] * (inputs.force * inputs.force),

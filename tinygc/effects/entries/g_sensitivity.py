@@ -7,16 +7,16 @@ EFFECT = Effect(
     id="gyro.g_sensitivity",
     equation="ω += K f, f the specific force in g",
     parameter=Parameter("matrix_dps_per_g", (3, 3), "dps/g", DEG, plausible=1 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=lambda movement: full(movement.force_g),
     basis=lambda movement: movement.force_g,
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro's zero-rate offset "
         f"moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"
     ),
-    splits="hold stills in at least six attitudes, each axis up and down",
+    discriminating_motion="hold stills in at least six attitudes, each axis up and down",
     inputs=("force",),
-    regime=("attitude", "g"),
+    conditions=("attitude", "g"),
     device=MatrixC("G_SENSITIVITY", "r -= K f (gyro.g_sensitivity)", lambda theta, known: theta.reshape(3, 3) / G),
     linear_in="force",
 )

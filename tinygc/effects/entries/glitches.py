@@ -7,15 +7,15 @@ EFFECT = Effect(
     id="data.glitches",
     equation="at some rows the gyro reads what it did not feel, for a few samples",
     parameter=Parameter("samples", (), "samples"),
-    seen_in=("timing",),
+    observable_in=("timing",),
     kind="register",
     columns=nothing(1),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"isolated false readings, {theta[0]:.0f} samples long each: they are bridged here; "
         "look at the bus and the cable, and check each word"
     ),
-    splits="log the raw bus words beside the samples",
-    regime=("time", "s"),
+    discriminating_motion="log the raw bus words beside the samples",
+    conditions=("time", "s"),
     occurs=Occurrence("at", ROWS),
     picture=FALSE_READINGS,
 )

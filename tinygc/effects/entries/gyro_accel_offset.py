@@ -7,14 +7,14 @@ EFFECT = Effect(
     id="timing.gyro_accel_offset",
     equation="the gyro shows what the accelerometer showed `seconds` before",
     parameter=Parameter("seconds", (), "s"),
-    seen_in=("timing",),
+    observable_in=("timing",),
     kind="register",
     columns=nothing(1),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro comes {1e3 * abs(theta[0]):.1f} ms {'after' if theta[0] > 0 else 'before'} the accelerometer: "
         "shift one against the other before fusing them; the closure does not mind"
     ),
-    splits="shake the table: rate and centripetal force must peak together",
-    regime=("rate", "dps"),  # gravity turns in the body as fast as the body turns
+    discriminating_motion="shake the table: rate and centripetal force must peak together",
+    conditions=("rate", "dps"),  # gravity turns in the body as fast as the body turns
     picture=CLOCKS,
 )

@@ -10,13 +10,15 @@ EFFECT = Effect(
     id="gyro.saturation",
     equation="|ω_i| never exceeds the level",
     parameter=Parameter("dps", (), "dps", DEG),
-    seen_in=("turn",),
+    observable_in=("turn",),
     kind="register",
     columns=nothing(1),
     exact_distort=lambda movement, theta: _clip(movement, float(theta[0])),
-    says=lambda theta: f"the gyro does not go beyond {float(theta[0]) / DEG:.0f} dps: turn slower, or look for the limit in its settings",
-    splits="turn each axis faster than the level, slowly increasing",
-    regime=("rate", "dps"),
+    describe=lambda theta: (
+        f"the gyro does not go beyond {float(theta[0]) / DEG:.0f} dps: turn slower, or look for the limit in its settings"
+    ),
+    discriminating_motion="turn each axis faster than the level, slowly increasing",
+    conditions=("rate", "dps"),
     occurs=Occurrence("dps", LEVEL),
     picture=CLIPPED_TURN,
 )

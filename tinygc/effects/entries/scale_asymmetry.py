@@ -9,18 +9,18 @@ EFFECT = Effect(
     id="gyro.scale_asymmetry",
     equation="ω_i += k_i |ω_i|",
     parameter=Parameter("half_difference", (3,), "fraction", plausible=0.05),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal(np.abs(movement.rate)),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"positive and negative turns differ in scale by {200 * abs(largest(theta)):.2f} % on {axis_of(theta)}: "
         "keep one sensitivity for each sense"
     ),
-    splits="record the same turn both ways about each axis, slow and fast",
-    regime=("rate", "dps"),
+    discriminating_motion="record the same turn both ways about each axis, slow and fast",
+    conditions=("rate", "dps"),
     picture=SCALE_LAW,
     device=PerAxisC(
         name="SCALE_ASYMMETRY",
-        says="r -= k |r| (gyro.scale_asymmetry)",
+        formula="r -= k |r| (gyro.scale_asymmetry)",
         term="SCALE_ASYMMETRY[i] * (w < 0.0f ? -w : w)",
         numpy=lambda c, w, inputs: c["SCALE_ASYMMETRY"] * np.where(w < 0, -w, w),
         cost=Cost(1, 1, 1),

@@ -7,19 +7,19 @@ EFFECT = Effect(
     id="gyro.scale_nonlinearity",
     equation="ω_i += c_i FS (ω_i / FS)³, FS the full scale",
     parameter=Parameter("cubic_at_fs", (3,), "fraction of full scale", plausible=0.3),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal(movement.rate * (movement.rate / movement.fs_rps) ** 2),  # a square is quick, a cube is not
-    says=lambda theta: (
+    describe=lambda theta: (
         f"fast turns read {'more' if largest(theta) > 0 else 'less'} than slow ones (cubic, "
         f"{100 * abs(largest(theta)):.2f} % at full scale "
         f"on {axis_of(theta)}): keep the cubic, or stay at the rates that were calibrated"
     ),
-    splits="record slow and fast turns about each axis, both ways",
-    regime=("rate", "dps"),
+    discriminating_motion="record slow and fast turns about each axis, both ways",
+    conditions=("rate", "dps"),
     picture=SCALE_LAW,
     device=PerAxisC(
         name="SCALE_NONLINEARITY",
-        says="r -= k r^3 (gyro.scale_nonlinearity)",
+        formula="r -= k r^3 (gyro.scale_nonlinearity)",
         term="SCALE_NONLINEARITY[i] * (w * w * w)",
         constants=lambda theta, known: {"SCALE_NONLINEARITY": theta / known.fs_rps**2},
         numpy=lambda c, w, inputs: c["SCALE_NONLINEARITY"] * (w * w * w),

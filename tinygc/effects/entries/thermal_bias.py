@@ -14,18 +14,18 @@ EFFECT = Effect(
     id="gyro.thermal_bias",
     equation="ω += k (T − T₀), T₀ the temperature of the first sample",
     parameter=Parameter("dps_per_c", (3,), "dps/°C", DEG, plausible=0.5 * DEG),
-    seen_in=("still", "turn"),
+    observable_in=("still", "turn"),
     columns=_columns,
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the gyro's zero-rate offset moves {abs(largest(theta)) / DEG:.4f} dps per °C on {axis_of(theta)}: "
         "let it warm up, or keep temperature in the model"
     ),
-    splits="let the sensor cool while you record: temperature then falls while time goes on",
-    regime=("temperature", "°C"),
+    discriminating_motion="let the sensor cool while you record: temperature then falls while time goes on",
+    conditions=("temperature", "°C"),
     inputs=("temperature",),
     device=PerAxisC(
         name="THERMAL_BIAS",
-        says="r -= k (T - T0) (gyro.thermal_bias)",
+        formula="r -= k (T - T0) (gyro.thermal_bias)",
         term="THERMAL_BIAS[i] * (in->temp_c - THERMAL_BIAS_AT_C[0])",
         constants=lambda theta, known: {"THERMAL_BIAS": theta, "THERMAL_BIAS_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_BIAS"] * (inputs.temp_c - c["THERMAL_BIAS_AT_C"])[:, None],

@@ -9,19 +9,19 @@ EFFECT = Effect(
     id="gyro.thermal_scale",
     equation="ω_i += s_i (T − T₀) ω_i, T₀ the temperature of the first sample",
     parameter=Parameter("per_c", (3,), "1/°C", plausible=0.02),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal((movement.temp_c - movement.first_temp_c)[:, None] * movement.rate),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"the sensitivity moves {1e6 * abs(largest(theta)):.0f} ppm per °C on {axis_of(theta)}: "
         "let it warm up, or keep temperature in the model"
     ),
-    splits="let the sensor cool while you turn it: temperature then falls while time goes on",
-    regime=("temperature", "°C"),
+    discriminating_motion="let the sensor cool while you turn it: temperature then falls while time goes on",
+    conditions=("temperature", "°C"),
     picture=SCALE_LAW,
     inputs=("temperature",),
     device=PerAxisC(
         name="THERMAL_SCALE",
-        says="r -= k (T - T0) r (gyro.thermal_scale)",
+        formula="r -= k (T - T0) r (gyro.thermal_scale)",
         term="THERMAL_SCALE[i] * (in->temp_c - THERMAL_SCALE_AT_C[0]) * w",
         constants=lambda theta, known: {"THERMAL_SCALE": theta, "THERMAL_SCALE_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_SCALE"] * (inputs.temp_c - c["THERMAL_SCALE_AT_C"])[:, None] * w,

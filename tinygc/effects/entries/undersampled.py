@@ -12,15 +12,15 @@ EFFECT = Effect(
     id="motion.undersampled",
     equation="motion faster than half the data rate turns the body by what no sum of readings holds; from every k-th it grows as k^p",
     parameter=Parameter("predicted_deg", (), "deg", DEG, plausible=DEG),
-    seen_in=("turn",),
+    observable_in=("turn",),
     kind="motion",
     columns=nothing(1),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"motion faster than half the data rate: turns miss by {float(theta[0]) / DEG:.2g}° rms that no model of the sensor gives back; "
         "record faster, or filter below half the data rate before sampling"
     ),
-    splits="record the same turns at twice the data rate: this error falls by 2^p",
-    regime=("angular acceleration", "rad/s²"),
+    discriminating_motion="record the same turns at twice the data rate: this error falls by 2^p",
+    conditions=("angular acceleration", "rad/s²"),
     picture=DATA_RATE,
     device=NoC("what the readings miss is in none of them"),
 )

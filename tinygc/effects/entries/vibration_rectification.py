@@ -8,15 +8,15 @@ EFFECT = Effect(
     id="gyro.vibration_rectification",
     equation="ω += k v², v² the mean square of the vibration that the accelerometer passes, in g²",
     parameter=Parameter("dps_per_g2", (3,), "dps/g²", DEG, plausible=20 * DEG),
-    seen_in=("turn",),
+    observable_in=("turn",),
     columns=lambda movement: diagonal(movement.vibration_g2),
-    says=lambda theta: (
+    describe=lambda theta: (
         f"vibration moves the gyro's zero-rate offset by {abs(largest(theta)) / DEG:.2f} dps on {axis_of(theta)} per g² that the "
         "accelerometer passes (the element feels more): damp the table, or mount the sensor softly"
     ),
-    splits="repeat the same turns with and without the vibration",
+    discriminating_motion="repeat the same turns with and without the vibration",
     inputs=("vibration",),
-    regime=("vibration", "g²"),
+    conditions=("vibration", "g²"),
     picture=ENERGY_LAW,
     device=AHEAD,
     # Uncertainty of the energy that the accelerometer passes: a hand's movement adds to it, and vibration attributed to the hand is

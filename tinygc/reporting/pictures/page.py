@@ -46,7 +46,9 @@ def figure_of(e: Explanation) -> Figure:
         _stills_in_time(e, grid[0, 0])
         _lengths_in_time(e, grid[0, 1])
     _closure(e, grid[-1, 0])
-    if any(claim.effect.kind in ("rate", "earth") and "still" in claim.effect.seen_in and claim.effect.pair != TURNS for claim in shown):
+    if any(
+        claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in and claim.effect.pair != TURNS for claim in shown
+    ):
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])

@@ -366,7 +366,7 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
 def picture_data(e: Explanation, claim: Claim) -> PictureData:
     """Plot data of a claim that adds to the rates."""
     variable, (before, after) = variable_for(e, claim), rates_per_still(e)
-    closure_says, closure_recorded = added_to_closure(e, claim)
+    closure_predicted, closure_recorded = added_to_closure(e, claim)
     return PictureData(
         theta=theta(e, claim),
         parameters=claim.parameters,
@@ -378,9 +378,9 @@ def picture_data(e: Explanation, claim: Claim) -> PictureData:
         stills_s=Variable("time").of_stills(e.twin),
         before=before * DEG,
         after=after * DEG,
-        says=added_in_stills(e, claim) * DEG,
+        predicted=added_in_stills(e, claim) * DEG,
         numbers=np.array([segment.number for segment in e.twin.segments]),
-        closure_says=closure_says,
+        closure_predicted=closure_predicted,
         closure_recorded=closure_recorded,
         floor_rad=float(e.proof.floor_rms),
     )

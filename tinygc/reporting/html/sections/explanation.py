@@ -59,7 +59,7 @@ def section(evidence: ReportData) -> Section | None:
         return None
     claim = strongest_rate_effect(e)
     turning = claim is not None and claim.effect.pair in OF_TURNS
-    in_stills = claim is not None and not turning and "still" in claim.effect.seen_in
+    in_stills = claim is not None and not turning and "still" in claim.effect.observable_in
     laws = axis_laws(e, claim) if claim is not None and turning else None
     header, residuals = residual_rows(e)
     html = render(

@@ -35,7 +35,7 @@ def test_json_in_an_encoding_without_our_signs_loses_none(folder):
     spoilt.write_text(spoilt.read_text() + "é = 1\n", encoding="utf-8")  # broken TOML, quoted in the finding
     spoilt.write_text(spoilt.read_text().replace("é", '"é"'), encoding="utf-8")
     done = command_line("check", folder, "--json", "-", PYTHONIOENCODING="ascii")
-    assert any("é" in finding["says"] for finding in json.loads(done.stdout)["findings"])
+    assert any("é" in finding["description"] for finding in json.loads(done.stdout)["findings"])
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
@@ -56,8 +56,8 @@ def test_a_full_standard_output_is_named_and_the_models_are_saved(folder):
 
 def test_json_has_standard_output_to_itself_without_quiet(run, folder, tmp_path):
     code, out, _ = run("check", folder, "--json", "-")
-    assert (code, json.loads(out)["schema"]) == (0, "tinygc-check/1")
-    assert json.loads(run("fit", folder, *QUICK[:2], "--folds", "2", "--json", "-")[1])["schema"] == "tinygc-fit/1"
+    assert (code, json.loads(out)["schema"]) == (0, "tinygc-check/2")
+    assert json.loads(run("fit", folder, *QUICK[:2], "--folds", "2", "--json", "-")[1])["schema"] == "tinygc-fit/2"
     assert json.loads(run("simulate", "--out", tmp_path / "made", "--segments", 3, "--closure", 0, "--json", "-")[1])["folder"]
 
 
@@ -83,7 +83,7 @@ def test_json_has_the_keys_of_formats(run, folder, tmp_path):
     assert run("fit", folder, "--quiet", "--json", path, "--methods", "raw,least_squares,tinygc") == (0, "", "")
     table = json.loads(path.read_text())
     assert {"schema", "session", "stills", "segments", "noise", "methods", "closure_runs"} <= set(table)
-    assert table["schema"] == "tinygc-fit/1"
+    assert table["schema"] == "tinygc-fit/2"
     assert table["stills"] == 11
     assert {key: table["segments"][key] for key in ("found", "used", "rejected")} == {"found": 10, "used": 10, "rejected": []}
     assert {"gyro_dps_rthz", "accel_g_rthz", "closure_floor_rms_deg"} <= set(table["noise"])
@@ -156,8 +156,8 @@ def test_check_has_exit_codes_and_json(run, folder, tmp_path):
     path = tmp_path / "check.json"
     assert run("check", folder, "--quiet", "--json", path)[0] == 0
     table = json.loads(path.read_text())
-    assert table["schema"] == "tinygc-check/1"
-    assert {"level", "where", "what", "says", "do"} == set(table["findings"][0])
+    assert table["schema"] == "tinygc-check/2"
+    assert {"level", "where", "what", "description", "advice"} == set(table["findings"][0])
     spoil(folder, lambda lines: lines[:2])
     code, out, err = run("check", folder)
     assert code == 2

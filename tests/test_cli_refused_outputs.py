@@ -49,7 +49,7 @@ def test_out_twice_replaces_and_out_a_file_is_refused(run, folder, tmp_path):
     (out / "fit.json").write_text("old")
     (out / "notes.txt").write_text("mine")
     assert run("fit", folder, *QUICK, "--out", out)[0] == 0
-    assert json.loads((out / "fit.json").read_text())["schema"] == "tinygc-fit/1"
+    assert json.loads((out / "fit.json").read_text())["schema"] == "tinygc-fit/2"
     assert (out / "notes.txt").read_text() == "mine"
     refused(run("fit", folder, *QUICK, "--out", out / "notes.txt"), "notes.txt", "no folder")
     assert (out / "notes.txt").read_text() == "mine"

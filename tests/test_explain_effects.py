@@ -29,7 +29,7 @@ def test_nothing_concealed_is_no_mismatch(explained, name):
     assert result["mismatch"]["p_value"] > 0.05
     assert result["fit"]["holdout_closure_rms_deg"]["before"] == result["fit"]["holdout_closure_rms_deg"]["after"]
     assert result["fit"]["excess_removed"] is None
-    nowhere = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
+    nowhere = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "conditions": None}
     assert result["mismatch"]["where"] == nowhere
     assert result["next"] is None
     assert result["fit"]["holdout_closure_rms_deg"]["before"] < 1.6 * result["fit"]["holdout_closure_rms_deg"]["floor"]
@@ -104,9 +104,9 @@ def test_the_earth_is_named_where_no_latitude_was_given(explained):
 def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     """Twice the stated size is named; from a quarter as many segments, less would have been seen."""
     _, result = explained("nothing")
-    stated = {name: each["size"] for name, each in result["seen_from"].items()}
+    stated = {name: each["size"] for name, each in result["detection_limits"].items()}
     assert stated["gyro.g_sensitivity"] < 0.01
-    assert result["seen_from"]["gyro.g_sensitivity"]["unit"] == "dps/g"
+    assert result["detection_limits"]["gyro.g_sensitivity"]["unit"] == "dps/g"
 
     def sensitive(t_s, rate, force, temp_c):
         size = 2 * stated["gyro.g_sensitivity"] * DEG / G
@@ -184,7 +184,7 @@ def test_what_is_not_in_the_catalogue_gets_no_name_from_it(explained):
     assert "unknown.periodic" in ids
     assert all(name.startswith("unknown.") for name in ids)
     (periodic,) = [finding for finding in result["findings"] if finding["id"] == "unknown.periodic"]
-    assert float(re.search(r"period of ([\d.]+) s", periodic["says"])[1]) == pytest.approx(30, rel=0.1)
+    assert float(re.search(r"period of ([\d.]+) s", periodic["description"])[1]) == pytest.approx(30, rel=0.1)
 
 
 @pytest.mark.slow

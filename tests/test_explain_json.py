@@ -32,7 +32,7 @@ MORE = {
     "findings",
     "logs",
     "warnings",
-    "seen_from",
+    "detection_limits",
     "within_stills",
     "channels",
     "turn_gravity",
@@ -51,7 +51,7 @@ def test_the_json_is_as_formats_has_it(explained, name):
     explanation, result = explained(name)
     assert set(result) == {*KEYS, *MORE}
     assert all(isinstance(result[key], kind) for key, kind in KEYS.items())
-    assert result["schema"] == SCHEMA == "tinygc-explain/1"
+    assert result["schema"] == SCHEMA == "tinygc-explain/2"
     assert result["session"] == explanation.session.name
     assert result["verdict"] in ("no_mismatch", "explained", "ambiguous", "partly_explained", "unexplained")
     mismatch = result["mismatch"]
@@ -61,26 +61,26 @@ def test_the_json_is_as_formats_has_it(explained, name):
     assert mismatch["closure_rms_deg"] > 0
     assert mismatch["expected_rms_deg"] > 0
     where = mismatch["where"]
-    assert set(where) == {"phases", "axes", "segments", "regime", "segment_seconds", "seconds"}
+    assert set(where) == {"phases", "axes", "segments", "conditions", "segment_seconds", "seconds"}
     assert set(where["phases"]) <= {"still", "turn", "reference", "timing"}
     assert set(where["axes"]) <= set("xyz")
     assert set(where["segments"]) <= {segment.number for segment in explanation.problem.segments}
-    if where["regime"] is not None:
-        assert set(where["regime"]) - {"axis"} == {"variable", "units", "from", "to"}
-        assert where["regime"]["from"] <= where["regime"]["to"]
+    if where["conditions"] is not None:
+        assert set(where["conditions"]) - {"axis"} == {"variable", "units", "from", "to"}
+        assert where["conditions"]["from"] <= where["conditions"]["to"]
     duration = sum(log.samples.duration_s for log in explanation.problem.logs)
     assert len(where["segment_seconds"]) == len(where["segments"])
     for start, stop in [*where["segment_seconds"], *([where["seconds"]] if where["seconds"] else [])]:
         assert 0 <= start < stop <= duration + 0.01
     for effect in result["effects"] + result["findings"]:
         found_only = {"share"} if effect["id"].startswith("unknown.") else set()
-        asked = {"id", "equation", "parameters", "std", "p_value", "probability", "rivals", "equivalent", "says"}
+        asked = {"id", "equation", "parameters", "std", "p_value", "probability", "rivals", "equivalent", "description"}
         assert set(effect) - BOUND == asked | found_only
         assert 0.1 <= effect.get("share", 1) <= 1
         assert set(effect["std"]) <= set(effect["parameters"])
         assert 0 < effect["p_value"] <= 1
         assert all(name in catalogue() or name.startswith("unknown.") for name in effect["equivalent"])
-        assert re.search(r"\d", effect["says"])
+        assert re.search(r"\d", effect["description"])
     for effect in result["effects"]:
         assert effect["id"] in catalogue()
     held = result["fit"]["holdout_closure_rms_deg"]
@@ -119,7 +119,7 @@ def test_it_says_where_the_mismatch_lives(explained, name, phases, variable):
     where = result["mismatch"]["where"]
     assert set(where["phases"]) == phases
     assert where["axes"] == ["x", "y", "z"]
-    assert where["regime"]["variable"] == variable
+    assert where["conditions"]["variable"] == variable
     assert where["segments"]
 
 
@@ -127,31 +127,31 @@ def test_it_says_where_the_mismatch_lives(explained, name, phases, variable):
 def test_temperature_and_time_of_the_regime_are_those_of_the_effect(explained):
     """Warm: the upper half of the rise.  Step: from its time to the end."""
     _, result = explained("thermal_bias")
-    regime = result["mismatch"]["where"]["regime"]
-    assert regime["units"] == "°C"
-    assert 27 < regime["from"] < regime["to"] < 33.5
+    conditions = result["mismatch"]["where"]["conditions"]
+    assert conditions["units"] == "°C"
+    assert 27 < conditions["from"] < conditions["to"] < 33.5
     explanation, result = explained("bias_step")
-    regime = result["mismatch"]["where"]["regime"]
-    assert regime["from"] == pytest.approx(result["effects"][0]["parameters"]["at_s"], abs=0.1)
-    assert regime["to"] == pytest.approx(explanation.twin.movements[0].t_s[-1], abs=0.1)
+    conditions = result["mismatch"]["where"]["conditions"]
+    assert conditions["from"] == pytest.approx(result["effects"][0]["parameters"]["at_s"], abs=0.1)
+    assert conditions["to"] == pytest.approx(explanation.twin.movements[0].t_s[-1], abs=0.1)
 
 
 @pytest.mark.slow
 def test_gravity_along_an_axis_is_in_g_and_has_the_axis_of_the_strongest_column(explained):
     _, result = explained("g_sensitivity")  # its columns are 0.095, 0.070 and 0.062 dps per g long
-    regime = result["mismatch"]["where"]["regime"]
-    assert (regime["variable"], regime["axis"], regime["units"]) == ("attitude", "x", "g")
+    conditions = result["mismatch"]["where"]["conditions"]
+    assert (conditions["variable"], conditions["axis"], conditions["units"]) == ("attitude", "x", "g")
     _, result = explained("earth")
-    assert result["mismatch"]["where"]["regime"]["units"] == "g"
+    assert result["mismatch"]["where"]["conditions"]["units"] == "g"
 
 
 @pytest.mark.slow
 def test_a_ceiling_lives_at_its_level(explained):
     _, result = explained("saturation")
-    regime = result["mismatch"]["where"]["regime"]
-    assert (regime["variable"], regime["units"]) == ("rate", "dps")
-    assert 0.97 * 180 < regime["from"] <= 180.1
-    assert regime["to"] == pytest.approx(180, abs=0.1)
+    conditions = result["mismatch"]["where"]["conditions"]
+    assert (conditions["variable"], conditions["units"]) == ("rate", "dps")
+    assert 0.97 * 180 < conditions["from"] <= 180.1
+    assert conditions["to"] == pytest.approx(180, abs=0.1)
 
 
 @pytest.mark.slow

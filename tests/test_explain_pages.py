@@ -68,7 +68,7 @@ def test_rivals_are_told_with_their_probability():
 
 
 def test_noise_is_told_with_its_sigma_where_that_is_known():
-    one = {"name": "noise.turn", "size": 0.0123, "unit": "deg", "says": "each turn errs"}
+    one = {"name": "noise.turn", "size": 0.0123, "unit": "deg", "description": "each turn errs"}
     noise = SimpleNamespace(to_json=lambda: [one | {"sigma": 0.004}, one | {"sigma": None}])
     sizes = [size for _, size, _ in noise_rows(SimpleNamespace(noise=noise))]
     assert sizes == ["0.0123 ± 0.0040 deg", "0.0123 deg"]

@@ -157,7 +157,7 @@ def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     folder = write(tmp_path, late_s=0.008)
     assert calibrate.main(["explain", str(folder), "--quiet", "--strict"]) == 1
     table = json.loads((folder / "explain" / "explain.json").read_text())
-    assert table["schema"] == "tinygc-explain/1"
+    assert table["schema"] == "tinygc-explain/2"
     assert "timing.truth_offset" in [effect["id"] for effect in table["effects"]]
     assert (folder / "explain" / "explain.png").stat().st_size > 50_000
     assert calibrate.main(["explain", str(folder), "--no-pictures", "--out", str(tmp_path / "bare")]) == 0

@@ -39,7 +39,7 @@ def test_a_latitude_of_the_wrong_sign_is_said(session, tmp_path):
     result = to_json(explain_session(folder))
     (finding,) = result["findings"]
     assert finding["id"] == "unknown.world_direction"
-    seen, given = map(float, re.search(r"about (-?\d+) deg, session.toml says (-?[\d.]+)", finding["says"]).groups())
+    seen, given = map(float, re.search(r"about (-?\d+) deg, session.toml says (-?[\d.]+)", finding["description"]).groups())
     assert seen == pytest.approx(latitude, abs=15)
     assert given == -latitude
     assert "site.latitude_deg" in result["next"]
@@ -52,6 +52,6 @@ def test_a_heading_that_the_stills_contradict_is_a_warning(session, tmp_path):
     path.write_text(path.read_text().replace("[site]\n", f"[site]\nheading_deg = {seen + 90:.1f}\n", 1))
     result = to_json(explain_session(folder))
     (warning,) = [warning for warning in result["warnings"] if warning["what"] == "heading"]
-    assert f"heading_deg = {float(f'{seen + 90:.1f}'):g}" in warning["says"]
-    assert "which was used" in warning["says"]
+    assert f"heading_deg = {float(f'{seen + 90:.1f}'):g}" in warning["description"]
+    assert "which was used" in warning["description"]
     assert result["verdict"] == "no_mismatch"

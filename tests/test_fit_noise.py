@@ -161,7 +161,7 @@ def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
     assert table["bias_from"]["used"] == "stills"
     assert table["bias_from"]["stills_holdout_tilt_rms_deg"] < table["bias_from"]["ends_holdout_tilt_rms_deg"]
     assert {c["name"] for c in table["noise"]["components"]} >= {"noise.bias_wander", "noise.still_rate", "noise.reference", "noise.turn"}
-    assert all({"name", "size", "sigma", "unit", "says"} == set(c) for c in table["noise"]["components"])
+    assert all({"name", "size", "sigma", "unit", "description"} == set(c) for c in table["noise"]["components"])
     model = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())
     covariance, accelerometer = (np.array(model[key]) for key in ("covariance", "accelerometer_covariance"))
     assert np.linalg.eigvalsh(covariance).min() > 0

@@ -127,17 +127,17 @@ def test_the_defaults_of_session_toml_are_those_of_the_page():
 
 
 def test_check(folder, tmp_path):
-    assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/1")
+    assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/2")
 
 
 def test_fit_and_every_file_that_it_leaves(folder):
     table = json.loads((folder.parent / "fit.json").read_text(encoding="utf-8"))
-    assert_on_page(table, "tinygc-fit/1")
+    assert_on_page(table, "tinygc-fit/2")
     assert {"tinygc_conditions", "physics", "tinygc_physics", "tinygc_denoised"} <= set(table["methods"])
     assert table["closure_runs"]
     files = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (folder / "fit").iterdir()}
     assert {name for name in files if not name.startswith("model_")} == {"fit.json", "fitted.json"}
-    assert_on_page(files.pop("fit.json"), "tinygc-fit/1")
+    assert_on_page(files.pop("fit.json"), "tinygc-fit/2")
     assert_on_page(files.pop("fitted.json"), "tinygc-fitted/1")
     kinds = set()
     for model in files.values():
@@ -149,7 +149,7 @@ def test_fit_and_every_file_that_it_leaves(folder):
 def test_the_other_nets_and_a_bias_for_each_log(folder, tmp_path):
     words = ("--methods", "raw,raw_bias_removed,tinygc", "--variant", "published", "--still-rates", "--bias-per-log", "--folds", 2)
     table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-fit/1")
+    assert_on_page(table, "tinygc-fit/2")
     model = json.loads((tmp_path / "fit" / "model_tinygc.json").read_text(encoding="utf-8"))
     assert model["kind"] == "tinygc_published"
     assert "bias_sigma_rps" in model
@@ -159,35 +159,35 @@ def test_the_other_nets_and_a_bias_for_each_log(folder, tmp_path):
 def test_the_bias_of_the_day(folder, tmp_path):
     words = ("--model", folder / "fit" / "model_least_squares.json", "--bias", "given", "--bias-dps", "0.1,0.2,0.3")
     table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-fit/1")
+    assert_on_page(table, "tinygc-fit/2")
     assert set(table["bias"]["change_dps"]) == {"start", "gravity", "given"}
     model = json.loads((tmp_path / "fit" / "model_rebiased.json").read_text(encoding="utf-8"))
     assert model["stored"]["method"] == "least_squares"
     assert_on_page(model, "tinygc-model/1")
-    assert_on_page(json.loads((tmp_path / "fit" / "rebiased.json").read_text(encoding="utf-8")), "tinygc-fit/1")
+    assert_on_page(json.loads((tmp_path / "fit" / "rebiased.json").read_text(encoding="utf-8")), "tinygc-fit/2")
 
 
 def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     table = told("explain", folder, "--no-pictures", "--out", tmp_path, tmp_path / "x.json")
-    assert_on_page(table, "tinygc-explain/1")
-    assert table["seen_from"]
-    assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/1")
+    assert_on_page(table, "tinygc-explain/2")
+    assert table["detection_limits"]
+    assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/2")
 
 
 @pytest.mark.slow
 def test_explain_where_something_is_missing(missing_physics, tmp_path):
     table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
     assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}
-    assert table["mismatch"]["where"]["regime"]
-    assert_on_page(table, "tinygc-explain/1")
+    assert table["mismatch"]["where"]["conditions"]
+    assert_on_page(table, "tinygc-explain/2")
     table = told("plan", missing_physics, tmp_path / "x.json")
     assert table["proposals"]
-    assert_on_page(table, "tinygc-plan/1")
+    assert_on_page(table, "tinygc-plan/2")
 
 
 def test_explain_against_a_truth_file(with_truth, tmp_path):
     table = told("explain", with_truth, "--no-pictures", tmp_path / "x.json")
-    assert_on_page(table, "tinygc-explain/1")
+    assert_on_page(table, "tinygc-explain/2")
     assert table["effects"]
     assert table["truth"]["wrong_moments"]
 
@@ -214,20 +214,20 @@ def test_apply_and_the_header_of_its_log(folder, tmp_path):
 @pytest.mark.parametrize("form", FORMATS)
 def test_exports(form, folder, tmp_path):
     table = told("export", folder, "--to", form, "--out", tmp_path, tmp_path / "x.json")
-    assert_on_page(table, "tinygc-export/1")
+    assert_on_page(table, "tinygc-export/2")
     names = {Path(path).name for path in table["files"]}
     if form == "json":
         (path,) = table["files"]
         assert_on_page(json.loads(Path(path).read_text(encoding="utf-8")), "tinygc-model/1")
         names = {"SESSION.json"}
-    assert names <= set(CODE.findall(section("`tinygc-export/1`")))
+    assert names <= set(CODE.findall(section("`tinygc-export/2`")))
 
 
 def test_compare(folder, missing_physics, tmp_path):
     told("fit", missing_physics, "--methods", "least_squares", "--folds", 2, tmp_path / "x.json")
     table = told("compare", folder, missing_physics, tmp_path / "x.json")
     assert table["moved"]
-    assert_on_page(table, "tinygc-compare/1")
+    assert_on_page(table, "tinygc-compare/2")
 
 
 def test_simulate_and_its_truth(tmp_path):
@@ -238,7 +238,7 @@ def test_simulate_and_its_truth(tmp_path):
 
 def test_replay(folder, tmp_path):
     (log,) = folder.glob("log*")
-    assert_on_page(told("replay", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/1")
+    assert_on_page(told("replay", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
 
 
 @pytest.mark.slow
@@ -277,16 +277,16 @@ def test_board_record_and_ports(tmp_path):
         "drop",
         "note",
     }
-    assert_on_page(told("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/1")
+    assert_on_page(told("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/2")
     assert_on_page(told("ports", tmp_path / "x.json"), "tinygc-ports/1")
 
 
 def test_a_key_that_is_not_on_the_page_is_found():
     """The test of the test: a key, a method, a parameter and a key within a model that no page has."""
-    assert strangers({"schema": "tinygc-plan/1", "asked": None, "proposals": [{"words": "x", "weight": 1}]}) == ["proposals[].weight"]
-    assert strangers({"schema": "tinygc-fit/1", "methods": {"magic": {"seconds": 1.0}}}) == ["methods.magic.seconds"]
+    assert strangers({"schema": "tinygc-plan/2", "requested": None, "proposals": [{"words": "x", "weight": 1}]}) == ["proposals[].weight"]
+    assert strangers({"schema": "tinygc-fit/2", "methods": {"magic": {"seconds": 1.0}}}) == ["methods.magic.seconds"]
     claim = {"id": "gyro.bias_drift", "parameters": {"dps_per_c": [0, 0, 0]}, "std": {}}
-    assert strangers({"schema": "tinygc-explain/1", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
+    assert strangers({"schema": "tinygc-explain/2", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
     net = {"schema": "tinygc-model/1", "kind": "tinygc", "colour": "red"}
     assert strangers({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]
 
@@ -302,10 +302,10 @@ def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
     made = rests.write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")
     assert_on_page(json.loads((made / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
     alone = told("fit", made, tmp_path / "alone.json")
-    assert_on_page(alone, "tinygc-temperature/1")
+    assert_on_page(alone, "tinygc-temperature/2")
     assert {"rests", "gyro", "accel", "noise"} <= set(alone)
     assert_on_page(json.loads((made / "fit" / "model_thermal.json").read_text(encoding="utf-8")), "tinygc-model/1")
     joint = told("fit", folder, made, "--temperature", "--out", tmp_path / "fit", tmp_path / "joint.json")
-    assert_on_page(joint, "tinygc-temperature/1")
+    assert_on_page(joint, "tinygc-temperature/2")
     assert {"sessions", "E_goodness", "turn_on_dps"} <= set(joint)
-    assert_on_page(json.loads((tmp_path / "fit" / "temperature.json").read_text(encoding="utf-8")), "tinygc-temperature/1")
+    assert_on_page(json.loads((tmp_path / "fit" / "temperature.json").read_text(encoding="utf-8")), "tinygc-temperature/2")

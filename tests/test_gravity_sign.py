@@ -86,7 +86,7 @@ def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
     code, out, _ = run("check", wrong, "--json", "-", "--strict")
     (finding,) = (each for each in json.loads(out)["findings"] if each["what"] == GRAVITY_SIGN)
     assert (code, finding["level"], finding["where"]) == (1, "warning", "log0001.csv")
-    assert "negate all axes of the accelerometer" in finding["do"]
+    assert "negate all axes of the accelerometer" in finding["advice"]
     shown = " ".join(run("check", wrong)[1].split())
     assert "gravity's sign" in shown
 

@@ -249,7 +249,7 @@ def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
 def test_an_explanation_of_arrays_wants_a_folder(tmp_path):
     why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, seed=4).session)
     assert {"noise.bias_wander", "noise.turn"} <= {component["name"] for component in why.noise}
-    assert all(component.keys() == {"name", "size", "sigma", "unit", "says"} for component in why.noise)
+    assert all(component.keys() == {"name", "size", "sigma", "unit", "description"} for component in why.noise)
     assert all({"id", "probability", "moments"} <= each.keys() for each in why.considered)
     with pytest.raises(CalibrationError, match="has no folder of its own"):
         why.save(pictures=False)

@@ -214,7 +214,7 @@ def test_an_output_without_a_name_is_refused(run, recording):
 def test_standard_output_has_the_table_or_the_page_and_not_both(recording, name):
     told = processes.calibrate("check", recording, "--json", name)
     assert told.returncode == 2  # this recording has no samples
-    assert json.loads(told.stdout)["schema"] == "tinygc-check/1"
+    assert json.loads(told.stdout)["schema"] == "tinygc-check/2"
 
 
 def test_inputs_of_apply_stay(run, idle, tmp_path):

@@ -61,10 +61,10 @@ def test_fit_says_the_mended_floor_and_the_run_that_is_not_mended(lossy, tmp_pat
     assert calibrate.main([*words, "--json", str(tmp_path / "f.json")]) == 0
     table, printed = json.loads((tmp_path / "f.json").read_text()), " ".join(capsys.readouterr().out.split())
     noise = table["noise"]
-    assert noise["closure_floor_mended_rms_deg"] > 1.5 * noise["closure_floor_rms_deg"]
+    assert noise["closure_floor_repaired_rms_deg"] > 1.5 * noise["closure_floor_rms_deg"]
     held = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
     assert held["physics"] < 0.5 * held["least_squares"]
-    assert f"noise floor of the mended log (physics) {noise['closure_floor_mended_rms_deg']:.4f}" in printed
+    assert f"noise floor of the mended log (physics) {noise['closure_floor_repaired_rms_deg']:.4f}" in printed
     assert table["closure_runs"][0]["lost_at_s"] == pytest.approx([at_s], abs=0.01)
     assert "closure0001.csv.gz: samples seem lost in it" in printed
     assert "nothing in a closure run is mended" in printed
@@ -75,7 +75,7 @@ def test_without_a_loss_there_is_one_floor_and_no_word(whole, tmp_path, capsys):
     words = ["fit", str(whole), "--physics", "auto", "--methods", "least_squares", "--out", str(tmp_path)]
     assert calibrate.main([*words, "--json", str(tmp_path / "f.json")]) == 0
     table, printed = json.loads((tmp_path / "f.json").read_text()), capsys.readouterr().out
-    assert table["noise"]["closure_floor_mended_rms_deg"] == pytest.approx(table["noise"]["closure_floor_rms_deg"])
+    assert table["noise"]["closure_floor_repaired_rms_deg"] == pytest.approx(table["noise"]["closure_floor_rms_deg"])
     assert table["closure_runs"][0]["lost_at_s"] == []
     assert "mended" not in printed
     assert "lost" not in printed

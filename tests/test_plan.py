@@ -25,7 +25,7 @@ WORDS = "record five fast turns both ways about z"
 
 def explained(folder, words):
     (folder / "explain").mkdir(parents=True, exist_ok=True)
-    (folder / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/1", "next": words}))
+    (folder / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/2", "next": words}))
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def test_what_explain_asked_for_comes_first(short, tmp_path, capsys):
     explained(asked, WORDS)
     assert calibrate.main(["plan", str(asked), "--json", str(tmp_path / "plan.json")]) == 0
     assert capsys.readouterr().out.splitlines()[0] == f"explain asks: {WORDS}"
-    assert json.loads((tmp_path / "plan.json").read_text())["asked"] == WORDS
+    assert json.loads((tmp_path / "plan.json").read_text())["requested"] == WORDS
 
 
 def test_the_guided_recording_says_what_explain_asked_of_a_session_like_it(tmp_path, capsys):
@@ -123,7 +123,7 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
     (tmp_path / "log0001.csv").write_text("the log\n")
     (tmp_path / "explain").mkdir()
     logs = {"log0001.csv": hashlib.sha256(b"the log\n").hexdigest()}
-    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/1", "next": WORDS, "logs": logs}))
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/2", "next": WORDS, "logs": logs}))
     assert requested_by_explain(tmp_path) == WORDS
     (tmp_path / "log0002.csv").write_text("what was recorded since, and not explained\n")
     assert requested_by_explain(tmp_path) == WORDS
@@ -132,7 +132,7 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ['{"schema": "tinygc-explain/1", "next": null}', '{"schema": "tinygc-explain/1", "next": ""}', '{"schema": "tinygc-explain/1"}']
+    "text", ['{"schema": "tinygc-explain/2", "next": null}', '{"schema": "tinygc-explain/2", "next": ""}', '{"schema": "tinygc-explain/2"}']
 )
 def test_an_explanation_may_ask_for_nothing(tmp_path, text):
     assert requested_by_explain(tmp_path) is None
@@ -148,11 +148,11 @@ def test_an_explanation_may_ask_for_nothing(tmp_path, text):
         ("[]", "it is a list of 0, expected a table"),
         ("{", "broken JSON"),
         ("{}", "schema is missing, expected "),
-        ('{"schema": "tinygc-explain/1", "next": 3}', "next is 3, expected text"),
+        ('{"schema": "tinygc-explain/2", "next": 3}', "next is 3, expected text"),
         ('{"next": "turn", "next": "rest"}', 'the key "next" stands twice'),
-        ('{"schema": "tinygc-explain/1", "next": "turn", "logs": []}', "logs is a list of 0, expected a table"),
-        ('{"schema": "tinygc-explain/1", "next": "turn", "logs": {"log0001.csv": null}}', "logs.log0001.csv is null, expected text"),
-        ('{"next": "turn", "schema": "tinygc-explain/2"}', 'schema is "tinygc-explain/2", expected one of tinygc-explain/1'),
+        ('{"schema": "tinygc-explain/2", "next": "turn", "logs": []}', "logs is a list of 0, expected a table"),
+        ('{"schema": "tinygc-explain/2", "next": "turn", "logs": {"log0001.csv": null}}', "logs.log0001.csv is null, expected text"),
+        ('{"next": "turn", "schema": "tinygc-explain/3"}', 'schema is "tinygc-explain/3", expected one of tinygc-explain/2'),
     ],
 )
 def test_a_damaged_explanation_is_said_in_one_line_by_plan_and_does_not_stop_a_recording(tmp_path, text, says, capsys):
@@ -172,7 +172,7 @@ def test_a_damaged_explanation_is_said_in_one_line_by_plan_and_does_not_stop_a_r
 @pytest.mark.parametrize("name", ["../session.toml", "/etc/hostname", "a\u0000b", ""])
 def test_an_explanation_names_only_logs_of_its_own_folder(tmp_path, name):
     (tmp_path / "explain").mkdir()
-    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/1", "next": "turn", "logs": {name: "0" * 64}}))
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/2", "next": "turn", "logs": {name: "0" * 64}}))
     assert requested_by_explain(tmp_path) is None
 
 

@@ -1,6 +1,7 @@
 """Names of 0.1.0 that users import: they lead to the same things, and state the new name in one line."""
 
 import importlib
+import json
 import re
 import sys
 from dataclasses import replace
@@ -10,7 +11,8 @@ import processes
 import pytest
 
 from session.io import renamed
-from session.io.renamed import RENAMED
+from session.io.renamed import RENAMED, with_new_keys
+from session.io.results import Keys, Text, read_required
 from tinygc.effects import CommonDelay, PerAxisC, effect_of, using
 
 
@@ -78,3 +80,19 @@ def test_an_old_field_is_announced_once_with_its_new_name(monkeypatch, capsys):
     for _ in range(2):
         assert PerAxisC(name="K", says="r", term="", numpy=None, cost=None).says == "r"
     assert capsys.readouterr().err == "PerAxisC.says is now formula; the old name goes with version 0.3\n"
+
+
+def test_results_of_0_1_0_are_read_by_their_new_names(tmp_path):
+    path = tmp_path / "explain.json"
+    law = {"runners_up": [{"id": "gyro.misalignment", "splits": "turn both ways"}]}
+    old = {"schema": "tinygc-explain/1", "next": None, "discovery": {"laws": [law], "beside": []}, "effects": [{"says": "1 s"}]}
+    path.write_text(json.dumps(old))
+    read = read_required(path, Keys({"schema": Text(("tinygc-explain/2",))}))
+    assert read["effects"] == [{"description": "1 s"}]
+    assert read["discovery"]["catalogue_effects"] == []
+    assert read["discovery"]["laws"][0]["runners_up"] == [{"id": "gyro.misalignment", "discriminating_motion": "turn both ways"}]
+
+
+@pytest.mark.parametrize("table", [{"schema": "tinygc-model/1", "says": 1}, {"schema": ["tinygc-fit/1"]}, {"says": 1}, [], "tinygc-fit/1"])
+def test_other_files_keep_their_keys(table):
+    assert with_new_keys(table) == table

@@ -90,7 +90,7 @@ def test_list_says_what_lies_there(run, three, tmp_path):
     write_session(three / "lost", Table().rest(1).samples())
     (three / "lost" / "session.toml").unlink()
     (three / "c" / "fit").mkdir()
-    (three / "c" / "fit" / "fit.json").write_text('{"schema": "tinygc-fit/1", "methods": 3}')
+    (three / "c" / "fit" / "fit.json").write_text('{"schema": "tinygc-fit/2", "methods": 3}')
     (three / "no session").mkdir()
     code, out, err = run("list", three, "--json", tmp_path / "list.json")
     assert (code, err) == (0, "")

@@ -200,7 +200,7 @@ def test_a_model_gets_a_bias_of_the_day(model, at, tmp_path):
 @pytest.mark.slow
 def test_what_explain_found_is_planned_recorded_and_reported(at, tmp_path):
     folder = at / "simulate"
-    assert json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))["schema"] == "tinygc-explain/1"
+    assert json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))["schema"] == "tinygc-explain/2"
     done("plan", folder)
     done("report", folder, *QUICK, "--out", tmp_path / "r.html", codes=(0, 1))
     done("fit", folder, *QUICK, "--physics", "auto", "--out", tmp_path / "fit", codes=(0, 1))

@@ -32,6 +32,10 @@ class Finding:
         for name in ("where", "says", "do"):  # they may quote a file
             object.__setattr__(self, name, printable(getattr(self, name)))
 
+    def to_json(self) -> dict[str, str]:
+        """Return one of ``findings`` of ``tinygc-check/2``."""
+        return {"level": self.level, "where": self.where, "what": self.what, "description": self.says, "advice": self.do}
+
     @property
     def line(self) -> str:
         """All of it in a line, but for the level."""

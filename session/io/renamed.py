@@ -45,6 +45,39 @@ RENAMED = {
 _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}
 
 
+#: schema of a result, without its number 1 of version 0.1.0 -> the keys that have another name in number 2, at any depth
+RENAMED_KEYS: dict[str, dict[str, str]] = {
+    "tinygc-explain": {
+        "says": "description",
+        "do": "advice",
+        "regime": "conditions",
+        "seen_from": "detection_limits",
+        "splits": "discriminating_motion",
+        "beside": "catalogue_effects",
+    },
+    "tinygc-fit": {
+        "says": "description",
+        "widened": "variance_inflation",
+        "closure_floor_mended_rms_deg": "closure_floor_repaired_rms_deg",
+        "asked": "requested",
+    },
+}
+
+
+def with_new_keys(table: Any) -> Any:
+    """Return a result as the current schema has it; unchanged what is no result of 0.1.0 with renamed keys."""
+    schema, _, number = str(table.get("schema") if isinstance(table, dict) else "").partition("/")
+    if schema not in RENAMED_KEYS or number != "1":
+        return table
+    return {**_renamed_keys(table, RENAMED_KEYS[schema]), "schema": f"{schema}/2"}
+
+
+def _renamed_keys(value: Any, names: dict[str, str]) -> Any:
+    if isinstance(value, dict):
+        return {names.get(key, key): _renamed_keys(inner, names) for key, inner in value.items()}
+    return [_renamed_keys(inner, names) for inner in value] if isinstance(value, list) else value
+
+
 _announced: set[str] = set()
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from session.io.errors import FormatError
 from session.io.files import MOST_JSON, naming, read_bytes
 from session.io.names import refuse_recorded
+from session.io.renamed import with_new_keys
 from session.io.texts import escaped_json, unicode_text
 
 if TYPE_CHECKING:
@@ -323,9 +324,9 @@ def require(value: Any, shape: Shape, where: str, do: str = _FIT_AGAIN) -> None:
 
 
 def read_required(path: Path, shape: Shape, do: str = _FIT_AGAIN) -> dict:
-    """What a JSON file holds, compared with its shape.  Raises FormatError as ``require``, and for what is no JSON."""
+    """What a JSON file holds, by the current names of its keys.  Raises FormatError as ``require``, and for what is no JSON."""
     try:
-        table = read_json(path)
+        table = with_new_keys(read_json(path))
     except FormatError as error:
         raise FormatError(f"{error}; {do}") from None
     require(table, shape, str(path), do)

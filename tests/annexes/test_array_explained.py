@@ -47,7 +47,7 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys
     assert "a false reading" in said
     assert "a knock, no false reading" in said
     written = json.loads(table.read_text(encoding="utf-8"))
-    assert written["schema"] == "tinygc-array-explain/1"
+    assert written["schema"] == "tinygc-array-explain/2"
     assert not strangers(written)
     assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
     false = [moment for moment in written["moments"] if moment["what"] == FALSE_READING]
@@ -61,7 +61,7 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys
     assert all(moment["at_s"] == pytest.approx((start + stop) / 2, abs=0.1) for moment in knocks)
     assert [(event["what"], event["unit"]) for event in written["events"]] == [("turn", 2)]
     (trait,) = (trait for trait in written["traits"] if trait["id"] == "data.glitches")
-    assert (trait["whose"], trait["units"]) == (OWN, [2])
+    assert (trait["scope"], trait["units"]) == (OWN, [2])
     for unit in written["units"]:
         assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
 

@@ -207,7 +207,7 @@ def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
     assert f"next:\n  python calibrate.py explain {shell_word(folder)}" in said
     written = json.loads(table.read_text(encoding="utf-8"))
     assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
-    assert written["schema"] == "tinygc-array-fit/1"
+    assert written["schema"] == "tinygc-array-fit/2"
     assert not strangers(written)
     assert written == json.loads(json.dumps(array_to_json(fit)))
     fused = load_array_model(out / "model_array.json")

@@ -283,7 +283,7 @@ def test_check_and_list_take_an_array(shared, tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(": ")[0] for line in lines if line.startswith("unit ")] == ["unit 0", "unit 2", "unit 4"]
     found = json.loads((tmp_path / "check.json").read_text(encoding="utf-8"))["findings"]
-    said = {finding["where"]: finding["says"] for finding in found if finding["what"] == "one body"}
+    said = {finding["where"]: finding["description"] for finding in found if finding["what"] == "one body"}
     assert list(said) == ["unit 2", "unit 4"]
     assert "ppm slow" in said["unit 2"]
     assert calibrate.main(["list", str(tmp_path), "--json", str(tmp_path / "list.json")]) == 0

@@ -51,7 +51,7 @@ def changed(key, value):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (changed(["schema"], "tinygc-fit/1"), "no lot of this tool"),
+        (changed(["schema"], "tinygc-fit/2"), "no lot of this tool"),
         (changed(["units"], 0), "units is 0, expected a whole number of at least 1"),
         (changed(["sessions"], 3), "sessions is 3, expected at least one for each unit of 12"),
         (changed(["names", 0], "E_yy"), "names are a list of 21"),

@@ -29,7 +29,7 @@ def explained(folder, discovery, files=(), following="turn it again"):
     (folder / "log0001.csv").write_text("t_us\n1\n", encoding="utf-8")
     (folder / "explain").mkdir()
     logs = {"log0001.csv": sha256_of(folder / "log0001.csv")}
-    table = {"schema": "tinygc-explain/1", "next": following, "logs": logs, "discovery": to_json(discovery, list(files))}
+    table = {"schema": "tinygc-explain/2", "next": following, "logs": logs, "discovery": to_json(discovery, list(files))}
     (folder / "explain" / "explain.json").write_text(json_text(table), encoding="utf-8")
     return folder
 

@@ -196,7 +196,8 @@ def write_files(args: argparse.Namespace, folder: Path, files: dict[str, str], n
         for name, text in files.items():
             write_text_whole(folder / name, text)
             output(args).print(f"written: {folder / name}", soft_wrap=True)
-    write_json(args.json, {"schema": "tinygc-export/1", "format": args.to, "files": [str(folder / name) for name in files], "said": notes})
+    written = [str(folder / name) for name in files]
+    write_json(args.json, {"schema": "tinygc-export/2", "format": args.to, "files": written, "remarks": notes})
 
 
 def _try_json(path: Path) -> None:

@@ -72,4 +72,4 @@ class PriorUse(Protocol):
         """One line for the report."""
 
     def to_json(self) -> dict:
-        """``lot`` of ``tinygc-fit/1``."""
+        """``lot`` of ``tinygc-fit/2``."""

@@ -188,8 +188,8 @@ class Widening:
         return f"{self.says}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
 
     def to_json(self) -> dict:
-        """Entry of ``segments.widened`` of ``tinygc-fit/1``."""
-        return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "says": self.says}
+        """Entry of ``segments.variance_inflation`` of ``tinygc-fit/2``."""
+        return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "description": self.says}
 
 
 def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:

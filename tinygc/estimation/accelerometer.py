@@ -105,7 +105,7 @@ class AccelerometerFit:
         ]
 
     def to_json(self) -> dict:
-        """Return ``accelerometer`` of ``tinygc-fit/1``."""
+        """Return ``accelerometer`` of ``tinygc-fit/2``."""
         rows = self.rows()
         before, after = (None, None) if self.spread_mps2 is None else (each / MG for each in self.spread_mps2)
         return {

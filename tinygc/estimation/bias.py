@@ -42,10 +42,10 @@ class BiasChoice:
     of_lot: bool = False
 
     def to_json(self) -> dict:
-        """Return ``bias_from`` of ``tinygc-fit/1``."""
+        """Return ``bias_from`` of ``tinygc-fit/2``."""
         rms = {name: float(_rms(angles)) / DEG for name, angles in self.held_out.items()}
         return {
-            "asked": self.asked,
+            "requested": self.asked,
             "used": self.used,
             "ends_holdout_tilt_rms_deg": rms.get("ends"),
             "stills_holdout_tilt_rms_deg": rms.get("stills"),

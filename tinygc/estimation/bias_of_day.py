@@ -417,7 +417,7 @@ def _day_sigma(path: Path) -> np.ndarray | float:
 
 
 def rebias_to_json(result: Rebiased) -> dict:
-    """Return ``tinygc-fit/1`` with the stored calibration, and that with the bias of each source, as methods.  No E was fitted here: all is
+    """Return ``tinygc-fit/2`` with the stored calibration, and that with the bias of each source, as methods.  No E was fitted here: all is
     held out, unless ``bias.fitted_here`` states that the stored model was fitted to this session."""
     session: Session = result.problem.session
 

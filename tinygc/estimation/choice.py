@@ -98,7 +98,7 @@ class AgainstRaw:
         )
 
     def to_json(self) -> dict:
-        """Return ``against_raw`` of ``tinygc-fit/1``."""
+        """Return ``against_raw`` of ``tinygc-fit/2``."""
         return {"method": self.method, "tilt_rms_deg": self.tilt_rms_deg, "worse": list(self.worse), "passed": not self.failed}
 
 
@@ -145,7 +145,7 @@ class ModelToUse:
     why: str
 
     def to_json(self) -> dict:
-        """Return ``use`` of ``tinygc-fit/1``."""
+        """Return ``use`` of ``tinygc-fit/2``."""
         return {"method": self.method, "best": self.best, "p_value": self.p_value, "why": self.why}
 
 

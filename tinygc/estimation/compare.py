@@ -108,12 +108,12 @@ class TriadComparison:
         return found
 
     def to_json(self) -> dict:
-        """Return ``accelerometer`` of ``tinygc-compare/1``."""
+        """Return ``accelerometer`` of ``tinygc-compare/2``."""
         return {
             "modes": [triad.mode for triad in self.triads],
             **(dict.fromkeys(("chi_square", "freedom", "p_value")) if self.agreement is None else vars(self.agreement)),
             "quantities": [
-                {"word": word, "component": component, "unit": unit, "values": values, "sigmas": sigmas}
+                {"name": word, "component": component, "unit": unit, "values": values, "sigmas": sigmas}
                 for word, component, unit, values, sigmas in self.rows
             ],
         }
@@ -220,7 +220,7 @@ DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
 # The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
 # freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
 
-SCHEMA = "tinygc-compare/1"
+SCHEMA = "tinygc-compare/2"
 #: p-value below which a disagreement is significant
 DIFFERS_P = 0.01
 #: names of the quantities that E's nine parameters give, and B's three
@@ -254,7 +254,7 @@ class Moved:
     number of quantities and sessions compared."""
 
     session: str
-    word: str
+    name: str
     component: str
     unit: str
     by: float
@@ -430,7 +430,7 @@ def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[t
 
 
 def to_json(comparison: Comparison) -> dict:
-    """Return the comparison as ``tinygc-compare/1``."""
+    """Return the comparison as ``tinygc-compare/2``."""
     verdict = comparison.verdict
     return {
         "schema": SCHEMA,
@@ -441,7 +441,7 @@ def to_json(comparison: Comparison) -> dict:
         "moved": [vars(moved) for moved in comparison.moved],
         "quantities": [
             {
-                "word": word,
+                "name": word,
                 "component": component,
                 "unit": unit,
                 "values": comparison.values[:, q].tolist(),

@@ -150,7 +150,7 @@ class FitResult:
 
 
 def known_turns_json(result: FitResult) -> list[dict]:
-    """Return ``known_turns`` of ``tinygc-fit/1``: every row of turns.csv; errors of least squares, predicted less stated."""
+    """Return ``known_turns`` of ``tinygc-fit/2``: every row of turns.csv; errors of least squares, predicted less stated."""
     problem, found = result.problem, []
     row = {segment.number: i for i, segment in enumerate(problem.used)}
     for turn in problem.known_turns:
@@ -187,13 +187,13 @@ def known_turns_words(result: FitResult) -> str:
     return f"turns of known angle: segment{'s' * (len(used) != 1)} {each}{unused}"
 
 
-# A fit as ``tinygc-fit/1``.
+# A fit as ``tinygc-fit/2``.
 
-SCHEMA = "tinygc-fit/1"
+SCHEMA = "tinygc-fit/2"
 
 
 def to_json(result: FitResult) -> dict:
-    """Return the result as ``tinygc-fit/1`` (docs/formats.md)."""
+    """Return the result as ``tinygc-fit/2`` (docs/formats.md)."""
     problem = result.problem
     rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth
@@ -206,7 +206,7 @@ def to_json(result: FitResult) -> dict:
             "used": len(problem.used),
             "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
             "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
-            "widened": [each.to_json() for each in problem.widened],
+            "variance_inflation": [each.to_json() for each in problem.widened],
         },
         "rests_not_used": [
             {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
@@ -219,7 +219,7 @@ def to_json(result: FitResult) -> dict:
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
             "components": [] if result.noise is None else result.noise.to_json(),
-            **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
+            **({} if result.physics is None else {"closure_floor_repaired_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
         "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),

@@ -68,7 +68,7 @@ class StatedNoise:
         return float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1])))
 
     def to_json(self) -> list[dict]:
-        """Return ``noise.components`` of ``tinygc-fit/1``."""
+        """Return ``noise.components`` of ``tinygc-fit/2``."""
         return self.noise.to_json()
 
     @property

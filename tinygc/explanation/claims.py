@@ -115,7 +115,7 @@ class Claim:
     rivals: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> dict:
-        """Return one entry of ``effects`` of ``tinygc-explain/1``."""
+        """Return one entry of ``effects`` of ``tinygc-explain/2``."""
         return {
             "id": self.effect.id,
             "equation": self.effect.equation,
@@ -125,7 +125,7 @@ class Claim:
             "probability": self.probability,
             "rivals": self.rivals,
             "equivalent": list(self.equivalent),
-            "says": self.says,
+            "description": self.says,
         }
 
 
@@ -140,7 +140,7 @@ class Considered:
     closure_rad: tuple[float, float] | None = None
 
     def to_json(self) -> dict:
-        """Return one entry of ``considered`` of ``tinygc-explain/1``."""
+        """Return one entry of ``considered`` of ``tinygc-explain/2``."""
         closure = None if self.closure_rad is None else {"before": self.closure_rad[0] / DEG, "after": self.closure_rad[1] / DEG}
         return {"id": self.id, "probability": self.probability, "moments": self.moments, "closure_rms_deg": closure}
 

@@ -34,7 +34,7 @@ class KnownEffect(Protocol):
         ...
 
     def to_json(self) -> dict[str, Any]:
-        """Return one entry of ``lot_effects`` of ``tinygc-explain/1``."""
+        """Return one entry of ``lot_effects`` of ``tinygc-explain/2``."""
         ...
 
 

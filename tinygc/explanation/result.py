@@ -1,4 +1,4 @@
-"""Write an explanation as ``tinygc-explain/1`` (docs/formats.md): location, residuals, candidates considered, what to record next."""
+"""Write an explanation as ``tinygc-explain/2`` (docs/formats.md): location, residuals, candidates considered, what to record next."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ BELONGS_P = 1e-3
 #: sigmas for an axis or a segment: two angles exceed this by chance once in 3000 segments
 BELONGS_SIGMAS = 4.0
 MOST_SEGMENTS = 12
-NOWHERE: dict[str, Any] = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
+NOWHERE: dict[str, Any] = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "conditions": None}
 
 
 def where(e: Explanation) -> dict:
@@ -97,7 +97,7 @@ def where(e: Explanation) -> dict:
         "segments": segments,
         "segment_seconds": spans,
         "seconds": _seconds(e, strongest, spans),
-        "regime": None if strongest is None else _range(e, strongest),
+        "conditions": None if strongest is None else _range(e, strongest),
     }
 
 
@@ -304,12 +304,12 @@ def equivalent_words(claim: Claim) -> list[str]:
 
 def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
     """(name, size ± sigma with its unit, description) of each noise component."""
-    return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["says"]) for c in e.noise.to_json()]
+    return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["description"]) for c in e.noise.to_json()]
 
 
-# An explanation as ``tinygc-explain/1`` (docs/formats.md): effects, location, certainty, and what to record next.
+# An explanation as ``tinygc-explain/2`` (docs/formats.md): effects, location, certainty, and what to record next.
 
-SCHEMA = "tinygc-explain/1"
+SCHEMA = "tinygc-explain/2"
 
 
 def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
@@ -348,11 +348,11 @@ def to_json(e: Explanation) -> dict:
         },
         "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
-        "seen_from": {
+        "detection_limits": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
             for name, size in e.seen_from.items()
         },
-        "warnings": [vars(warning) for warning in e.warnings],
+        "warnings": [warning.to_json() for warning in e.warnings],
         "next": what_next(e),
         "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
@@ -363,7 +363,8 @@ def truth_to_json(e: TruthExplanation) -> dict:
     """The result of a session with a truth file, JSON-ready."""
     expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
     lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
-    place = {"phases": sorted({phase for c in e.claimed for phase in c.effect.observable_in}), "axes": [], "segments": [], "regime": None}
+    phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})
+    place = {"phases": phases, "axes": [], "segments": [], "conditions": None}
     return _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed) | {
         "refused": [claim.to_json() for claim in e.refused],
         "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],

@@ -229,7 +229,7 @@ class TruthClaim(Claim):
 
     def to_json(self) -> dict:
         """Return the claim's entry with the share of chi-square that it removes."""
-        head, tail = ("id", "equation", "parameters", "std"), ("probability", "rivals", "equivalent", "says")
+        head, tail = ("id", "equation", "parameters", "std"), ("probability", "rivals", "equivalent", "description")
         entry = super().to_json()
         rest = {key: value for key, value in entry.items() if key not in head + tail}
         return {key: entry[key] for key in head} | rest | {"share": self.share} | {key: entry[key] for key in tail}

@@ -80,7 +80,7 @@ class Why:
 
     @cached_property
     def table(self) -> dict:
-        """``tinygc-explain/1`` (docs/formats.md)."""
+        """``tinygc-explain/2`` (docs/formats.md)."""
         return self._report.to_json()
 
     @property
@@ -154,7 +154,7 @@ class Why:
         return figure
 
     def to_json(self) -> dict:
-        """``tinygc-explain/1`` (docs/formats.md)."""
+        """``tinygc-explain/2`` (docs/formats.md)."""
         return self.table
 
     def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
@@ -230,6 +230,6 @@ def explain(
 
 
 def _found(entry: dict) -> FoundEffect:
-    names = ("id", "equation", "parameters", "std", "p_value", "probability", "rivals", "says")
+    names = ("id", "equation", "parameters", "std", "p_value", "probability", "rivals")
     told: dict[str, Any] = {name: entry.get(name) for name in names}
-    return FoundEffect(**told, equivalent=tuple(entry.get("equivalent", ())))
+    return FoundEffect(**told, says=entry["description"], equivalent=tuple(entry.get("equivalent", ())))

@@ -265,7 +265,7 @@ class Fit:
         return as_html(self.page)
 
     def to_json(self) -> dict:
-        """``tinygc-fit/1`` (docs/formats.md)."""
+        """``tinygc-fit/2`` (docs/formats.md)."""
         return to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:

@@ -455,7 +455,7 @@ class SessionNoise:
                 "size": float(s / c.si),
                 "sigma": float(sigma / c.si) if np.isfinite(sigma) else None,
                 "unit": c.unit,
-                "says": c.says,
+                "description": c.says,
             }
             for s, sigma, c in zip(self.s, self.sigma, self.components, strict=True)
         ]

@@ -33,7 +33,7 @@ from tinygc.planning.turns import SIDES, parts_from, up_words
 
 # The next recording that the session's last explanation requests.
 
-SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text())})
+SHAPE = Keys({"schema": Text(("tinygc-explain/2",))}, {"next": Maybe(Text()), "logs": MapOf(Text())})
 
 
 def requested_by_explain(folder: Path) -> str | None:

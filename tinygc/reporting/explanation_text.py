@@ -178,7 +178,7 @@ def _where(e: Explanation) -> list[Text]:
     words = [f"lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"axes {', '.join(place['axes'])}")
-    words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    words += [text for text in (variable_words(place["conditions"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
         words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
@@ -219,7 +219,7 @@ class ExplanationReport:
         self.explanation = explanation
 
     def to_json(self) -> dict:
-        """``tinygc-explain/1`` (docs/formats.md)."""
+        """``tinygc-explain/2`` (docs/formats.md)."""
         return to_json(self.explanation)
 
     def line(self) -> Text:
@@ -359,7 +359,7 @@ class TruthReport(ExplanationReport):
     """Report of an explanation with a truth file as reference."""
 
     def to_json(self) -> dict:
-        """``tinygc-explain/1`` (docs/formats.md)."""
+        """``tinygc-explain/2`` (docs/formats.md)."""
         return truth_to_json(self.explanation)
 
     def line(self) -> Text:

@@ -169,9 +169,9 @@ def _verdict(comparison: Comparison) -> list[Text]:
     lines, agrees = [comparison_verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
     rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
     for moved in comparison.moved[:MOST_MOVED]:
-        digits = _digits(comparison, comparison.labels.index((moved.word, moved.component, moved.unit)))
+        digits = _digits(comparison, comparison.labels.index((moved.name, moved.component, moved.unit)))
         by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
-        lines.append(one_line(f"  {moved.word} {moved.component} of {moved.session}: {by}"))
+        lines.append(one_line(f"  {moved.name} {moved.component} of {moved.session}: {by}"))
     if len(comparison.moved) > MOST_MOVED:
         lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
     if not agrees and not comparison.moved:

@@ -317,9 +317,9 @@ def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> t
     return tuple(found)
 
 
-# An array's explanation as ``tinygc-array-explain/1`` (docs/formats.md).
+# An array's explanation as ``tinygc-array-explain/2`` (docs/formats.md).
 
-SCHEMA = "tinygc-array-explain/1"
+SCHEMA = "tinygc-array-explain/2"
 NAME = "array.json"
 
 
@@ -344,7 +344,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
             for unit, p in zip(fit.units, fit.split.own_p, strict=True)
         ],
         "traits": [
-            {"id": trait.id, "units": list(trait.units), "whose": trait.whose, "says": trait.words, "of_units": list(trait.says)}
+            {"id": trait.id, "units": list(trait.units), "scope": trait.whose, "description": trait.words, "of_units": list(trait.says)}
             for trait in found.traits
         ],
         "events": [event_to_json(event, fit) for event in fit.joint.events],
@@ -362,7 +362,7 @@ def _moment(moment: Moment, begins: float) -> dict:
         "units": list(moment.units),
         "size_dps": moment.size_rps / DEG,
         "felt_by_others": moment.felt,
-        "says": moment.words,
+        "description": moment.words,
     }
 
 

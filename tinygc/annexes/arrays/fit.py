@@ -360,9 +360,9 @@ def _floor(floor: Floor) -> float:
     return floor.tilt_rms
 
 
-# An array's fit as ``tinygc-array-fit/1`` (docs/formats.md), and each unit's model as ``tinygc-model/1``.
+# An array's fit as ``tinygc-array-fit/2`` (docs/formats.md), and each unit's model as ``tinygc-model/1``.
 
-SCHEMA = "tinygc-array-fit/1"
+SCHEMA = "tinygc-array-fit/2"
 NAME = "array.json"
 #: all units as one gyroscope
 FUSED = "model_array.json"
@@ -379,7 +379,7 @@ def array_to_json(fit: ArrayFit) -> dict:
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "turns_used": [len(rows) for rows in fit.same.turns],
         "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
-        "sample_ages": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],
+        "read_latency": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],
         "split": split_to_json(fit.split),
         "turns": [
             {
@@ -469,7 +469,7 @@ def split_to_json(split: VarianceSplit) -> dict:
         "level_acceleration_mg": {"size": 1e3 * split.level_mps2[0] / G, "sigma": _or_none(1e3 * split.level_mps2[1] / G)},
         "is_fast_motion": split.is_fast_motion,
         "minus_mean_rms_deg": _or_none(split.minus_mean_rad / DEG),
-        "says": split.words,
+        "description": split.words,
     }
 
 

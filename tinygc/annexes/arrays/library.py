@@ -44,7 +44,7 @@ class FittedArray:
         return as_html(self.page)
 
     def to_json(self) -> dict:
-        """Return ``tinygc-array-fit/1`` (docs/formats.md)."""
+        """Return ``tinygc-array-fit/2`` (docs/formats.md)."""
         return array_to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:
@@ -85,7 +85,7 @@ class ExplainedArray:
         return as_text(self.page)
 
     def to_json(self) -> dict:
-        """Return ``tinygc-array-explain/1`` (docs/formats.md)."""
+        """Return ``tinygc-array-explain/2`` (docs/formats.md)."""
         return explained_to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:

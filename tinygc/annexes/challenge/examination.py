@@ -369,7 +369,7 @@ def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], No
 
 
 def explained(folder: Path, discover: bool = False) -> dict:
-    """``tinygc-explain/1`` of a session folder from a process of its own with the same effect folders (verdict ``refused`` where it
+    """``tinygc-explain/2`` of a session folder from a process of its own with the same effect folders (verdict ``refused`` where it
     refuses); discover: search for laws, too, and write their files there."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "tinygc.annexes.challenge.worker", *([DISCOVER] if discover else []), ".", *map(str, loaded_folders())]

@@ -172,7 +172,7 @@ def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> lis
 
 
 def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | None:
-    """Rate added by all ``effects`` of ``tinygc-explain/1`` together, (N, 3) rad/s; None where none changes the rate."""
+    """Rate added by all ``effects`` of ``tinygc-explain/2`` together, (N, 3) rad/s; None where none changes the rate."""
     known = catalogue()
     curves = [
         added(known[each["id"]], each["parameters"], movement)
@@ -292,7 +292,7 @@ def _columns(name: str, parameters: dict, movement: Movement) -> np.ndarray | No
 
 
 def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path) -> LawScore:
-    """truth: as it was sealed; said: ``tinygc-explain/1`` with ``discovery``; folder: the explain folder with the laws' files."""
+    """truth: as it was sealed; said: ``tinygc-explain/2`` with ``discovery``; folder: the explain folder with the laws' files."""
     law = next((each for each in truth["effects"] if each in LAWS), None)
     discovery = said.get("discovery") or {"verdict": "none", "laws": []}
     laws, verdict, why = discovery["laws"], discovery["verdict"], None
@@ -303,7 +303,7 @@ def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path)
             curves = added_by_laws(laws, folder, true.movement)
             alone = [correlation(true, truth["effects"], curve) for curve in curves]
             listed = max(alone, default=None)
-            names = added_by_names(discovery.get("beside", []), true.movement) if curves else None
+            names = added_by_names(discovery.get("catalogue_effects", []), true.movement) if curves else None
             whole = curves if names is None else [*curves, names]
             together = correlation(true, truth["effects"], sum(whole[1:], whole[0])) if curves else None
         except EffectError as error:

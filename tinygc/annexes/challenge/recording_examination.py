@@ -159,7 +159,7 @@ def examine_recording(
     untouched = explained(sessions / UNTOUCHED)
     if untouched["verdict"] == "refused":
         raise DataError(f"{session}: explain refuses it: {untouched['why']}")
-    seen_from = {name: entry["size"] for name, entry in untouched["seen_from"].items() if entry["size"]}
+    seen_from = {name: entry["size"] for name, entry in untouched["detection_limits"].items() if entry["size"]}
     own = own_names(untouched)
     trials = draw_trials(seen_from, own, recording.has_temperature, count, seed)
     trials, closed = _write(recording, trials, folder, progress)

@@ -40,7 +40,7 @@ class Bin:
 
 
 def statements(said: dict, hidden: Iterable[str]) -> tuple[Statement, ...]:
-    """Names with a probability in ``said`` (``tinygc-explain/1``), each id once; an unnamed shape has none."""
+    """Names with a probability in ``said`` (``tinygc-explain/2``), each id once; an unnamed shape has none."""
     known, stated = set(hidden), {}
     for claimed, group in ((False, said.get("considered") or ()), (True, said["effects"])):
         for each in group:
@@ -130,7 +130,7 @@ class Score:
 
 
 def score(name: str, truth: dict, said: dict) -> Score:
-    """Compare ``truth`` (effects: id -> parameters, strength, session data as in ``Score``) with ``said`` (``tinygc-explain/1``)."""
+    """Compare ``truth`` (effects: id -> parameters, strength, session data as in ``Score``) with ``said`` (``tinygc-explain/2``)."""
     hidden, claims = truth["effects"], {effect["id"]: effect for effect in said["effects"]}
     stands_for = {claim: {claim, *effect["equivalent"]} for claim, effect in claims.items()}
     named = {each for each in hidden if not each.startswith(OUTSIDE)}

@@ -38,7 +38,7 @@ def main(folder: Path, effects: list[Path], discover: bool = False) -> None:
 
 
 def discovered(explanation: Explanation) -> dict:
-    """The result of the law search, with its files written into the session folder; ``discovery`` of ``tinygc-explain/1``.
+    """The result of the law search, with its files written into the session folder; ``discovery`` of ``tinygc-explain/2``.
 
     Nothing else in the blind test depends on the search.
     """

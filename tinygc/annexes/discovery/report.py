@@ -146,7 +146,7 @@ class DiscoveryReport(ExplanationReport):
         return next_of(self.explanation, self.discovery, pairs)
 
     def to_json(self) -> dict:
-        """``tinygc-explain/1``, with the search's advice on what to do next."""
+        """``tinygc-explain/2``, with the search's advice on what to do next."""
         return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
 
     def page(self) -> Group:

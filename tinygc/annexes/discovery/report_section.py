@@ -39,7 +39,7 @@ _HELD_OUT = Keys(
         "recording": Maybe(Text()),
     }
 )
-_RIVAL = Keys({"id": Maybe(Text()), "equation": Text(), "worse_by": Number(), "correlation": Number(), "splits": Text()})
+_RIVAL = Keys({"id": Maybe(Text()), "equation": Text(), "worse_by": Number(), "correlation": Number(), "discriminating_motion": Text()})
 _LAW = Keys(
     {
         **dict.fromkeys(("id", "equation", "in_words", "unit"), Text()),
@@ -58,13 +58,13 @@ _DISCOVERY = Keys(
         "verdict": Text(("found", "ambiguous", "none")),
         "why": Text(),
         "laws": ListOf(_LAW),
-        "beside": ListOf(Keys({"id": Text()})),
+        "catalogue_effects": ListOf(Keys({"id": Text()})),
         "forms": Number(0, whole=True),
         "distinct": Number(0, whole=True),
         "learnable": MapOf(Keys({"size_dps": Maybe(Number())})),
     }
 )
-SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text()), "discovery": _DISCOVERY})
+SHAPE = Keys({"schema": Text(("tinygc-explain/2",))}, {"next": Maybe(Text()), "logs": MapOf(Text()), "discovery": _DISCOVERY})
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def section(evidence: ReportData) -> Section | None:
         html += _law(law)
     if short := abbreviated(table):
         html += paragraph(f"In these equations: {escape(short)}.", "soft")
-    if table["beside"] and table["laws"]:
+    if table["catalogue_effects"] and table["laws"]:
         html += paragraph(f"Beside them stand, of the catalogue: {escape(', '.join(each['id'] for each in table['beside']))}.")
     if table["why"]:
         html += paragraph(f"{escape(table['why'])}.")

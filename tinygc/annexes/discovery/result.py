@@ -28,7 +28,7 @@ from tinygc.annexes.discovery.words import (
 from tinygc.explanation.claims import measured, p_entry, p_words
 from tinygc.reporting.terminal import Group, Text, one_line
 
-# A discovery as the key ``discovery`` of ``tinygc-explain/1`` (docs/formats.md); the page and the report are made from the same table.
+# A discovery as the key ``discovery`` of ``tinygc-explain/2`` (docs/formats.md); the page and the report are made from the same table.
 
 
 def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
@@ -37,7 +37,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "verdict": discovery.verdict,
         "why": discovery.why,
         "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
-        "beside": [vars(each) for each in discovery.beside],
+        "catalogue_effects": [vars(each) for each in discovery.beside],
         "forms": discovery.forms,
         "distinct": discovery.distinct,
         "chance": discovery.chance_promise,
@@ -97,7 +97,7 @@ def _runner_up(each: RunnerUp) -> dict:
         "equation": other_equation(each),
         "worse_by": each.worse,
         "correlation": each.correlation,
-        "splits": each.discriminating_motion,
+        "discriminating_motion": each.discriminating_motion,
     }
 
 
@@ -148,7 +148,7 @@ def discovery_page(explained: dict) -> Group:
     if table["laws"]:
         lines.append(Text(""))
         lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
-        lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
+        lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["catalogue_effects"]]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         lines.append(_best_against_chance(table))
@@ -277,7 +277,8 @@ def same_words(law: dict) -> str:
 def runner_up_words(each: dict) -> str:
     """Equation, evidence against it, correlation with the law, and what would discriminate."""
     name = f"{each['id']}  " if each["id"] else ""
-    return f"{name}{briefly(each['equation'])} (worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}): {each['splits']}"
+    worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
+    return f"{name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}"
 
 
 def _best_against_chance(table: dict) -> Text:

@@ -55,7 +55,7 @@ class LotEffect:
     equivalent: tuple[str, ...] = ()
 
     def to_json(self) -> dict:
-        """Return one of ``lot.effects`` of ``tinygc-explain/1``."""
+        """Return one of ``lot.effects`` of ``tinygc-explain/2``."""
         _, parameters, std = readable(AppliedEffect(self.effect, self.theta), self.covariance)
         return {
             "id": self.effect.id,

@@ -187,7 +187,7 @@ class LotUse:
     off: tuple[str, float] | None = None
 
     def to_json(self) -> dict:
-        """Return ``lot`` of ``tinygc-fit/1``."""
+        """Return ``lot`` of ``tinygc-fit/2``."""
         found = self.belonging
         return {
             "file": self.file,

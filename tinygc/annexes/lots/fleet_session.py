@@ -94,7 +94,7 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
         _kept_findings(row, folder, check_folder(folder, first_look_at_gravity_sign))
         errors = [finding for finding in told_by(row["findings"]) if finding["level"] == "error"]
         if errors:
-            raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "says")))
+            raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "description")))
         return
     session = read_session(folder)
     prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer)
@@ -154,7 +154,7 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
     worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
     told = [
         {"level": each.level, "where": "session" if each.where == name else each.where, "what": each.what}
-        | {"says": _without_folder(each.says, folder), "do": _without_folder(each.do, folder)}
+        | {"description": _without_folder(each.says, folder), "advice": _without_folder(each.do, folder)}
         for each in worth[:MOST_FINDINGS]
     ]
     row |= {"first_look": worst(findings), "findings": cell_of(told)}

@@ -98,7 +98,10 @@ def write_csv(table: Table, file: TextIO) -> int:
             cells[status], cells[error] = "failed", row[-1]
         with read_as_written(table, row[0]):
             cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
-            cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in told_by(cells[findings] or "[]"))
+            cells[findings] = "; ".join(
+                f"{each['where']}: {each['what']}: {each.get('description', each.get('says'))}"  # says: in rows of 0.1.0
+                for each in told_by(cells[findings] or "[]")
+            )
         writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
         count += 1
     return count

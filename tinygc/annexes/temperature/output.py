@@ -315,9 +315,9 @@ def _three(values: list[float], unit: float) -> str:
     return ", ".join(f"{value / unit:.2g}" for value in values)
 
 
-# ``tinygc-temperature/1`` (docs/formats.md).
+# ``tinygc-temperature/2`` (docs/formats.md).
 
-SCHEMA = "tinygc-temperature/1"
+SCHEMA = "tinygc-temperature/2"
 
 
 def to_json(fit: ThermalFit) -> dict:
@@ -365,7 +365,7 @@ def of_sessions(sessions: SessionsFit) -> dict:
             "chi_square": sessions.chi_square,
             "freedom": sessions.freedom,
             "p_value": _number(sessions.p_value),
-            "widened": sessions.widened,
+            "variance_inflation": sessions.widened,
         },
         "E_constant_p_value": sessions.p_constant,
         "turn_on_dps": _number(sessions.turn_on_rps / DEG),

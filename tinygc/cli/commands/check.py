@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
         console.print(line, soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
-    write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
+    write_json(args.json, {"schema": "tinygc-check/2", "findings": [finding.to_json() for finding in findings]})
     if worst(findings) == "error":
         if output(args).quiet:  # without the table, print at least what prevents a calibration
             errors = [finding for finding in findings if finding.level == "error"]

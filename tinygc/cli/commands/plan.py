@@ -42,6 +42,6 @@ def run(args: argparse.Namespace) -> int:
         done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {accelerometer})"
         console.print(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
     lot = None if plan.lot is None else plan.lot.to_json()
-    found = {"asked": asked, "proposals": [vars(proposal) for proposal in proposals], "enough": plan.enough, "lot": lot}
-    write_json(args.json, {"schema": "tinygc-plan/1", **found})
+    found = {"requested": asked, "proposals": [vars(proposal) for proposal in proposals], "enough": plan.enough, "lot": lot}
+    write_json(args.json, {"schema": "tinygc-plan/2", **found})
     return 0

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     console.print("next:")
     for step in made.next:
         console.print(f"  {step}", soft_wrap=True, markup=False)
-    write_json(args.json, {"schema": "tinygc-replay/1", **_table(made)})
+    write_json(args.json, {"schema": "tinygc-replay/2", **_table(made)})
     return 0
 
 
@@ -56,6 +56,6 @@ def _table(made: Converted) -> dict:
         "dialects": list(made.dialects),
         "samples": made.samples,
         "notes": list(made.notes),
-        "findings": [vars(finding) for finding in made.findings],
+        "findings": [finding.to_json() for finding in made.findings],
         "next": list(made.next),
     }

@@ -94,7 +94,7 @@ def _place(e: Explanation) -> list[str]:
     words = [f"It lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"on {', '.join(place['axes'])}")
-    words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    words += [text for text in (variable_words(place["conditions"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
     return words

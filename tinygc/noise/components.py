@@ -1,11 +1,9 @@
-"""Noise beyond white: variance components, restricted maximum likelihood (Patterson & Thompson 1971), one session's noise."""
+"""Noise beyond white: the variance components of a session, estimated by restricted maximum likelihood (``noise.reml``)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,16 +12,10 @@ from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import wander_covariance
-from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.closure.uncertainty import chi_square_above, normal_above
+from tinygc.noise.reml import SCORING_STEPS, Prior, estimate
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Sparse, Whitener
-
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
-
-
-# Variance components beyond white noise, and their estimation by restricted maximum likelihood (Patterson & Thompson 1971).
 
 # Motion faster than half the data rate: its aliasing error in the closure, predicted from the recording alone.
 #
@@ -104,147 +96,6 @@ def _every(count: int, step: int, offset: int) -> np.ndarray:
 def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """Integrate to (S, 2) rad by the trapezoidal rule."""
     return np.einsum("st,sti->si", np.diff(at_s, axis=1), rate[:, 1:] + rate[:, :-1]) / 2
-
-
-# Variance components by restricted maximum likelihood (Patterson & Thompson 1971), with priors on their sizes.
-#
-#     -2 log L(s) = log|C| + log|J' C^-1 J + D^-1| + r' P r + prior,      C = C_0 + sum s_k^2 V_k,
-#
-# with r the residuals, J the columns of all fitted parameters, D their prior.  In a long session C is split into blocks of neighbouring
-# turns: correlations beyond a block add little information, and the cost of the full matrix grows as the cube of the session.
-
-#: greatest number of steps of a search, which starts at the result of the last one
-SCORING_STEPS = 12
-#: number of blocks, spread over a long session, used in the search; the likelihood uses all (benchmarks/explain_speed.py)
-SEARCHED = 3
-#: variance relative to a component's usual one, below which the component is absent
-NOTHING = 1e-4
-
-
-class Prior(NamedTuple):
-    """Lognormal prior of a size s: its median and its spread (ln); a separate spread upwards, if it differs."""
-
-    median: float
-    spread: float
-    spread_above: float | None = None
-
-    def apart(self, s: float) -> tuple[float, float]:
-        """ln(s / median) in units of the spread, and the spread on that side."""
-        off = float(np.log(s / self.median))
-        spread = self.spread if self.spread_above is None or off < 0 else self.spread_above
-        return off / spread, spread
-
-
-@dataclass(frozen=True, eq=False)
-class ComponentEstimate:
-    """Sizes s (K,) of the components, SI; their sigma (K,); value: -2 log of the restricted likelihood with the prior, up to a constant."""
-
-    s: np.ndarray
-    sigma: np.ndarray
-    value: float
-
-
-def estimate(
-    r: np.ndarray,
-    J: np.ndarray,
-    base: np.ndarray,
-    V: list[np.ndarray | Sparse],
-    usual: np.ndarray,
-    priors: list[Prior | None],
-    blocks: list[np.ndarray],
-    start: np.ndarray | None = None,
-    with_sigma: bool = False,
-    steps: int = SCORING_STEPS,
-) -> ComponentEstimate:
-    """Estimate the sizes from residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V.
-
-    V: K matrices (n, n); usual (K,): usual sizes.  blocks: row numbers of each block.  start: s (K,) of an earlier search.
-    """
-    parts = [(r[b], J[b], base[np.ix_(b, b)], [_block(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
-    begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
-
-    searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
-
-    def cost(x: np.ndarray, of: list = searched, slope: bool = True) -> tuple[float, np.ndarray]:
-        value, gradient = _cost(x, of, J.shape[1], slope)
-        for k, prior in enumerate(priors):
-            if prior is None:
-                continue
-            least = max(float(x[k]), 1e-12)
-            apart, spread = prior.apart(float(np.sqrt(least) * usual[k]))
-            value += apart**2
-            gradient[k] += apart / spread / least
-        return value, gradient
-
-    def cost_of_root(root: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = cost(root**2)
-        return value, gradient * 2 * root
-
-    least = np.array([0.0 if prior is None else 1e-6 for prior in priors])
-    # At twenty times its usual size a component is twenty steps away in s, but four hundred in its variance.  At zero, the slope in s
-    # vanishes, and only the slope in the variance shows whether the component is present.
-    near = _lowest(cost_of_root, np.sqrt(begin), np.sqrt(least), steps).x ** 2
-    found = _lowest(cost, near, least, steps)
-    x = np.where(found.x < NOTHING, 0.0, found.x)
-    s = np.sqrt(x) * usual
-    value = float(found.fun) if len(searched) == len(parts) else cost(found.x, parts, False)[0]
-    return ComponentEstimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
-
-
-def _block(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
-    return V.block(rows) if isinstance(V, Sparse) else V[np.ix_(rows, rows)]
-
-
-def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:
-    from scipy.optimize import minimize
-
-    bounds = [(float(low), None) for low in least]
-    return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
-
-
-def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.ndarray]:
-    information, pull, value = np.eye(p), np.zeros(p), 0.0
-    kept = []
-    for r, J, base, V in parts:
-        factor = np.linalg.cholesky(base + sum(v * xk for v, xk in zip(V, x, strict=True)))
-        white = solve_lower(factor, np.column_stack([J, r]))
-        information += white[:, :p].T @ white[:, :p]
-        pull += white[:, :p].T @ white[:, p]
-        value += 2 * float(np.sum(np.log(np.diag(factor)))) + float(white[:, p] @ white[:, p])
-        kept.append((factor, white))
-    root = np.linalg.cholesky(information)
-    beta = np.linalg.solve(information, pull)
-    value += 2 * float(np.sum(np.log(np.diag(root)))) - float(pull @ beta)
-    gradient = np.zeros(len(x))
-    if not slope:
-        return value, gradient
-    for (_, _, _, V), (factor, white) in zip(parts, kept, strict=True):
-        inverse = inverse_lower(factor)
-        taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less the part absorbed by the columns
-        P = inverse.T @ inverse - taken.T @ taken
-        y = inverse.T @ (white[:, p] - white[:, :p] @ beta)
-        for k, v in enumerate(V):
-            gradient[k] += float(np.sum(P * v)) - float(y @ v @ y)
-    return value, gradient
-
-
-def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
-    """Sigma (K,) of the square root of x, from the joint curvature; at zero, the size at which the likelihood has dropped by one sigma."""
-    assert callable(cost)
-    here, steps = cost(x)[1], np.maximum(0.3 * x, 0.02)
-    curvature = np.array([(cost(x + step * unit)[1] - here) / step for step, unit in zip(steps, np.eye(len(x)), strict=True)])
-    curvature = (curvature + curvature.T) / 2
-    sigma = np.full(len(x), np.inf)
-    there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
-    # The joint sigma of each is at least its sigma with the others known.
-    variance = 2 * np.diag(np.linalg.pinv(curvature[np.ix_(there, there)], hermitian=True))
-    alone = 2 / np.diag(curvature)[there]
-    sigma[there] = np.sqrt(np.maximum(variance, alone)) / (2 * np.sqrt(x[there]))
-    for k in np.flatnonzero((x <= NOTHING) & (np.diag(curvature) > 0)):
-        slope, bend = max(here[k], 0.0), curvature[k, k]
-        # slope x + bend x^2 / 2 = 1
-        sigma[k] = np.sqrt((np.sqrt(slope**2 + 2 * bend) - slope) / bend)
-    return sigma
 
 
 # The variance components of all channels besides white noise.
@@ -381,8 +232,6 @@ def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     says = "motion faster than half the data rate"
     return Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior)
 
-
-# The noise of one session: its components with sizes, their covariance, and the whiteners for it.
 
 # The noise of one session: its components with sizes, and their covariance.
 

@@ -16,7 +16,7 @@ from session.io.numeric import sigma_of_steps
 from session.io.rests import RestLog
 from tinygc.annexes.temperature.model import element_temperature
 from tinygc.closure.floor import wander_covariance
-from tinygc.noise.components import estimate
+from tinygc.noise.reml import estimate
 
 # Rest logs in blocks: sweeps of the temperature, and knots few enough for a full covariance.
 

@@ -37,7 +37,10 @@ def test_a_balanced_one_way_study_gives_the_analysis_of_variance(seed):
 def test_groups_alike_have_no_variance_between():
     y = one_way(1, between=0.0)
     y -= y.mean(axis=1, keepdims=True)  # between would be negative
-    assert of_groups(y).s[0] == 0.0
+    found = of_groups(y, with_sigma=True)
+    assert found.s[0] == 0.0
+    # -2 log L = (g - 1) log(within + m between) + what does not depend on between.
+    assert found.sigma[0] == pytest.approx(found.s[1] * np.sqrt((np.exp(1 / (GROUPS - 1)) - 1) / REPEATS), rel=0.01)
 
 
 def test_the_likelihood_is_that_of_contrasts_without_the_columns():
@@ -91,6 +94,32 @@ def test_the_prior_is_added_to_the_likelihood():
     square = REPEATS * y.mean(axis=1).var() * GROUPS / mean + y.var(axis=1).sum() * REPEATS / within
     log = GROUPS * np.log(mean) + GROUPS * (REPEATS - 1) * np.log(within) + np.log(FLAT**2 * y.size / mean)
     assert found.value == pytest.approx(log + square + prior.apart(found.s[0])[0] ** 2, abs=1e-3)
+
+
+def test_the_sigma_of_one_variance_is_that_of_chi_square():
+    """s of n - 1 degrees of freedom has the sigma s / sqrt(2 (n - 1))."""
+    y = np.random.default_rng(7).normal(size=30)
+    n, J = len(y), FLAT * np.ones((len(y), 1))
+    found = estimate(y, J, 1e-9 * np.eye(n), [np.eye(n)], np.ones(1), [None], [np.arange(n)], with_sigma=True, steps=60)
+    assert found.s[0] == pytest.approx(y.std(ddof=1), rel=1e-3)
+    assert found.sigma[0] == pytest.approx(found.s[0] / np.sqrt(2 * (n - 1)), rel=2e-3)
+
+
+def test_the_sigmas_of_a_balanced_study_are_those_of_its_mean_squares():
+    """MSB and MSE are independent, and each is its expectation times chi-square over its degrees of freedom."""
+    y = one_way(4)
+    found = of_groups(y, with_sigma=True)
+    between, within = found.s**2
+    of_msb, of_mse = (within + REPEATS * between) * np.sqrt(2 / (GROUPS - 1)), within * np.sqrt(2 / (GROUPS * (REPEATS - 1)))
+    expected = [np.hypot(of_msb, of_mse) / REPEATS / 2 / found.s[0], of_mse / 2 / found.s[1]]
+    assert found.sigma == pytest.approx(expected, rel=5e-3)
+
+
+def test_the_sigma_holds_the_truth_in_two_of_three_studies():
+    """68 % within one sigma over 400 studies, within three errors of that share."""
+    found = [of_groups(one_way(seed), with_sigma=True) for seed in range(400)]
+    within = np.array([np.abs(each.s - [2.0, 0.5]) < each.sigma for each in found]).mean(axis=0)
+    assert within == pytest.approx([0.683, 0.683], abs=3 * np.sqrt(0.683 * 0.317 / 400))
 
 
 def test_blocks_of_independent_rows_change_nothing():

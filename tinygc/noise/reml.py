@@ -32,6 +32,8 @@ SCORING_STEPS = 12
 SEARCHED = 3
 #: variance relative to a component's usual one, below which the component is absent
 NOTHING = 1e-4
+#: step of the curvature's differences, relative to a variance: small against its relative sigma, large against rounding
+CURVED = 1e-3
 
 
 class Prior(NamedTuple):
@@ -141,20 +143,30 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
     return value, gradient
 
 
-def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
-    """Sigma (K,) of the square root of x, from the joint curvature; at zero, the size at which the likelihood has dropped by one sigma."""
-    assert callable(cost)
-    here, steps = cost(x)[1], np.maximum(0.3 * x, 0.02)
-    curvature = np.array([(cost(x + step * unit)[1] - here) / step for step, unit in zip(steps, np.eye(len(x)), strict=True)])
-    curvature = (curvature + curvature.T) / 2
+def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
+    """Sigma (K,) of the square root of x, from the joint curvature; at zero, the size at which the likelihood has dropped by one sigma,
+    the others as they are."""
     sigma = np.full(len(x), np.inf)
+    axes = np.diag(np.maximum(CURVED * x, 0.0))
+    curvature = np.array([(cost(x + step)[1] - cost(x - step)[1]) / (2 * step.max() or 1.0) for step in axes])
     there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
+    joint = curvature[np.ix_(there, there)]
     # The joint sigma of each is at least its sigma with the others known.
-    variance = 2 * np.diag(np.linalg.pinv(curvature[np.ix_(there, there)], hermitian=True))
-    alone = 2 / np.diag(curvature)[there]
-    sigma[there] = np.sqrt(np.maximum(variance, alone)) / (2 * np.sqrt(x[there]))
-    for k in np.flatnonzero((x <= NOTHING) & (np.diag(curvature) > 0)):
-        slope, bend = max(here[k], 0.0), curvature[k, k]
-        # slope x + bend x^2 / 2 = 1
-        sigma[k] = np.sqrt((np.sqrt(slope**2 + 2 * bend) - slope) / bend)
+    variance = np.maximum(2 * np.diag(np.linalg.pinv((joint + joint.T) / 2, hermitian=True)), 2 / np.diag(joint))
+    sigma[there] = np.sqrt(variance / x[there]) / 2
+    for k in np.flatnonzero(x <= NOTHING):
+        sigma[k] = _one_sigma_from_zero(cost, x, int(k))
     return sigma
+
+
+def _one_sigma_from_zero(cost: Callable, x: np.ndarray, k: int) -> float:
+    """Size of component k at which -2 log L has risen by one; infinite where it does not rise."""
+    from scipy.optimize import brentq
+
+    lowest = cost(x)[0]
+
+    def rise(size: float) -> float:
+        return float(cost(x + size**2 * (np.arange(len(x)) == k))[0]) - lowest - 1
+
+    high = next((size for size in 2.0 ** np.arange(-4, 10) if rise(size) > 0), np.inf)
+    return brentq(rise, 0.0, high, rtol=1e-3) if np.isfinite(high) else high

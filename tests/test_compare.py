@@ -52,7 +52,7 @@ def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
         found = compare(sessions)
         assert found.lasting.p_value < 1e-6
         moved = found.moved[0]
-        assert (moved.session, moved.word, moved.component, moved.unit) == ("day700", "scale factor error", "x", "ppm")
+        assert (moved.session, moved.name, moved.component, moved.unit) == ("day700", "scale factor error", "x", "ppm")
         assert moved.by == pytest.approx(ppm, abs=4 * abs(moved.by / moved.sigmas))
         assert abs(moved.sigmas) > 5
 
@@ -68,7 +68,7 @@ def test_a_changed_bias_is_no_changed_calibration(unit):
     assert not found.moved
     asked = compare([unit[0], other], bias=True)
     assert asked.verdict.p_value < 1e-6
-    assert (asked.moved[0].word, asked.moved[0].component) == ("bias", "y")
+    assert (asked.moved[0].name, asked.moved[0].component) == ("bias", "y")
 
 
 def test_two_sessions_are_judged_by_their_difference():

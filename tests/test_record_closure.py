@@ -111,7 +111,7 @@ def test_keys_on_a_terminal(boards, tmp_path):
         for word, keys in (("turn 2 accepted", b"d"), ("turn 4 accepted", b"nthe table creaks\r"), ("turn 5 accepted", b"p")):
             heard(process.stderr, lambda line, word=word: word in line)
             os.write(master, keys)
-        heard(process.stderr, lambda line: "paused: what comes" in line)
+        heard(process.stderr, lambda line: "paused: samples are stored" in line)
         before = raw.stat().st_size
         until(lambda: raw.stat().st_size > before + PAUSED_BYTES, what="bytes in the pause")
         os.write(master, b"p")

@@ -14,6 +14,7 @@ from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import DataError, FormatError
 from session.io.folder import sha256_of
 from session.io.names import log_paths, refuse_array
+from session.io.renamed import renamed_fields
 from session.io.texts import command_line, printable
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
@@ -248,6 +249,7 @@ class Calibrated:
         return printable(self.folder.resolve().name)
 
 
+@renamed_fields(word="name")
 @dataclass(frozen=True)
 class Moved:
     """A quantity that differs in one session from the rest: by how much, in unit, and by how many sigmas; p_value is corrected for the

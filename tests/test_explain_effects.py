@@ -115,7 +115,7 @@ def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     folder = write_session(SimulationOptions(segments=24, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "s", distort=sensitive)
     assert named(to_json(explain_session(folder))) == ["gyro.g_sensitivity"]
     few = write_session(SimulationOptions(segments=8, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "few")
-    less = explain_session(few).seen_from
+    less = explain_session(few).detection_limits
     assert all(less[name] > size for name, size in stated.items() if size is not None)
 
 

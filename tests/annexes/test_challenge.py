@@ -11,7 +11,7 @@ from session.io.errors import DataError, FormatError
 from session.io.units import DEG
 from tinygc import SimulationOptions
 from tinygc.annexes.challenge import examination
-from tinygc.annexes.challenge.cases import ALIKE, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, TOLD, Case, conceal, draw_cases
+from tinygc.annexes.challenge.cases import ALIKE, INSTABILITY_SOURCES, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, Case, conceal, draw_cases
 from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, challenge_tables, markdown, seal, totals
 from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.rate_effects import Scene
@@ -41,7 +41,7 @@ def test_every_session_is_explained_and_scored(small):
     assert [each.name for each in result.scores] == [f"case{i + 1:03d}" for i in range(CASES)]
     assert all(said["verdict"] for said in result.said.values())
     table = examination.to_json(result)
-    assert json.loads(json.dumps(table))["schema"] == "tinygc-challenge/1"
+    assert json.loads(json.dumps(table))["schema"] == "tinygc-challenge/2"
     assert table["totals"]["sessions"] == CASES
     assert markdown(result).count("\n") > 5
     assert challenge_tables(result).renderables
@@ -53,7 +53,7 @@ def test_sealed_before_anything_is_explained(small):
     ((text, files),) = announced
     assert result.sha256 in text
     assert SEALED in files
-    assert not files & {OPENED, "truth.json", "said.json"}
+    assert not files & {OPENED, "truth.json", "answers.json"}
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_shares_of_what_is_hidden():
     assert {name for case in cases for name in case.ids} == set(MAKERS)
     alone = [case.strength for case in cases if kind_of(case) in (1, 2, "outside") and case.ids != ("earth.rotation",)]
     assert all(abs(alone.count(each) / len(alone) - 1 / 4) < 0.05 for each in STRENGTHS)
-    assert all(abs(sum(case.told == told for case in cases) / 200 - 1 / 3) < 0.01 for told in TOLD)
+    assert all(abs(sum(case.instability_source == source for case in cases) / 200 - 1 / 3) < 0.01 for source in INSTABILITY_SOURCES)
     assert {case.options.odr_hz for case in cases} == {62.5, 104, 208, 416, 833}
     assert 0 <= min(case.options.bias_instability_dph for case in cases) < 1
     assert 9 < max(case.options.bias_instability_dph for case in cases) <= 10
@@ -132,13 +132,13 @@ def test_several_at_once_can_be_told_apart():
     assert all(case.options.odr_hz >= LEAST_HZ.get(name, 0) for case in draw_cases(400, 2) for name in case.ids)
 
 
-@pytest.mark.parametrize("told", TOLD)
-def test_what_is_told_of_the_bias_instability(told):
+@pytest.mark.parametrize("source", INSTABILITY_SOURCES)
+def test_what_is_told_of_the_bias_instability(source):
     options = SimulationOptions(segments=3, closure_s=0.0, bias_instability_dph=7.25)
-    _, config, _ = conceal(Case("case", (), (), options, 4, told))
-    assert ('model = "ASM330LHH"' in config) == (told == "model")
-    assert ("gyro_bias_instability_dph = 7.25" in config) == (told == "stated")
-    assert ("instability" in config) == (told == "stated")
+    _, config, _ = conceal(Case("case", (), (), options, 4, source))
+    assert ('model = "ASM330LHH"' in config) == (source == "model")
+    assert ("gyro_bias_instability_dph = 7.25" in config) == (source == "stated")
+    assert ("instability" in config) == (source == "stated")
 
 
 def test_the_effects_that_are_asked_for_are_in_the_catalogue_and_no_outsider_is():
@@ -259,8 +259,8 @@ def test_stated_probabilities_are_held_against_how_often_they_were_right():
 
 
 def test_alarms_by_data_rate_and_bias_instability():
-    truth = {"effects": {}, "strength": None, "odr_hz": 62.5, "bias_instability_dph": 10.0, "told": "model"}
-    rows = totals([score("a", truth, said(claim("gyro.bias_step"))), score("a", truth, said(verdict="no_mismatch"))])["splits"]
+    truth = {"effects": {}, "strength": None, "odr_hz": 62.5, "bias_instability_dph": 10.0, "instability_source": "model"}
+    rows = totals([score("a", truth, said(claim("gyro.bias_step"))), score("a", truth, said(verdict="no_mismatch"))])["groups"]
     assert [row["group"] for row in rows] == ["5 to 10 deg/h", "62.5 Hz", "model"]
     assert all((row["sessions"], row["nulls"], row["false_alarms"]) == (2, 2, 1) for row in rows)
 

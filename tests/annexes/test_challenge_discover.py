@@ -253,9 +253,9 @@ def test_the_searcher_sees_a_copy_and_no_truth(small):
 def test_the_table_and_the_json_are_whole(small):
     folder, result, *_ = small
     table = json.loads(json.dumps(law_examination.to_json(result)))
-    assert table["schema"] == "tinygc-discover-challenge/1"
+    assert table["schema"] == "tinygc-discover-challenge/2"
     assert not strangers(table)
-    assert {path.name for path in folder.iterdir()} <= set(CODE.findall(section("`tinygc-discover-challenge/1`")))
+    assert {path.name for path in folder.iterdir()} <= set(CODE.findall(section("`tinygc-discover-challenge/2`")))
     assert law_tables(result).renderables
     assert sum(table["totals"]["with_law"][outcome] for outcome in ("wrong", "found")) == table["totals"]["with_law"]["sessions"]
     assert all(each.equations == ("w += c x",) for each in result.scores)

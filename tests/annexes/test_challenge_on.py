@@ -127,17 +127,17 @@ def test_a_bias_of_the_accelerometer_is_one_of_the_calibrated_force(recording):
 
 
 def test_every_effect_before_any_at_another_size():
-    seen_from = {"gyro.g_sensitivity": 0.01, "gyro.bias_drift": 0.02}
-    every = draw_trials(seen_from, (), True, None, 1)
+    detection_limits = {"gyro.g_sensitivity": 0.01, "gyro.bias_drift": 0.02}
+    every = draw_trials(detection_limits, (), True, None, 1)
     names = {each.id for each in every}
     assert names >= set(OUTSIDERS)
-    assert {each.id for each in draw_trials(seen_from, (), True, len(names), 2)} == names
+    assert {each.id for each in draw_trials(detection_limits, (), True, len(names), 2)} == names
     sizes = sorted(each.size for each in every if each.id == "gyro.bias_drift")
     assert sizes == pytest.approx(sorted(0.02 * multiple for multiple in MULTIPLES))
     assert {each.size for each in every if each.id == "data.glitches"} == set(STRENGTHS)
     assert {each.unit for each in every if each.id in OUTSIDERS} == {STRONG}
     assert len({each.name for each in every}) == len({each.seed for each in every}) == len(every)
-    assert draw_trials(seen_from, (), True, None, 1) == every
+    assert draw_trials(detection_limits, (), True, None, 1) == every
 
 
 def test_neither_what_it_has_already_nor_what_it_cannot_have_is_concealed():
@@ -164,17 +164,17 @@ def said(*names, verdict="explained", findings=()):
     return {"verdict": verdict, "effects": claims, "findings": [{"id": name, "equivalent": []} for name in findings]}
 
 
-def power(sizes, seen_from=0.1):
-    """sizes: multiple of seen_from -> whether it was found."""
-    return Power("a", "dps", seen_from, tuple(Tried(m * 0.1, found, (), (), ()) for m, found in sorted(sizes.items())))
+def power(sizes, detection_limit=0.1):
+    """sizes: multiple of detection_limit -> whether it was found."""
+    return Power("a", "dps", detection_limit, tuple(Tried(m * 0.1, found, (), (), ()) for m, found in sorted(sizes.items())))
 
 
-def test_told_from_is_the_size_from_which_on_all_are_found():
-    assert power({1: False, 2: True, 4: True}).told_from == 0.2
-    assert power({1: True, 2: False, 4: True}).told_from == 0.4
-    assert power({1: True, 2: True, 4: False}).told_from is None
-    assert power({1: True, 2: False, 4: True}).not_told_at == 0.2
-    assert power({1: True, 2: True}).not_told_at is None
+def test_detected_from_is_the_size_from_which_on_all_are_found():
+    assert power({1: False, 2: True, 4: True}).detected_from == 0.2
+    assert power({1: True, 2: False, 4: True}).detected_from == 0.4
+    assert power({1: True, 2: True, 4: False}).detected_from is None
+    assert power({1: True, 2: False, 4: True}).undetected_at == 0.2
+    assert power({1: True, 2: True}).undetected_at is None
 
 
 @pytest.mark.parametrize(
@@ -196,12 +196,12 @@ def test_told_from_is_the_size_from_which_on_all_are_found():
 )
 def test_a_promise_is_judged_only_where_the_sizes_decide_it(sizes, agrees):
     assert power(sizes).agrees is agrees
-    assert power(sizes, seen_from=None).agrees is None
+    assert power(sizes, detection_limit=None).agrees is None
 
 
 def test_upper_bounds_count_as_not_decided():
     found = [power({1: False, 2: True}), power({2: True, 4: True}), power({4: False, 8: True}), power({8: False}), power({1: True}, None)]
-    assert agreement(found) == {"promised": 4, "told": 3, "agree": 1, "disagree": 2, "not_decided": 1, "median_ratio": 5.0}
+    assert agreement(found) == {"predicted": 4, "detected": 3, "agree": 1, "disagree": 2, "not_decided": 1, "median_ratio": 5.0}
     assert agreement([power({2: True})])["median_ratio"] is None
 
 
@@ -217,7 +217,10 @@ def printed(result):
 
 def test_the_page_says_all_three_and_marks_upper_bounds():
     page = printed(examined(power({1: False, 2: True}), power({2: True}), power({4: False, 8: True})))
-    assert "of the 3 effects with a seen_from it holds within a factor of 2 for 1, not for 1, and for 1 the sizes do not decide it" in page
+    assert (
+        "of the 3 effects with a detection limit it holds within a factor of 2 for 1, not for 1, and for 1 the sizes do not decide it"
+        in page
+    )
     assert len(re.findall(r"│ ≤ 0\.2 +│ ≤ 2 +│", page)) == 1
     assert page.count("≤") == 3
     assert "gone" not in page
@@ -259,7 +262,7 @@ def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp
     draw = recording_examination.draw_trials
 
     def few(*args):
-        return [each for each in draw(*args) if each.id in wanted and (each.size == 1.0 or each.seen_from == each.size / 8)]
+        return [each for each in draw(*args) if each.id in wanted and (each.size == 1.0 or each.detection_limit == each.size / 8)]
 
     monkeypatch.setattr(recording_examination, "draw_trials", few)
     announced = []
@@ -271,7 +274,7 @@ def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp
     ((text, present),) = announced
     assert result.sha256 in text
     assert SEALED in present
-    assert not present & {OPENED, "said.json", "truth.json"}
+    assert not present & {OPENED, "answers.json", "truth.json"}
     for session in (tmp_path / "out" / SESSIONS).iterdir():
         assert {path.name for path in session.iterdir()} == {"session.toml", "log0001.csv.gz"}
     assert {each.id for each in result.powers} == set(wanted)

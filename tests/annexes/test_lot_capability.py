@@ -58,7 +58,7 @@ def test_a_guard_band_keeps_a_unit_at_its_limit_to_one_in_twenty():
 def test_noise_is_taken_out_and_seen():
     found = capability((-6, 6), 0.0, 1.0, 0.75, 1.0, 99, np.inf, np.array([0.0, 7.0, np.nan]))
     assert found.overall.index == pytest.approx(2.0)
-    assert found.seen.index == pytest.approx(2.0 / 1.25)
+    assert found.observed.index == pytest.approx(2.0 / 1.25)
     assert (found.found_outside, found.units) == (1, 2)
 
 

@@ -86,3 +86,8 @@ def test_a_missing_key_and_broken_json(table, tmp_path):
         read_lot(path)
     with pytest.raises(FormatError, match="cannot be read"):
         read_lot(tmp_path / "none.json")
+
+
+def test_a_lot_of_0_1_0_is_read(table, lot):
+    old = table | {"schema": "tinygc-lot/1", "outliers": [{"says": "far"}]}
+    assert lot_of_table(old, "lot.json").mean == pytest.approx(lot.mean, nan_ok=True)

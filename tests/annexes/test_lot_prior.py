@@ -189,7 +189,7 @@ def test_a_lot_without_any_spread_is_left_in_finite_sigmas():
 
 @pytest.mark.slow
 def test_a_broken_file_and_options_without_a_prior_are_refused_in_one_line(eight, file, tmp_path):
-    (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/1"')
+    (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/2"')
     for words, says in (
         (("--lot", tmp_path / "broken.json"), "broken JSON"),
         (("--lot", tmp_path / "none.json"), "none.json"),

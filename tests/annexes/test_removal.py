@@ -96,7 +96,7 @@ def without(annexes: tuple[str, ...], folder: Path) -> Path:
     for name, table in (
         ("array.json", {"schema": "tinygc-array-model/1"}),
         ("thermal.json", {"schema": "tinygc-model/1", "kind": "thermal"}),
-        ("lot.json", {"schema": "tinygc-lot/1"}),
+        ("lot.json", {"schema": "tinygc-lot/2"}),
     ):
         (folder / name).write_text(json.dumps(table))
     return folder

@@ -17,7 +17,7 @@ from tinygc.explanation.claims import Claim, Considered, considered_of, named_cl
 from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
-from tinygc.explanation.search import seen_from
+from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import TurnGravity, WithinStills, channel_p_values, in_gauge, own_p_values, turn_gravity, within_stills
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit, Replay
@@ -56,8 +56,8 @@ class Explanation:
     """The result of an explanation; docs/explain.md defines the verdicts.
 
     findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
-    p-values of each channel by itself, before and after. seen_from: effect id -> detection limit in its parameter's unit. of_lot: effects
-    known for this kind of unit.
+    p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. of_lot:
+    effects known for this kind of unit.
     """
 
     session: Session
@@ -75,7 +75,7 @@ class Explanation:
     channel_p: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
-    seen_from: dict[str, float] = field(default_factory=dict)
+    detection_limits: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
     considered: list[Considered] = field(default_factory=list)
     of_lot: Sequence[KnownEffect] = ()
@@ -136,7 +136,7 @@ def explain_session(
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
-    explanation.seen_from = seen_from(twin, whiten, naming.fit)
+    explanation.detection_limits = detection_limits(twin, whiten, naming.fit)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.of_lot = () if known is None else known.in_unit(twin, whiten, naming.fit)
     explanation.verdict = _verdict(explanation)

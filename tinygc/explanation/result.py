@@ -350,7 +350,7 @@ def to_json(e: Explanation) -> dict:
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
         "detection_limits": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
-            for name, size in e.seen_from.items()
+            for name, size in e.detection_limits.items()
         },
         "warnings": [warning.to_json() for warning in e.warnings],
         "next": what_next(e),

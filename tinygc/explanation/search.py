@@ -193,7 +193,7 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
 # Detection limits: the size from which each effect would have been detected in this recording.
 
 
-def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
+def detection_limits(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     """Effect id -> detection limit in the parameter's unit, for half of the effect's directions; inf if no plausible size would be
     detected.
 

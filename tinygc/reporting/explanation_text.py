@@ -88,7 +88,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
-        parts += [Text(line) for line in in_words(e.seen_from)]
+        parts += [Text(line) for line in in_words(e.detection_limits)]
     if with_next and (following := what_next(e)):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)

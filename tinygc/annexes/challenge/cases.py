@@ -55,21 +55,21 @@ LEAST_HZ = {
 }
 MOST_INSTABILITY_DPH = 10.0
 #: the bias instability in session.toml: the drawn value; a model, whose typical value is another; or nothing
-TOLD = ("stated", "model", "nothing")
+INSTABILITY_SOURCES = ("stated", "model", "nothing")
 SEGMENTS, SEGMENTS_OF_MANY = (30, 51), (40, 61)
 
 
 @dataclass(frozen=True)
 class Case:
     """The hidden effects of one session: ids, the strength of each, the session's options, a seed for the rest, and what its session.toml
-    has of the bias instability, one of ``TOLD``."""
+    has of the bias instability, one of ``INSTABILITY_SOURCES``."""
 
     name: str
     ids: tuple[str, ...]
     strengths: tuple[float, ...]
     options: SimulationOptions
     seed: int
-    told: str = "model"
+    instability_source: str = "model"
 
     @property
     def strength(self) -> float | None:
@@ -97,9 +97,9 @@ def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]
     for outsider in taking_turns(list(OUTSIDERS), number["beside"], rng):
         ids = _together((outsider,), int(rng.integers(2, 4)), TOGETHER, rng)
         hidden.append((ids, _one_strong(len(ids), rng)))
-    told = [TOLD[i] for i in rng.permutation(np.arange(len(hidden)) % len(TOLD))]
+    source = [INSTABILITY_SOURCES[i] for i in rng.permutation(np.arange(len(hidden)) % len(INSTABILITY_SOURCES))]
     order = rng.permutation(len(hidden))
-    return [case_of(place, *hidden[int(i)], told[int(i)], rng, segments) for place, i in enumerate(order)]
+    return [case_of(place, *hidden[int(i)], source[int(i)], rng, segments) for place, i in enumerate(order)]
 
 
 def shared_out(count: int, shares: Mapping[str, float]) -> dict[str, int]:
@@ -136,7 +136,7 @@ def case_of(
     place: int,
     ids: tuple[str, ...],
     strengths: tuple[float, ...],
-    told: str,
+    source: str,
     rng: np.random.Generator,
     segments: int | None,
     needed: Mapping[str, Mapping[str, float]] = NEEDS,
@@ -157,7 +157,7 @@ def case_of(
     }
     chosen = drawn | needs | ({} if segments is None else {"segments": segments})
     options = SimulationOptions(closure_s=0.0, **chosen)
-    return Case(f"case{place + 1:03d}", ids, strengths, options, int(rng.integers(2**31)), told)
+    return Case(f"case{place + 1:03d}", ids, strengths, options, int(rng.integers(2**31)), source)
 
 
 def _data_rate(ids: tuple[str, ...], rng: np.random.Generator, rates: Mapping[float, float], least_hz: Mapping[str, float]) -> float:
@@ -191,7 +191,7 @@ def conceal(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[Simulatio
             log, more = one.spoil(simulation.log)
             simulation = replace(simulation, log=log)
             truth[one.id] |= more
-    return simulation, _silent(simulation, case.told, any(one.without_latitude for one in hidden)), truth
+    return simulation, _silent(simulation, case.instability_source, any(one.without_latitude for one in hidden)), truth
 
 
 def _distort(hidden: list[Concealment]) -> Distort | None:
@@ -216,23 +216,23 @@ def _disturb(hidden: list[Concealment]) -> Disturb | None:
     return disturb if functions else None
 
 
-def _silent(simulation: Simulation, told: str, without_latitude: bool) -> str:
-    """session.toml without its remarks, from which the session could be reproduced; told: of the bias instability, as in ``Case``."""
-    stated = f"\ngyro_bias_instability_dph = {simulation.options.bias_instability_dph!r}" if told == "stated" else ""
-    sensor = MODEL_LINE if told == "model" else f'model = "unnamed"{stated}\n{_units_told(simulation.options)}'
+def _silent(simulation: Simulation, source: str, without_latitude: bool) -> str:
+    """session.toml without its remarks, from which the session could be reproduced; source: of the bias instability, as in ``Case``."""
+    stated = f"\ngyro_bias_instability_dph = {simulation.options.bias_instability_dph!r}" if source == "stated" else ""
+    sensor = MODEL_LINE if source == "model" else f'model = "unnamed"{stated}\n{_units_stated(simulation.options)}'
     lines = config_text(simulation, concealed=False).replace(MODEL_LINE, sensor).split("\n")
     return "\n".join(
         line for line in lines if not line.startswith("#") and not (without_latitude and line.startswith(("latitude_deg", "heading_deg")))
     )
 
 
-def _units_told(options: SimulationOptions) -> str:
+def _units_stated(options: SimulationOptions) -> str:
     """Register units of an unspecified sensor."""
     units, thermometer = options.register_units, options.register_units.thermometer
-    told = {"gyro_mdps_per_lsb": round(units.gyro_rps / MDPS, 9), "accel_mg_per_lsb": round(units.accel_mps2 / MG, 9)}
+    stated = {"gyro_mdps_per_lsb": round(units.gyro_rps / MDPS, 9), "accel_mg_per_lsb": round(units.accel_mps2 / MG, 9)}
     if thermometer is not None:
-        told |= {"temp_lsb_per_c": thermometer.lsb_per_c, "temp_at_zero_c": thermometer.at_zero_c}
-    return "\n".join(f"{key} = {value!r}" for key, value in told.items())
+        stated |= {"temp_lsb_per_c": thermometer.lsb_per_c, "temp_at_zero_c": thermometer.at_zero_c}
+    return "\n".join(f"{key} = {value!r}" for key, value in stated.items())
 
 
 def options_chosen(options: SimulationOptions) -> dict:

@@ -21,7 +21,7 @@ from session.io.errors import DataError, FormatError
 from session.io.files import MOST_JSON, naming, read_bytes
 from tinygc.annexes.challenge.cases import MAKERS, STRENGTHS, Case, conceal, draw_cases, options_chosen
 from tinygc.annexes.challenge.rate_effects import Maker
-from tinygc.annexes.challenge.score import CLAIMS_FROM, KINDS, Score, calibration_error, reliability, score, splits
+from tinygc.annexes.challenge.score import CLAIMS_FROM, KINDS, Score, calibration_error, groups, reliability, score
 from tinygc.annexes.challenge.worker import DISCOVER
 from tinygc.effects.catalogue import loaded_folders
 from tinygc.reporting.terminal import Group, Table, Text
@@ -67,7 +67,7 @@ def _masked(data: bytes, key: bytes) -> bytes:
 # The record of a blind test, and its common steps once the truth is sealed: explain, open, write.
 
 PROCESSES = 2
-SESSIONS, SEALED, OPENED, SAID = "sessions", "sealed_truth.bin", "truth.json", "said.json"
+SESSIONS, SEALED, OPENED, ANSWERS = "sessions", "sealed_truth.bin", "truth.json", "answers.json"
 
 
 class Scored(Protocol):
@@ -110,7 +110,7 @@ def asked_blind(
 
 def opened(folder: Path, closed: Seal, said: dict[str, dict]) -> dict[str, dict]:
     """Write the answers and then the truth into the folder of the test, and return the truth."""
-    _write(folder / SAID, said)
+    _write(folder / ANSWERS, said)
     truth = closed.open()
     _write(folder / OPENED, truth)
     return truth
@@ -231,7 +231,7 @@ def _by_probability(scores: list[Score]) -> Table:
 
 def _by_session(scores: list[Score]) -> Table:
     table = Table("by", "", "sessions", "wrongly named", "nothing hidden", "false alarms", title="where alarms and wrong names come from")
-    for row in splits(scores):
+    for row in groups(scores):
         table.add_row(*map(str, row.values()))
     return table
 
@@ -266,7 +266,7 @@ def totals(scores: list[Score]) -> dict:
         "outsiders_wrongly_named": sum(bool(each.wrong) for each in kinds["outside"]),
         "outsiders_undecided": sum(bool(each.claimed) and not each.wrong for each in kinds["outside"]),
         "kinds": [{"kind": kind, "sessions": len(group), **_counts(group)} for kind, group in kinds.items() if group],
-        "splits": splits(scores),
+        "groups": groups(scores),
         "reliability": [vars(each) for each in reliability(stated)],
         "ece": calibration_error(stated),
         "ece_claimed": calibration_error(one for one in stated if one.claimed),
@@ -362,7 +362,7 @@ def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], No
             "strengths": dict(zip(case.ids, case.strengths, strict=True)),
             "odr_hz": case.options.odr_hz,
             "bias_instability_dph": case.options.bias_instability_dph,
-            "told": case.told,
+            "instability_source": case.instability_source,
             "options": options_chosen(case.options),
         }
     return seal(truth, folder / SEALED)
@@ -385,10 +385,10 @@ def without_sessions(folder: Path, everything: bool = False) -> None:
 
 
 def to_json(result: Examination[Score]) -> dict:
-    """``tinygc-challenge/1``: every session with its truth, its answer and its score, and the totals."""
+    """``tinygc-challenge/2``: every session with its truth, its answer and its score, and the totals."""
 
     def more(score: Score, said: dict) -> dict:
         named = {effect["id"]: effect["equivalent"] for effect in said["effects"]}
         return {"named": named, "score": vars(score) | {"kind": score.kind, "statements": [vars(one) for one in score.statements]}}
 
-    return as_table("tinygc-challenge/1", result, totals(result.scores), more)
+    return as_table("tinygc-challenge/2", result, totals(result.scores), more)

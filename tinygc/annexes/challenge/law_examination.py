@@ -11,7 +11,7 @@ import numpy as np
 
 from session.io.samples import Samples
 from session.io.units import DEG
-from tinygc.annexes.challenge.cases import LEAST_HZ, MAKERS, NEEDS, STRENGTHS, TOLD, Case, case_of, drawn, taking_turns
+from tinygc.annexes.challenge.cases import INSTABILITY_SOURCES, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, Case, case_of, drawn, taking_turns
 from tinygc.annexes.challenge.examination import SESSIONS, Examination, as_table, asked_blind, explained, hide, new_folder, opened
 from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
@@ -69,7 +69,7 @@ def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> l
     # One stream for each list, so that the length of one does not affect the others.
     streams = [np.random.default_rng([seed, stream]) for stream in range(5)]
     turns = [STRENGTHS[i] for i in streams[0].permutation(len(STRENGTHS))]
-    told = taking_turns(list(TOLD), count, streams[1])
+    sources = taking_turns(list(INSTABILITY_SOURCES), count, streams[1])
     firsts = {
         "by hand": taking_turns(list(BY_HAND), number["by hand"], streams[2]),
         "beside": taking_turns(list(BY_HAND), number["beside"], streams[3]),
@@ -87,7 +87,7 @@ def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> l
             other = str(rng.choice([name for name in RATE_EFFECTS if name not in ALIKE.get(ids[0], ())]))
             ids, strengths = (*ids, other), (*strengths, float(rng.choice(BESIDE)))
         length = int(rng.integers(*SEGMENTS)) if segments is None else segments
-        cases.append(case_of(place, ids, strengths, told[place], rng, length, NEEDED, RATES, LEAST))
+        cases.append(case_of(place, ids, strengths, sources[place], rng, length, NEEDED, RATES, LEAST))
     return cases
 
 
@@ -511,5 +511,5 @@ def examine_laws(
 
 
 def to_json(result: Examination[LawScore]) -> dict:
-    """``tinygc-discover-challenge/1``: every session with its truth, its answer and its score, and the totals."""
-    return as_table("tinygc-discover-challenge/1", result, totals(result.scores))
+    """``tinygc-discover-challenge/2``: every session with its truth, its answer and its score, and the totals."""
+    return as_table("tinygc-discover-challenge/2", result, totals(result.scores))

@@ -184,36 +184,37 @@ def _text(samples: Samples, steps: Steps, units: RegisterUnits | None) -> str:
 
 # The injected effects and their sizes: multiples of ``explain``'s detection limits, else the blind test's strengths.
 
-#: multiples of ``seen_from``, in order of priority where not all can be tried
+#: multiples of ``detection_limit``, in order of priority where not all can be tried
 MULTIPLES = (2.0, 4.0, 1.0, 8.0, 0.5)
 #: share of an effect's generous sigma: its strong size where this recording has no detection limit
 STRONG_SHARE = 0.05
 #: effects injected in spite of not changing the rate; the remaining ones, the site and moving stills, cannot be injected into readings
 BY_STRENGTH = ("timing.gyro_accel_offset", "gyro.saturation", "data.glitches", "timing.dropped_samples")
 STRONG = "of the strong size"
-#: id, size, unit, seen_from
+#: id, size, unit, detection_limit
 Drawn = tuple[str, float, str, float | None]
 
 
 @dataclass(frozen=True)
 class InjectionTrial:
-    """One injected effect: id; size and its unit, or ``STRONG``; seen_from, in that unit, or None; a seed for directions and moments."""
+    """One injected effect: id; size and its unit, or ``STRONG``; detection_limit, in that unit, or None; a seed for
+    directions and moments."""
 
     name: str
     id: str
     size: float
     unit: str
-    seen_from: float | None
+    detection_limit: float | None
     seed: int
 
 
 def draw_trials(
-    seen_from: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int
+    detection_limits: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int
 ) -> list[InjectionTrial]:
     """Draw trials in random order.
 
-    seen_from: effect id -> detection limit in its parameter's unit, of those observable in this recording; own: names reported for the
-    untouched recording, which are not injected again; count: most trials, each effect once before any is tried at another size.
+    detection_limits: effect id -> detection limit in its parameter's unit, of those observable in this recording; own: names reported for
+    the untouched recording, which are not injected again; count: most trials, each effect once before any is tried at another size.
     """
     rng = np.random.default_rng(seed)
     sized: list[list[Drawn]] = []
@@ -222,7 +223,10 @@ def draw_trials(
         if not _can_be_concealed(name, effect, has_temperature):
             continue
         sized.append(
-            [(name, size, unit, seen_from.get(name) if unit != STRONG else None) for size, unit in _sizes(name, effect, seen_from)]
+            [
+                (name, size, unit, detection_limits.get(name) if unit != STRONG else None)
+                for size, unit in _sizes(name, effect, detection_limits)
+            ]
         )
     in_turn = [
         each for turn in range(max(map(len, sized), default=0)) for each in _shuffled([s for s in sized if turn < len(s)], turn, rng)
@@ -245,12 +249,12 @@ def _can_be_concealed(name: str, effect: Effect | None, has_temperature: bool) -
     return effect is None or effect.kind == "rate" or name in (*BY_STRENGTH, "reference.accelerometer")
 
 
-def _sizes(name: str, effect: Effect | None, seen_from: dict[str, float]) -> list[tuple[float, str]]:
+def _sizes(name: str, effect: Effect | None, detection_limits: dict[str, float]) -> list[tuple[float, str]]:
     if effect is None or name in BY_STRENGTH:
         return [(strength, STRONG) for strength in STRENGTHS]
     parameter = effect.parameter
-    if name in seen_from:
-        return [(multiple * seen_from[name], parameter.unit) for multiple in MULTIPLES]
+    if name in detection_limits:
+        return [(multiple * detection_limits[name], parameter.unit) for multiple in MULTIPLES]
     return [(strength * STRONG_SHARE * parameter.plausible / parameter.si, parameter.unit) for strength in STRENGTHS]
 
 

@@ -37,15 +37,15 @@ class Tried:
 
 @dataclass(frozen=True)
 class Power:
-    """Detection of one effect: sizes that were tried, rising, in ``unit``; seen_from, or None."""
+    """Detection of one effect: sizes that were tried, rising, in ``unit``; detection_limit, or None."""
 
     id: str
     unit: str
-    seen_from: float | None
+    detection_limit: float | None
     tried: tuple[Tried, ...]
 
     @property
-    def told_from(self) -> float | None:
+    def detected_from(self) -> float | None:
         """The smallest size from which it was found at every size; None where the largest was not."""
         smallest = None
         for each in reversed(self.tried):
@@ -57,21 +57,21 @@ class Power:
     @property
     def ratio(self) -> float | None:
         """Measured over predicted detection limit."""
-        return None if self.told_from is None or not self.seen_from else self.told_from / self.seen_from
+        return None if self.detected_from is None or not self.detection_limit else self.detected_from / self.detection_limit
 
     @property
-    def not_told_at(self) -> float | None:
+    def undetected_at(self) -> float | None:
         """The largest size at which it was not found; None where it was found at every size that was tried."""
         return max((each.size for each in self.tried if not each.found), default=None)
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the measured detection limit, which is between ``not_told_at`` and ``told_from``, is within a factor of two of the
+        """Whether the measured detection limit, which is between ``undetected_at`` and ``detected_from``, is within a factor of two of the
         predicted one; None where these two do not decide it, or none was predicted."""
-        if not self.seen_from:
+        if not self.detection_limit:
             return None
-        above, least, most = self.not_told_at or 0.0, self.seen_from / AGREES, self.seen_from * AGREES
-        at_most = math.inf if self.told_from is None else self.told_from
+        above, least, most = self.undetected_at or 0.0, self.detection_limit / AGREES, self.detection_limit * AGREES
+        at_most = math.inf if self.detected_from is None else self.detected_from
         if at_most <= least or above >= most:
             return False
         return True if least <= above and at_most <= most else None
@@ -88,9 +88,9 @@ def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict)
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
     for trial in sorted(trials, key=lambda trial: trial.size):
-        groups.setdefault((trial.id, trial.unit, trial.seen_from), []).append(_tried_sizes(trial, said[trial.name], own, untouched))
+        groups.setdefault((trial.id, trial.unit, trial.detection_limit), []).append(_tried_sizes(trial, said[trial.name], own, untouched))
     ordered = sorted(groups.items(), key=lambda group: (group[0][0] in OUTSIDERS, group[0][1] == STRONG, group[0][0]))
-    return [Power(name, unit, seen_from, tuple(tried)) for (name, unit, seen_from), tried in ordered]
+    return [Power(name, unit, detection_limit, tuple(tried)) for (name, unit, detection_limit), tried in ordered]
 
 
 def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: dict) -> Tried:
@@ -105,14 +105,14 @@ def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: di
 
 
 def agreement(found: list[Power]) -> dict:
-    """Of the effects with a ``seen_from``: how many were found at some size; for how many it holds within a factor of two, does not, and is
-    undecided; the median ratio of those that were missed at some size, as for others it is an upper bound."""
-    promised = [each for each in found if each.seen_from is not None]
+    """Of the effects with a ``detection_limit``: how many were found at some size; for how many it holds within a factor of two, does not,
+    and is undecided; the median ratio of those that were missed at some size, as for others it is an upper bound."""
+    promised = [each for each in found if each.detection_limit is not None]
     answers = [each.agrees for each in promised]
-    ratios = [each.ratio for each in promised if each.ratio is not None and each.not_told_at is not None]
+    ratios = [each.ratio for each in promised if each.ratio is not None and each.undetected_at is not None]
     return {
-        "promised": len(promised),
-        "told": sum(each.told_from is not None for each in promised),
+        "predicted": len(promised),
+        "detected": sum(each.detected_from is not None for each in promised),
         "agree": answers.count(True),
         "disagree": answers.count(False),
         "not_decided": answers.count(None),
@@ -159,9 +159,9 @@ def examine_recording(
     untouched = explained(sessions / UNTOUCHED)
     if untouched["verdict"] == "refused":
         raise DataError(f"{session}: explain refuses it: {untouched['why']}")
-    seen_from = {name: entry["size"] for name, entry in untouched["detection_limits"].items() if entry["size"]}
+    detection_limits = {name: entry["size"] for name, entry in untouched["detection_limits"].items() if entry["size"]}
     own = own_names(untouched)
-    trials = draw_trials(seen_from, own, recording.has_temperature, count, seed)
+    trials = draw_trials(detection_limits, own, recording.has_temperature, count, seed)
     trials, closed = _write(recording, trials, folder, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
     said = asked_blind([sessions / trial.name for trial in trials], explained, "explaining blind", progress)
@@ -181,15 +181,20 @@ def _write(
         if not all(np.isfinite(log.gyro).all() for log in spoilt.logs):
             continue  # the effect needs an input that this recording lacks
         write_spoilt(recording.session, spoilt.logs, folder / SESSIONS / trial.name)
-        truth[trial.name] = {"effects": {trial.id: spoilt.truth}, "size": trial.size, "unit": trial.unit, "seen_from": trial.seen_from}
+        truth[trial.name] = {
+            "effects": {trial.id: spoilt.truth},
+            "size": trial.size,
+            "unit": trial.unit,
+            "detection_limit": trial.detection_limit,
+        }
         written.append(trial)
     return written, seal(truth, folder / SEALED)
 
 
 def to_json(result: OwnExamination) -> dict:
-    """``tinygc-power/1``."""
+    """``tinygc-power/2``."""
     return {
-        "schema": "tinygc-power/1",
+        "schema": "tinygc-power/2",
         "session": result.session,
         "seed": result.seed,
         "sha256": result.sha256,
@@ -199,8 +204,8 @@ def to_json(result: OwnExamination) -> dict:
             {
                 "id": each.id,
                 "unit": each.unit,
-                "seen_from": each.seen_from,
-                "told_from": each.told_from,
+                "detection_limit": each.detection_limit,
+                "detected_from": each.detected_from,
                 "ratio": each.ratio,
                 "agrees": each.agrees,
                 "tried": [vars(one) for one in each.tried],
@@ -218,13 +223,13 @@ FOUND, NOT_FOUND = "✓", "–"
 
 def power_tables(result: OwnExamination) -> Group:
     """A row for each effect, and a summary."""
-    heads = ("concealed", "unit", "seen from", "told from", "ratio", "sizes that were tried", "wrong names")
+    heads = ("concealed", "unit", "detection limit", "detected from", "ratio", "sizes that were tried", "wrong names")
     table = Table(*heads, title=f"from what size on {result.session} tells")
     for each in result.powers:
         sizes = "  ".join(f"{one.size:.2g} {FOUND if one.found else NOT_FOUND}" for one in each.tried)
         ratio = "" if each.ratio is None else _at_most(each) + f"{each.ratio:.2g}"
         wrong = ", ".join(sorted({name for one in each.tried for name in one.wrong}))
-        table.add_row(each.id, each.unit, _number(each.seen_from), _at_most(each) + _number(each.told_from), ratio, sizes, wrong)
+        table.add_row(each.id, each.unit, _number(each.detection_limit), _at_most(each) + _number(each.detected_from), ratio, sizes, wrong)
     return Group(table, Text(""), Text("\n".join(sentences(result))))
 
 
@@ -236,23 +241,26 @@ def sentences(result: OwnExamination) -> list[str]:
     lines.append(
         f"{len(tried)} concealed: {sum(one.found for one in tried)} found, {sum(bool(one.wrong) for one in tried)} with a wrong name"
     )
-    if t["promised"]:
-        ratio = "" if t["median_ratio"] is None else f"; told from over seen from, where no ≤ stands: median {t['median_ratio']:.2g}"
+    if t["predicted"]:
+        ratio = (
+            "" if t["median_ratio"] is None else f"; detected from over detection limit, where no ≤ stands: median {t['median_ratio']:.2g}"
+        )
         lines.append(
-            f"of the {t['promised']} effects with a seen_from it holds within a factor of 2 for {t['agree']}, not for {t['disagree']}, and "
-            f"for {t['not_decided']} the sizes do not decide it; {t['promised'] - t['told']} were not told at the largest size{ratio}"
+            f"of the {t['predicted']} effects with a detection limit it holds within a factor of 2 for {t['agree']}, "
+            f"not for {t['disagree']}, and for {t['not_decided']} the sizes do not decide it; "
+            f"{t['predicted'] - t['detected']} were not detected at the largest size{ratio}"
         )
     if lost := Counter(name for one in tried for name in one.lost):
         gone = ", ".join(f"{name} in {count}" for name, count in sorted(lost.items()))
         lines.append(f"its own that are gone beside what was concealed: {gone}")
     if blind := [each.id for each in found if not any(one.found for one in each.tried)]:
-        lines.append(f"not told at any size that was tried: {', '.join(blind)}")
+        lines.append(f"not detected at any size that was tried: {', '.join(blind)}")
     return lines
 
 
 def _at_most(power: Power) -> str:
     """A sign before an upper bound, where no smaller size was tried."""
-    return "≤ " if power.told_from is not None and power.not_told_at is None else ""
+    return "≤ " if power.detected_from is not None and power.undetected_at is None else ""
 
 
 def _number(value: float | None) -> str:

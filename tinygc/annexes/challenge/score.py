@@ -89,8 +89,8 @@ class Score:
     exact: named exactly; found: hidden ones that are named, or in the equivalents of one that is; wrong: named ones that are not hidden
     and have no hidden equivalent (for effects outside the catalogue: no unnamed shape); sigmas: errors of the parameters in their
     reported std; right: whether each is within 3 of them or 10 % of the truth; removed: share of the excess misfit that the refit removes,
-    or None; statements: names with a stated probability.  strength: of the weakest that is hidden; odr_hz, instability_dph, told: the
-    session's data rate, its gyro's bias instability and its entry in session.toml, None where the truth lacks them.
+    or None; statements: names with a stated probability.  strength: of the weakest that is hidden; odr_hz, instability_dph,
+    instability_source: the session's data rate, its gyro's bias instability and its entry in session.toml, None where the truth lacks them.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Score:
     statements: tuple[Statement, ...] = ()
     odr_hz: float | None = None
     instability_dph: float | None = None
-    told: str | None = None
+    instability_source: str | None = None
 
     @property
     def kind(self) -> str:
@@ -156,7 +156,7 @@ def score(name: str, truth: dict, said: dict) -> Score:
         statements=statements(said, hidden),
         odr_hz=truth.get("odr_hz"),
         instability_dph=truth.get("bias_instability_dph"),
-        told=truth.get("told"),
+        instability_source=truth.get("instability_source"),
     )
 
 
@@ -193,7 +193,7 @@ def parameter_errors(effect: dict, truth: dict) -> tuple[list[float], list[bool]
 INSTABILITIES = (0.0, 2.0, 5.0, MOST_INSTABILITY_DPH)
 
 
-def splits(scores: list[Score]) -> list[dict]:
+def groups(scores: list[Score]) -> list[dict]:
     """For each group that has sessions: ``by``, ``group``, and counts of sessions, wrongly named ones, nulls and their false alarms."""
     groups: dict[tuple[str, float | str, str], list[Score]] = {}
     for each in scores:
@@ -212,8 +212,8 @@ def _groups_of(each: Score) -> list[tuple[str, float | str, str]]:
         for low, high in pairwise(INSTABILITIES):
             if low <= each.instability_dph < high or each.instability_dph == high == MOST_INSTABILITY_DPH:
                 found.append(("bias instability", low, f"{low:g} to {high:g} deg/h"))
-    if each.told is not None:
-        found.append(("told of the bias instability", each.told, each.told))
+    if each.instability_source is not None:
+        found.append(("source of the bias instability", each.instability_source, each.instability_source))
     return found
 
 

@@ -97,9 +97,9 @@ class Indices:
 class Capability:
     """Capability of one number against its limits, all in its unit.
 
-    lower, upper: -inf or inf where there is none; mean; sigma: overall, without measurement noise, and seen_sigma with it; within and
-    overall, their indices without noise; seen, the overall ones with it; ppm_normal and ppm_tails: outside, by a normal distribution and by
-    the lot's tails; found_outside: number of units with a reading outside; false_accept_ppm, units outside that a reading accepts;
+    lower, upper: -inf or inf where there is none; mean; sigma: overall, without measurement noise, and observed_sigma with it; within and
+    overall, their indices without noise; observed, the overall ones with it; ppm_normal, ppm_tails: outside, by a normal distribution and
+    by the lot's tails; found_outside: number of units with a reading outside; false_accept_ppm, units outside that a reading accepts;
     false_reject_ppm, the reverse; guard_band: tightening of the limits with which a unit at its limit is accepted at most once in twenty,
     and the false accepts and rejects with it.
     """
@@ -108,10 +108,10 @@ class Capability:
     upper: float
     mean: float
     sigma: float
-    seen_sigma: float
+    observed_sigma: float
     within: Indices
     overall: Indices
-    seen: Indices
+    observed: Indices
     ppm_normal: float
     ppm_tails: float
     found_outside: int
@@ -180,7 +180,7 @@ def capability(
     """
     lower, upper = limits
     units = int(np.isfinite(readings).sum())
-    seen_sigma = float(np.hypot(sigma, noise))
+    observed_sigma = float(np.hypot(sigma, noise))
     guard = GUARD_SIGMAS * noise
     accept, reject = risks(lower, upper, mean, sigma, noise)
     guarded_accept, guarded_reject = risks(lower, upper, mean, sigma, noise, guard)
@@ -189,10 +189,10 @@ def capability(
         upper,
         mean,
         sigma,
-        seen_sigma,
+        observed_sigma,
         indices(lower, upper, mean, within, max(0.6 * (units - 1), 1), units),
         indices(lower, upper, mean, sigma, freedom, units),
-        indices(lower, upper, mean, seen_sigma, max(units - 1, 1), units),
+        indices(lower, upper, mean, observed_sigma, max(units - 1, 1), units),
         outside_ppm(lower, upper, mean, sigma),
         outside_ppm(lower, upper, mean, sigma, tails),
         int(np.sum((readings < lower) | (readings > upper))),

@@ -203,7 +203,7 @@ def _capabilities(report: LotReport) -> Section | None:
                 limits.replace("-", "−"),
                 f"{fixed(each.within.index, 2)}, {fixed(each.within.centred, 2)}",
                 f"{fixed(each.overall.index, 2)}, {fixed(each.overall.centred, 2)} ({fixed(lo, 2)} to {fixed(hi, 2)})",
-                fixed(each.seen.centred, 2),
+                fixed(each.observed.centred, 2),
                 f"{_ppm(each.ppm_normal)}, {_ppm(each.ppm_tails)}",
                 f"{each.found_outside} of {each.units}",
                 f"{_ppm(each.false_accept_ppm)}, {_ppm(each.false_reject_ppm)}",

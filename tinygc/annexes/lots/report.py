@@ -1,4 +1,4 @@
-"""A lot's report: one record from the results of sessions, and its files (``tinygc-lot/1``, docs/formats.md)."""
+"""A lot's report: one record from the results of sessions, and its files (``tinygc-lot/2``, docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from scipy.special import gammaincinv, stdtr
 
 from session import VERSION
 from session.io.errors import FormatError
+from session.io.renamed import with_new_keys
 from session.io.results import Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, shown, write_whole
 from tinygc.annexes.lots.capability import Capability, ControlChart, capability, chart
 from tinygc.annexes.lots.gauge import Gauge, gauge
@@ -229,11 +230,11 @@ def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
     return tuple(told)
 
 
-# A lot as a file, ``tinygc-lot/1`` (docs/formats.md), and its report as JSON.
+# A lot as a file, ``tinygc-lot/2`` (docs/formats.md), and its report as JSON.
 
-# A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for unknown values.
+# A lot as a file: JSON of format ``tinygc-lot/2`` (docs/formats.md), null for unknown values.
 
-SCHEMA = "tinygc-lot/1"
+SCHEMA = "tinygc-lot/2"
 _AGAIN = "make the lot again, or correct the file"
 #: tolerance of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: the rounding of JSON
 _ROUNDING = 1e-9
@@ -298,6 +299,7 @@ def read_lot(path: Path | str) -> Lot:
 
 def lot_of_table(table: Any, where: str) -> Lot:
     """Build the lot from parsed JSON; where: its file's name.  Raises FormatError as ``read_lot``."""
+    table = with_new_keys(table)
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no lot of this tool, expected "schema": "{SCHEMA}"; make it with calibrate.py lot or fleet')
     require(table, LOT, where, _AGAIN)
@@ -373,7 +375,7 @@ MOST_ALARMS, MOST_OUTLIERS = 20, 1000
 
 
 def to_json(report: LotReport) -> dict:
-    """Return ``tinygc-lot/1``."""
+    """Return ``tinygc-lot/2``."""
     drift = report.hierarchy
     return lot_table(
         report.lot,
@@ -445,4 +447,5 @@ def _gauge(each: Gauge) -> dict:
 
 
 def _outlier(each: Outlier) -> dict:
-    return {**vars(each), "reasons": [vars(reason) for reason in each.reasons]}
+    named = {"description" if name == "says" else name: value for name, value in vars(each).items()}
+    return {**named, "reasons": [vars(reason) for reason in each.reasons]}

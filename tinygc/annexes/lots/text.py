@@ -147,7 +147,7 @@ def _capabilities(report: LotReport) -> Table:
             fixed(each.overall.index, 2),
             Text(fixed(each.overall.centred, 2), "bold red" if each.overall.centred < 1 else ""),
             f"{fixed(lo, 2)} to {fixed(hi, 2)}",
-            fixed(each.seen.centred, 2),
+            fixed(each.observed.centred, 2),
             ppm(each.ppm_tails),
             f"{each.found_outside} of {each.units}",
             ppm(each.false_accept_ppm),

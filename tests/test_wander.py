@@ -49,6 +49,13 @@ def test_it_forgets_slowly():
     assert correlation[3] < 0.001
 
 
+@pytest.mark.parametrize("span_s", [0.01, 0.5, 8.0, 60.0])
+def test_a_mean_over_a_span_has_the_variance_of_that_mean(span_s):
+    """The mean of the point-wise covariance over span x span; 2 (x - 1 + e^-x) / x^2 of each octave is its closed form."""
+    t_s = (np.arange(1000) + 0.5) * span_s / 1000
+    assert wander_covariance(np.zeros(1), np.array([span_s]))[0, 0] == pytest.approx(wander_covariance(t_s).mean(), rel=1e-3)
+
+
 @pytest.mark.parametrize("tau_s", [8, 64, 512])
 def test_allan_deviation_by_the_covariance_is_the_floor(tau_s):
     """The difference of two neighbouring means over tau, its variance by the covariance itself: no draws.

@@ -1,8 +1,10 @@
 """What other programs read, read back by an independent reader, gives the same rates."""
 
 import json
+import os
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,9 +129,31 @@ def test_xio_in_json_and_in_c(name):
         agree(((MEASURED / DEG - b) * s) @ M.T * DEG, MODELS[name])
 
 
+#: our own stand-ins: what Fusion's types hold before release 1.3.0 and since, as far as a calibration needs them
+FUSION_MATRIX = "typedef union {{ float array{}; struct {{ float xx, xy, xz, yx, yy, yz, zx, zy, zz; }} element; }} FusionMatrix;"
+FUSION_VECTOR = "typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;"
+FUSION_FORMULA = """static inline FusionVector FusionModelInertial(FusionVector in, FusionMatrix m, FusionVector s, FusionVector o) {
+    const float a = s.array[0] * (in.array[0] - o.array[0]), b = s.array[1] * (in.array[1] - o.array[1]);
+    const float c = s.array[2] * (in.array[2] - o.array[2]);
+    const float *M = (const float *)m.array;
+    return (FusionVector){.array = {M[0] * a + M[1] * b + M[2] * c, M[3] * a + M[4] * b + M[5] * c, M[6] * a + M[7] * b + M[8] * c}};
+}"""
+#: folders of Fusion's own headers, such as Fusion/ of a clone, one for each release to try
+FUSION_FOLDERS = [folder for folder in os.environ.get("FUSION_HEADERS", "").split(os.pathsep) if folder]
+
+
+def fusion(layout):
+    """The C that stands before the exported header, and the compiler's options: our stand-in of a layout, or a folder of Fusion's own."""
+    if layout in FUSION_FOLDERS:
+        old = (Path(layout) / "FusionCalibration.h").is_file()
+        return '#include "Fusion.h"\n' + "#define FusionModelInertial FusionCalibrationInertial\n" * old, [f"-isystem{layout}"]
+    return "\n".join((FUSION_VECTOR, FUSION_MATRIX.format(layout), FUSION_FORMULA)), []
+
+
+@pytest.mark.parametrize("layout", ["[3][3]", "[9]", *FUSION_FOLDERS])
 @pytest.mark.parametrize("name", ["linear", "net that does not bend"])
-def test_xio_compiled_with_fusions_own_types_and_formula(name, tmp_path):
-    """x-io's FusionCalibrationInertial, in single precision, by a C compiler: 1e-6 of the rate."""
+def test_xio_compiled_with_fusions_own_types_and_formula(name, layout, tmp_path):
+    """Every layout that ``FusionMatrix`` had: no warning of a C compiler, and in single precision 1e-6 of the rate."""
     import ctypes
     import shutil
 
@@ -137,27 +161,27 @@ def test_xio_compiled_with_fusions_own_types_and_formula(name, tmp_path):
 
     if shutil.which("gcc") is None:
         pytest.skip("not installed: gcc")
+    before, options = fusion(layout)
     (tmp_path / "fusion_calibration.h").write_text(exporter("xio").export(MODELS[name], context())["fusion_calibration.h"])
     (tmp_path / "there.c").write_text(
-        """typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
-        typedef union { float array[3][3]; } FusionMatrix;
+        before
+        + """
         #include "fusion_calibration.h"
-        void calibrate(int count, const float (*in)[3], float (*out)[3]) {
-            for (int n = 0; n < count; n++)
-                for (int i = 0; i < 3; i++) {
-                    out[n][i] = 0.0f;
-                    for (int k = 0; k < 3; k++)
-                        out[n][i] += gyroscopeMisalignment.array[i][k]
-                            * (gyroscopeSensitivity.array[k] * (in[n][k] - gyroscopeOffset.array[k]));
-                }
+        void calibrate(int count, const FusionVector *gyro, const FusionVector *accel, FusionVector *rates, FusionVector *forces) {
+            for (int n = 0; n < count; n++) {
+                rates[n] = FusionModelInertial(gyro[n], gyroscopeMisalignment, gyroscopeSensitivity, gyroscopeOffset);
+                forces[n] = FusionModelInertial(accel[n], accelerometerMisalignment, accelerometerSensitivity, accelerometerOffset);
+            }
         }"""
     )
-    processes.run(["gcc", "-std=c99", "-shared", "-fPIC", "there.c", "-o", "there.so"], cwd=tmp_path, check=True)
-    measured = (MEASURED / DEG).astype(np.float32)
-    rates_dps = np.zeros_like(measured)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", *options]
+    processes.run(["gcc", *flags, "-shared", "-fPIC", "there.c", "-o", "there.so"], cwd=tmp_path, check=True)
+    inputs = [np.ascontiguousarray(values, np.float32) for values in (MEASURED / DEG, FORCE / G)]
+    outputs = [np.zeros_like(values) for values in inputs]
     library = ctypes.CDLL(str(tmp_path / "there.so"))
-    library.calibrate(len(measured), ctypes.c_void_p(measured.ctypes.data), ctypes.c_void_p(rates_dps.ctypes.data))
-    agree(rates_dps.astype(float) * DEG, MODELS[name])
+    library.calibrate(len(MEASURED), *(ctypes.c_void_p(values.ctypes.data) for values in (*inputs, *outputs)))
+    agree(outputs[0].astype(float) * DEG, MODELS[name])
+    np.testing.assert_allclose(outputs[1], inputs[1], rtol=1e-6)  # the context's accelerometer is one that needs none
 
 
 @pytest.mark.parametrize("name", MODELS)

@@ -90,7 +90,9 @@ def test_exported_c_compiles_whatever_the_serial_number_says(compiler, tmp_path)
     """Every hostile text at once, every warning an error; the constructor of one of them is not in the object (C11 knows trigraphs)."""
     if shutil.which(compiler) is None:
         pytest.skip(f"not installed: {compiler}")
-    types = "typedef union { float array[3]; } FusionVector;\ntypedef union { float array[3][3]; } FusionMatrix;\n"
+    matrix = "float xx, xy, xz, yx, yy, yz, zx, zy, zz;"
+    vector = "typedef union { struct { float x, y, z; } axis; } FusionVector;"
+    types = f"{vector} typedef union {{ struct {{ {matrix} }} element; }} FusionMatrix;\n"
     for number, text in enumerate(("".join(HOSTILE), *PAYLOADS.values(), "a\\", "a??/", "a */ int evil; /*")):
         for name, content in exporter("xio").export(LINEAR, context(f"x\n{text}")).items():
             if name.endswith(".h"):

@@ -1,4 +1,8 @@
-"""x-io: misalignment, sensitivity and offset of Fusion's ``FusionCalibrationInertial`` and of the x-IMU3's settings."""
+"""x-io: misalignment, sensitivity and offset of Fusion's inertial sensor model and of the x-IMU3's settings.
+
+The header names each element of a matrix and each axis of a vector.  ``FusionMatrix.array`` is ``float[3][3]`` before Fusion 1.3.0 and
+``float[9]`` since, and a compiler only warns where the braces are those of the other; the elements' names are the same in every release.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +31,18 @@ def export(model: Model, context: Context) -> dict[str, str]:
     }
     lines = (
         "calibrated = misalignment * (sensitivity o (uncalibrated - offset))        o: element by element; deg/s, g",
-        "calibrated = FusionCalibrationInertial(uncalibrated, misalignment, sensitivity, offset);",
+        "calibrated = FusionModelInertial(uncalibrated, misalignment, sensitivity, offset);",
+        "(FusionCalibrationInertial before Fusion 1.3.0; the header is right for both)",
         f"accelerometer: {context.accelerometer_words}",
         part.example(),
     )
     header = remarks(context, *lines, mark="//")
     table = {"comment": [line.removeprefix("// ") for line in header.splitlines()]}
     for name, (misalignment, sensitivity, offset) in triads.items():
-        rows = ",\n    ".join(f"{{{', '.join(map(_float, row))}}}" for row in misalignment)
-        header += f"static const FusionMatrix {name}Misalignment = {{.array = {{\n    {rows}\n}}}};\n"
+        rows = ",\n    ".join(_members(row, f"{axis}{{}}") for axis, row in zip("xyz", misalignment, strict=True))
+        header += f"static const FusionMatrix {name}Misalignment = {{.element = {{\n    {rows}\n}}}};\n"
         for word, vector in (("Sensitivity", sensitivity), ("Offset", offset)):
-            header += f"static const FusionVector {name}{word} = {{.array = {{{', '.join(_float(value) for value in vector)}}}}};\n"
+            header += f"static const FusionVector {name}{word} = {{.axis = {{{_members(vector, '{}')}}}}};\n"
         table |= {f"{name}Misalignment": misalignment.ravel().tolist(), f"{name}Sensitivity": sensitivity.tolist()}
         table[f"{name}Offset"] = offset.tolist()
     return {"fusion_calibration.h": header, "ximu3_settings.json": json_text(table) + "\n"}
@@ -49,6 +54,10 @@ def factor(E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if not (np.abs(sensitivity) > LEAST).all():
         raise ExportError("xio scales each axis by itself, and one of the model's has nothing of its own; json and c carry it")
     return E / sensitivity, sensitivity
+
+
+def _members(values: np.ndarray, name: str) -> str:
+    return ", ".join(f".{name.format(axis)} = {_float(value)}" for axis, value in zip("xyz", values, strict=True))
 
 
 def _float(value: float) -> str:

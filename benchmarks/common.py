@@ -42,11 +42,11 @@ def first_still_heading_deg(options: SimulationOptions) -> float:
     return simulation.unit.heading_deg + math.degrees(math.atan2(R_tb[1, 0], R_tb[0, 0]))
 
 
-def in_parallel(work: Callable, jobs: Sequence, what: str) -> list:
-    """``work`` on each job, in two processes of one thread each; a line of progress on standard error."""
+def in_parallel(work: Callable, jobs: Sequence, what: str, processes: int = PROCESSES) -> list:
+    """``work`` on each job, in processes of one thread each; a line of progress on standard error."""
     os.environ["OMP_NUM_THREADS"] = "1"  # inherited by the children, who import torch and BLAS afresh
     results = []
-    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         for result in pool.map(work, jobs):
             results.append(result)
             progress(f"{what} {len(results)} of {len(jobs)}")

@@ -1,0 +1,543 @@
+"""Ways to damage a simulated session: ``FAMILIES`` of ``damaged_sessions.py``, and how a damaged recording becomes a session folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from session.detect.stills import SessionStills
+from session.io.folder import read_session
+from session.io.units import DEG, MG, G
+from tinygc.simulation.movement import move, table_to_body
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulator import Simulation, registers_of, simulate_session
+from tinygc.simulation.write import config_text
+
+#: header of the columns, and what one of each is in SI
+UNITS = {
+    "dps, g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, G),
+    "degrees called radians": ("gx_rps,gy_rps,gz_rps,ax_g,ay_g,az_g", DEG, G),
+    "radians called degrees": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 1.0, G),
+    "g called m/s²": ("gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2", DEG, G),
+    "m/s² called g": ("gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", DEG, 1.0),
+}
+
+
+@dataclass
+class Recording:
+    """A session as a family changes it.
+
+    t_s (N,), gyro rad/s and accel m/s^2 (N, 3) as measured, temp_c (N,); turns: rows (start, stop) of each; E (3, 3), B (3,) rad/s: the
+    truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; stated_fs_dps: another
+    full scale than the true one; units of the columns, None for registers; comment of the log; dials: damage to the readings (stills, 3)
+    in degrees, where there are any; edit: damage to the written rows.
+    """
+
+    simulation: Simulation
+    t_s: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp_c: np.ndarray
+    turns: list[tuple[int, int]]
+    E: np.ndarray
+    B: np.ndarray
+    calibrated: bool = True
+    stated_fs_dps: float | None = None
+    units: str | None = None
+    comment: str = ""
+    dials: Callable[[np.ndarray], None] | None = None
+    edit: Callable[[list[str], np.random.Generator], list[str]] | None = None
+
+    @property
+    def since(self) -> np.ndarray:
+        """(N, 1): 0 at the first row, 1 at the last."""
+        return np.linspace(0, 1, len(self.t_s))[:, None]
+
+    @property
+    def turning(self) -> np.ndarray:
+        """(N, 1): 1 in turns, 0 in rests."""
+        inside = np.zeros((len(self.t_s), 1))
+        for start, stop in self.turns:
+            inside[start:stop] = 1
+        return inside
+
+    @property
+    def rests(self) -> list[tuple[int, int]]:
+        """Rows of each rest."""
+        edges = [0, *(edge for turn in self.turns for edge in turn), len(self.t_s)]
+        return list(zip(edges[::2], edges[1::2], strict=True))
+
+    def body(self, vector_t: Sequence[float]) -> np.ndarray:
+        """(N, 3): a vector fixed to the table, in the body."""
+        angles = move(self.simulation.plan, self.t_s).angles
+        return table_to_body(angles, np.asarray(vector_t, dtype=float))
+
+    def mix(self, by: np.ndarray) -> None:
+        """Rates times a matrix, as numbers that no register limits; the truth follows."""
+        self.units, self.gyro, self.E = "dps, g", self.gyro @ by.T, self.E @ np.linalg.inv(by)
+
+    def drop(self, rows: np.ndarray, closed: bool = False) -> None:
+        """Leave rows out; closed: the stamps of the others close the gap."""
+        keep = np.delete(np.arange(len(self.t_s)), rows)
+        self.t_s = self.t_s[: len(keep)] if closed else self.t_s[keep]
+        self.gyro, self.accel, self.temp_c = self.gyro[keep], self.accel[keep], self.temp_c[keep]
+
+    def options(self, **changes: object) -> None:
+        """Change what session.toml says."""
+        self.simulation = replace(self.simulation, options=replace(self.simulation.options, **changes))
+
+    def pre_calibration(self, **changes: np.ndarray) -> None:
+        """Change the accelerometer's calibration in session.toml."""
+        self.simulation = replace(self.simulation, unit=replace(self.simulation.unit, **changes))
+
+    def leave_uncalibrated(self) -> None:
+        """Take that calibration away.  Gravity is then seen in the accelerometer's own triad: x along its x, y in its x-y plane."""
+        triad, _ = np.linalg.qr(self.simulation.unit.accel_matrix)
+        triad = triad * np.sign(np.diag(triad.T @ self.simulation.unit.accel_matrix))
+        self.calibrated, self.E, self.B = False, triad.T @ self.E, triad.T @ self.B
+
+
+# The families.  Each changes a recording in place.
+
+Damage = Callable[[Recording, np.random.Generator], None]
+FAMILIES: dict[str, Damage] = {"clean": lambda r, rng: None}
+
+
+def family(name: str) -> Callable[[Damage], Damage]:
+    """Enter a function into ``FAMILIES``."""
+
+    def enter(function: Damage) -> Damage:
+        FAMILIES[name] = function
+        return function
+
+    return enter
+
+
+def draw(rng: np.random.Generator, size: float, shape: tuple[int, ...] = (3,)) -> np.ndarray:
+    """Numbers of about a size, of either sign, none near zero."""
+    return size * rng.uniform(0.7, 1.3, shape) * rng.choice((-1, 1), shape)
+
+
+def noise_like(values: np.ndarray, row: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """White noise (N, …) with the scatter of the values in the first rest."""
+    return np.std(values[row[0] : row[1]], axis=0) * rng.standard_normal(values.shape)
+
+
+@family("accelerometer dead, level")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    level = r.simulation.unit.measured_force(np.array([0.0, 0.0, -G]))
+    r.accel = level + noise_like(r.accel, r.rests[0], rng)
+
+
+@family("accelerometer dead from the middle on")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    start = r.rests[len(r.rests) // 2][0]
+    r.accel[start:] = r.accel[start + 5] + noise_like(r.accel, r.rests[0], rng)[start:]
+
+
+@family("accelerometer axis stuck")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel[:, 1] = r.accel[0, 1]
+
+
+@family("gyro axis dead")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro[:, 2] = r.gyro[5, 2] + noise_like(r.gyro, r.rests[0], rng)[:, 2]
+
+
+@family("gyro axis stuck")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro[:, 1] = r.gyro[0, 1]
+
+
+@family("accelerometer frozen in turns")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    for start, stop in r.turns:  # a FIFO that starves: the last reading is repeated
+        middle = (start + stop) // 2
+        r.accel[middle : middle + 20] = r.accel[middle]
+
+
+SWAP = np.eye(3)[[1, 0, 2]]
+FAMILIES |= {
+    "gyro axes swapped": lambda r, rng: r.mix(SWAP),
+    "gyro axes turned round": lambda r, rng: r.mix(np.eye(3)[[1, 2, 0]]),
+    "gyro axis mirrored": lambda r, rng: r.mix(np.diag([1.0, 1.0, -1.0])),
+    "rates × 2": lambda r, rng: r.mix(2 * np.eye(3)),
+    "rates × 1.95": lambda r, rng: r.mix(1.95 * np.eye(3)),
+    "rates × 1.05": lambda r, rng: r.mix(1.05 * np.eye(3)),
+    "one rate × 1.2": lambda r, rng: r.mix(np.diag([1.0, 1.2, 1.0])),
+    **{name: lambda r, rng, name=name: setattr(r, "units", name) for name in list(UNITS)[1:]},
+}
+
+
+@family("full scale stated too high")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.stated_fs_dps, r.E = 2 * r.simulation.options.gyro_fs_dps, r.E / 2
+
+
+@family("accelerometer axes swapped")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel = r.accel @ SWAP.T
+    r.leave_uncalibrated()
+
+
+@family("accelerometer upside down")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel = -r.accel
+    r.leave_uncalibrated()
+
+
+# Time.
+
+
+@family("data rate stated wrong")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.options(odr_hz={104.0: 208.0, 208.0: 104.0}[r.simulation.options.odr_hz])
+
+
+@family("counted stamps, rate off by 2 %")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s, r.comment = r.t_s / (1 + draw(rng, 0.02, ())), "# stamps=counted\n"
+
+
+@family("counted stamps that do not say so")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s = np.arange(len(r.t_s)) / r.simulation.options.odr_hz  # of a unit whose true rate is up to some 2 % from it
+
+
+@family("clock fast by 0.5 %")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s = r.t_s * (1 + draw(rng, 0.005, ()))
+
+
+@family("milliseconds called seconds")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s = r.t_s * 1e3
+
+
+@family("2 rows lost in each turn, stamps closed up")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.drop(np.concatenate([(start + stop) // 2 + np.arange(2) for start, stop in r.turns]), closed=True)
+
+
+@family("1 row lost in three turns, stamps closed up")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.drop(np.array([sum(r.turns[i]) // 2 for i in (2, 6, 11)]), closed=True)
+
+
+@family("rows lost, stamps kept")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.drop(np.concatenate([(start + stop) // 2 + np.arange(3) for start, stop in r.turns]))
+
+
+@family("gap of 0.3 s in four turns")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    rows = round(0.3 * r.simulation.options.odr_hz)
+    r.drop(np.concatenate([sum(r.turns[i]) // 2 + np.arange(rows) for i in (1, 5, 9, 12)]))
+
+
+@family("a whole turn missing, stamps closed up")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    start, stop = r.turns[7]
+    r.drop(np.arange(start - 5, stop + 5), closed=True)
+
+
+@family("clock jumps 2 ms in each turn")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s = r.t_s + 0.002 * np.searchsorted([sum(turn) // 2 for turn in r.turns], np.arange(len(r.t_s)), side="right")
+
+
+@family("stamps jitter by 1 ms")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.t_s = np.abs(r.t_s + np.clip(1e-3 * rng.standard_normal(len(r.t_s)), -2e-3, 2e-3))
+
+
+@family("rows doubled, stamp and all")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.edit = lambda rows, rng: [row for row in rows for _ in range(1 + (rng.random() < 0.02))]
+
+
+@family("readings repeated in place of the next")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    held = np.flatnonzero(rng.random(len(r.t_s) - 1) < 0.05) + 1
+    r.gyro[held], r.accel[held] = r.gyro[held - 1], r.accel[held - 1]
+
+
+@family("rows of nan")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.edit = lambda rows, rng: [row if i % 700 else row.split(",")[0] + ",nan" * 6 + ",0" for i, row in enumerate(rows, start=1)]
+
+
+def late(values: np.ndarray, t_s: np.ndarray, delay_s: float) -> np.ndarray:
+    """Readings (N, K) as they were ``delay_s`` before."""
+    return np.stack([np.interp(t_s - delay_s, t_s, column) for column in values.T], axis=1)
+
+
+@family("rates 20 ms late")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = late(r.gyro, r.t_s, 0.02)
+
+
+@family("rates 2 ms late")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = late(r.gyro, r.t_s, 0.002)
+
+
+@family("one rate 5 ms late")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro[:, 1:2] = late(r.gyro[:, 1:2], r.t_s, 0.005)
+
+
+# The sensor.
+
+
+def saturate(r: Recording, at_dps: float) -> None:
+    """Bend the response softly."""
+    r.gyro = at_dps * DEG * np.tanh(r.gyro / (at_dps * DEG))
+
+
+FAMILIES |= {
+    "soft saturation at 1000 dps": lambda r, rng: saturate(r, 1000),
+    "soft saturation at 3000 dps": lambda r, rng: saturate(r, 3000),
+}
+
+
+@family("rates clipped at 150 dps")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = np.clip(r.gyro, -150 * DEG, 150 * DEG)
+
+
+@family("one-sided gain of 0.6 %")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = r.gyro * (1 + draw(rng, 0.003) * np.sign(r.gyro))
+
+
+@family("dead zone of 0.1 dps in turns")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    zero = -np.linalg.solve(r.E, r.B)
+    r.gyro = zero + np.sign(r.gyro - zero) * np.maximum(np.abs(r.gyro - zero) - 0.1 * DEG * r.turning, 0)
+
+
+@family("bias in turns only, 0.05 dps")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = r.gyro + draw(rng, 0.05 * DEG) * r.turning
+
+
+@family("bias steps 0.1 dps in the middle")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    change(r, draw(rng, 0.1 * DEG) * (r.since > 0.5))
+
+
+@family("bias drifts 0.2 dps")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    change(r, draw(rng, 0.2 * DEG) * r.since)
+
+
+@family("bias follows 10 °C of warming")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    warmer = 10 * -np.expm1(-3 * r.since)
+    r.temp_c = r.temp_c + warmer[:, 0]
+    change(r, draw(rng, 0.02 * DEG) * warmer)
+
+
+def change(r: Recording, zero_rate: np.ndarray) -> None:
+    """Add to the zero rate (N, 3) rad/s as measured; the truth is the mean."""
+    r.gyro, r.B = r.gyro + zero_rate, r.B - r.E @ zero_rate.mean(axis=0)
+
+
+@family("scale drifts 0.3 %")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = r.gyro * (1 + draw(rng, 0.003) * (r.since - 0.5))
+
+
+@family("g-sensitivity 0.05 dps/g")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = r.gyro + r.accel / G @ draw(rng, 0.05 * DEG, (3, 3)).T
+
+
+@family("rates rectify vibration in turns")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    shaking = 0.7 * G * r.turning * rng.standard_normal(r.accel.shape)
+    r.accel, r.gyro = r.accel + shaking, r.gyro + draw(rng, 0.3 * DEG) * (np.linalg.norm(shaking, axis=1, keepdims=True) / G) ** 2
+
+
+@family("accelerometer vibrates in turns")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel = r.accel + 0.7 * G * r.turning * rng.standard_normal(r.accel.shape)
+
+
+@family("noise × 2")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro = r.gyro + np.sqrt(3) * noise_like(r.gyro, r.rests[0], rng)
+
+
+@family("rates rounded to 0.1 dps")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.gyro, r.units = np.round(r.gyro / DEG, 1) * DEG, "dps, g"
+
+
+@family("spikes in the rates")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    for start, stop in r.turns:
+        r.gyro[rng.integers(start + 20, stop - 20)] += draw(rng, 150 * DEG)
+
+
+@family("another unit from the middle on")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    scale, zero = 1 + draw(rng, 0.01), draw(rng, 0.5 * DEG)
+    second = r.since > 0.5
+    r.gyro = np.where(second, r.gyro * scale, r.gyro)
+    r.E = r.E @ np.diag(1 / ((1 + scale) / 2))
+    change(r, zero * second)
+
+
+# The accelerometer, which gives the references.
+
+
+@family("accelerometer not calibrated")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.leave_uncalibrated()
+
+
+@family("accelerometer's given scale wrong by 1 %")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.pre_calibration(accel_matrix=r.simulation.unit.accel_matrix @ np.diag(1 + draw(rng, 0.01)))
+
+
+@family("accelerometer's zero 10 mg from the given")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.pre_calibration(accel_bias=r.simulation.unit.accel_bias + draw(rng, 10 * MG))
+
+
+@family("accelerometer's zero drifts 5 mg")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel = r.accel + draw(rng, 5 * MG) * (r.since - 0.5)
+
+
+@family("accelerometer bent: 5 mg at 1 g")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.accel = r.accel + draw(rng, 5 * MG) * (r.accel / G) ** 2
+
+
+@family("accelerometer turns 0.1° against the gyro")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    axis = rng.standard_normal(3)
+    r.accel = r.accel + np.cross(0.1 * DEG * axis / np.linalg.norm(axis) * (r.since - 0.5), r.accel)
+
+
+# The bench.
+
+
+@family("knocks in the rests")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    for start, stop in r.rests[::2]:
+        at = rng.integers(start + 20, stop - 20)
+        r.gyro[at : at + 3] += draw(rng, 15 * DEG, (3, 3))
+        r.accel[at : at + 3] += draw(rng, 0.3 * G, (3, 3))
+
+
+def tilt(r: Recording, angle: np.ndarray, axis_t: Sequence[float]) -> None:
+    """Turn the whole table by small angles (N,) rad about a fixed axis, as both sensors see it."""
+    axis, down = np.asarray(axis_t), np.array([0.0, 0.0, 1.0])
+    force_t = np.cross(-down, axis) * -G  # what a unit angle adds to the force -g down, in the table's frame
+    r.accel = r.accel + angle[:, None] * r.body(force_t)
+    r.gyro = r.gyro + np.gradient(angle, r.t_s)[:, None] * r.body(axis)
+
+
+@family("operator touches the table in rests")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    angle = np.zeros(len(r.t_s))
+    for start, stop in r.rests:
+        span = (stop - start) // 2
+        angle[start + 10 : start + 10 + span] += draw(rng, 0.15 * DEG, ()) * np.sin(np.linspace(0, np.pi, span)) ** 2
+    tilt(r, angle, (0.6, 0.8, 0.0))
+
+
+@family("table creeps at 0.05 dps in rests, about the vertical")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    tilt(r, np.cumsum(1 - r.turning[:, 0]) * 0.05 * DEG * np.median(np.diff(r.t_s)), (0.0, 0.0, 1.0))
+
+
+@family("table creeps at 0.05 dps in rests, tilting")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    back = np.zeros(len(r.t_s))  # each turn undoes what the rest before it crept
+    for (start, stop), (_, end) in zip(r.rests, [*r.turns, (0, len(r.t_s))], strict=True):
+        crept = 0.05 * DEG * (r.t_s[start:stop] - r.t_s[start])
+        back[start:stop], back[stop:end] = crept, crept[-1] * (0.5 + 0.5 * np.cos(np.linspace(0, np.pi, end - stop)))
+    tilt(r, back, (1.0, 0.0, 0.0))
+
+
+# What a person enters.
+
+FAMILIES |= {
+    "latitude of the wrong sign": lambda r, rng: r.options(latitude_deg=-r.simulation.options.latitude_deg),
+    "gravity wrong by 0.5 %": lambda r, rng: r.options(gravity_mps2=9.84),
+}
+
+
+def read_dials(r: Recording, change: Callable[[np.ndarray], None]) -> None:
+    """Give the session dial readings, which ``change`` alters in place."""
+    r.dials = change
+
+
+FAMILIES |= {
+    "dials read well": lambda r, rng: read_dials(r, lambda readings: None),
+    "dials: one off by 90°": lambda r, rng: read_dials(r, lambda readings: np.add.at(readings, (6, 0), 90.0)),
+    "dials: one row twice": lambda r, rng: read_dials(r, lambda readings: np.copyto(readings[6], readings[5])),
+    "dials: two rows exchanged": lambda r, rng: read_dials(r, lambda readings: np.copyto(readings[6:8], readings[7:5:-1].copy())),
+}
+
+
+# From a simulation to a recording, and from a recording to a folder.
+
+
+@lru_cache(maxsize=2)
+def simulated(seed: int) -> Simulation:
+    """The session that the families damage: 16 turns; 104 Hz or 208 Hz."""
+    return simulate_session(SimulationOptions(seed=seed, segments=16, closure_s=0.0, odr_hz=(104.0, 208.0)[seed % 2]))
+
+
+def recording_of(seed: int) -> Recording:
+    """It as a recording, undamaged."""
+    simulation = simulated(seed)
+    units, log = simulation.options.register_units, simulation.log
+    t_s, temp_c = log.t_us * 1e-6, units.temperature_c(log.temp)
+    assert temp_c is not None  # the simulated sensor has a thermometer
+    turns = [(int(start), int(stop)) for start, stop in np.searchsorted(t_s, simulation.plan.turns)]
+    gyro, accel = log.gyro * units.gyro_rps, log.accel * units.accel_mps2
+    return Recording(simulation, t_s, gyro, accel, temp_c, turns, simulation.unit.E, simulation.unit.B)
+
+
+def write(r: Recording, folder: Path, rng: np.random.Generator) -> None:
+    """The session folder of a damaged recording."""
+    options, units = r.simulation.options, simulated(r.simulation.options.seed).options.register_units
+    if r.units is None:
+        header = "t_us,gx,gy,gz,ax,ay,az,temp"
+        gyro = registers_of(r.gyro, options.gyro_fs_dps * DEG, units.gyro_rps)
+        accel = registers_of(r.accel, options.accel_fs_g * G, units.accel_mps2)
+        temp = np.rint(units.temperature_lsb(r.temp_c, len(r.t_s)))
+        table, row = np.column_stack([np.rint(r.t_s * 1e6), gyro, accel, temp]), "%d,%d,%d,%d,%d,%d,%d,%d"
+    else:
+        columns, rate, force = UNITS[r.units]
+        header, row = f"t_us,{columns},temp_c", "%d" + ",%.6f" * 7
+        table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / rate, r.accel / force, r.temp_c])
+    rows = [row % tuple(values) for values in table.tolist()]
+    rows = rows if r.edit is None else r.edit(rows, rng)
+    (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
+    text = config_text(r.simulation, concealed=False, calibrated=r.calibrated)
+    if r.stated_fs_dps is not None:
+        text = text.replace(f"gyro_fs_dps = {options.gyro_fs_dps:g}", f"gyro_fs_dps = {r.stated_fs_dps:g}")
+    (folder / "session.toml").write_text(text)
+    if r.dials is not None:
+        session = read_session(folder)
+        stills = SessionStills(session).of(session.logs[0]).stills
+        middles = np.array([session.logs[0].samples.t_s[[still.start, still.stop - 1]].mean() for still in stills])
+        readings = move(r.simulation.plan, middles).angles[::-1].T / DEG + 0.03 * rng.standard_normal((len(stills), 3))
+        r.dials(readings)
+        table = [f"{i},{roll:.2f},{pitch:.2f},{yaw:.2f}" for i, (roll, pitch, yaw) in enumerate(readings)]
+        (folder / "attitudes.csv").write_text("\n".join(["still,roll_deg,pitch_deg,yaw_deg", *table, ""]))
+        (folder / "session.toml").write_text(text.replace('reference = "gravity"', 'reference = "table"'))

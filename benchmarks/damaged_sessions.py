@@ -1,0 +1,153 @@
+"""What becomes of a session that is damaged: refused, warned of, or certified; and is its calibration right?
+
+    python benchmarks/damaged_sessions.py [--seeds 8] [--family "dead accelerometer" …] [--processes 2] [--json OUT]
+
+A simulated session, whose truth is known, is damaged in one way (``FAMILIES``) and written as a folder; then ``check`` and ``fit`` (least
+squares) look at it.  Each case ends as one of ``OUTCOMES``.  *Warned*: anything but a plain pass of check and fit.  *Wrong*: one of the
+twelve numbers of the gyroscope is more than 3 of the stated sigmas from the truth.  Where the damage changes the sensor itself, the truth
+is the mean over the session; where it mixes or scales columns, it is what is right for the rows as they are written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from common import in_parallel, markdown
+from damaged_families import FAMILIES, recording_of, write
+
+from session.io.errors import CalibrationError
+from tinygc.closure.uncertainty import MISMATCH_P
+from tinygc.models.linear import NAMES
+
+WRONG = 3.0  #: sigmas
+REFUSED, CRASHED = "refused", "crashed"
+OUTCOMES = (REFUSED, "warned, right", "silent, right", "warned, wrong", "silent, wrong", CRASHED)
+
+
+# What the tool says of it.
+
+
+def combined_sigma(result) -> np.ndarray | None:
+    """(12,): with what any effect of the catalogue that the recording still allows would move; None where a fit does not state it."""
+    systematic = getattr(result, "systematic", None)
+    return None if systematic is None else np.sqrt(np.diag(result.covariance) + np.asarray(systematic) ** 2)
+
+
+def doubts_of(result) -> list[str]:
+    """What a fit says against itself, in short: the verdict by the report's rule, misfit, and what it noticed."""
+    from tinygc.reporting.html.evidence import adopt, decide
+
+    decision = decide(adopt(result, None), [run.file for run in result.runs], None, result.against_raw, result.accelerometer)
+    found = [] if decision.answer == "pass" else [decision.answer]
+    if result.goodness.p_value < MISMATCH_P or result.widened > 1:
+        found.append("misfit")
+    if result.noise is not None and result.noise.noise.unusual:
+        found.append("noise")
+    return found + [f"fit: {each.what}" for each in result.warnings if each.level == "warning"]
+
+
+def one_case(job: tuple[str, int]) -> dict:
+    """Outcome, what was said, errors over stated and over combined sigmas (12,), of a family and a seed."""
+    from tinygc import check, fit
+
+    name, seed = job
+    rng, r = np.random.default_rng([seed, zlib.crc32(name.encode())]), recording_of(seed)
+    FAMILIES[name](r, rng)
+    case: dict = {"family": name, "seed": seed, "z": None, "z_combined": None, "widening": None}
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
+        folder = Path(parent) / "damaged"
+        folder.mkdir()
+        write(r, folder, rng)
+        try:
+            findings = check(folder)
+            errors = [f"{each.what}: {each.says}" for each in findings if each.level == "error"]
+            if errors:
+                return case | {"outcome": REFUSED, "said": ["check: " + errors[0]]}
+            result = fit(folder, methods=("least_squares",)).result
+        except CalibrationError as error:
+            return case | {"outcome": REFUSED, "said": [f"fit: {error}"]}
+        except Exception as error:  # a traceback is a finding of its own
+            return case | {"outcome": CRASHED, "said": [f"{type(error).__name__}: {error}"]}
+    said = [f"check: {each.what}" for each in findings if each.level == "warning"]
+    said = list(dict.fromkeys(said + [each for each in doubts_of(result) if each.replace("fit:", "check:") not in said]))
+    error = result.linear.model.vector - np.concatenate([r.E.ravel(), r.B])
+    stated, combined = np.sqrt(np.diag(result.covariance)), combined_sigma(result)
+    case |= {"z": (error / stated).tolist(), "error": error.tolist(), "p_value": result.goodness.p_value}
+    if combined is not None:
+        case |= {"z_combined": (error / combined).tolist(), "widening": float(np.median(combined / stated))}
+    right = np.abs(case["z"]).max() <= WRONG
+    outcome = f"{'warned' if said else 'silent'}, {'right' if right else 'wrong'}"
+    return case | {"outcome": outcome, "said": said}
+
+
+# The table.
+
+
+def row_of(name: str, cases: Sequence[dict]) -> list[str]:
+    """One line of the table: outcomes, the largest error in stated and in combined sigmas, which number it is, what was said most."""
+    counts = Counter(case["outcome"] for case in cases)
+    fitted = [case for case in cases if case["z"] is not None]
+    silent = [case for case in fitted if case["outcome"].startswith("silent")]
+    worst = max(fitted, key=lambda case: np.abs(case["z"]).max(), default=None)
+    number = "" if worst is None else NAMES[int(np.argmax(np.abs(worst["z"])))]
+    said = Counter(": ".join(words.split(": ")[:2]) for case in cases for words in case["said"])
+    return [
+        name,
+        *(str(counts[outcome] or "") for outcome in OUTCOMES),
+        largest(fitted, "z") + (f" {number}" if number else ""),
+        largest(silent, "z"),
+        largest(fitted, "z_combined"),
+        "; ".join(f"{words[:60]} {times}" for words, times in said.most_common(3)).replace("|", "/"),
+    ]
+
+
+def largest(cases: Sequence[dict], key: str) -> str:
+    """The largest error over the sigmas of a kind."""
+    values = [np.abs(case[key]).max() for case in cases if case[key] is not None]
+    return f"{max(values):.1f}" if values else ""
+
+
+def share(cases: Sequence[dict], key: str, bar: float) -> str:
+    """Of all numbers of all cases, how many are within so many sigmas."""
+    z = np.abs([case[key] for case in cases if case[key] is not None])
+    return f"{np.mean(z < bar):.1%}" if z.size else "–"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=8, help="sessions of each family (%(default)s)")
+    seeds = "seed of the first (%(default)s); undamaged, none of 10 to 39 is wrong by chance"
+    parser.add_argument("--first", type=int, default=10, metavar="SEED", help=seeds)
+    parser.add_argument("--family", nargs="+", default=list(FAMILIES), choices=list(FAMILIES), metavar="NAME", help="only these")
+    parser.add_argument("--processes", type=int, default=2, help="(%(default)s)")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write every case")
+    args = parser.parse_args()
+    jobs = [(name, seed) for seed in range(args.first, args.first + args.seeds) for name in args.family]
+    cases = in_parallel(one_case, jobs, "case", args.processes)
+    if args.json:
+        args.json.write_text(json.dumps(cases, indent=1))
+    print(f"{len(args.family)} families × {args.seeds} seeds.  Wrong: a number beyond {WRONG:g} stated sigmas of the truth.\n")
+    header = ["family", *OUTCOMES, "largest error/σ", "of silent ones", "in combined σ", "said most"]
+    rows = [row_of(name, [case for case in cases if case["family"] == name]) for name in args.family]
+    total = row_of("all", cases)
+    print(markdown(header, [*rows, [*total[:-1], ""]]))
+    clean, others = ([case for case in cases if (case["family"] == "clean") == which] for which in (True, False))
+    print()
+    shares = []
+    for title, group in (("clean", clean), ("damaged", others)):
+        fitted = [case for case in group if case["z"] is not None]
+        shares.append([title, str(len(fitted)), *(share(fitted, key, bar) for key in ("z", "z_combined") for bar in (1, 2))])
+    print(markdown(["numbers within", "fitted", "1 stated σ", "2 stated σ", "1 combined σ", "2 combined σ"], shares))
+    if widening := [case["widening"] for case in clean if case["widening"] is not None]:
+        print(f"\nCombined over stated sigma on clean sessions, median: {np.median(widening):.2f}.")
+
+
+if __name__ == "__main__":
+    main()

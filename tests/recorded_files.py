@@ -31,3 +31,10 @@ def make_recording(tmp_path) -> Path:
 
 def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def numbers(log: Path) -> list[list[float]]:
+    """The rows below a header, read as a program reads a CSV that is told nothing: ValueError for what is no number, a comment among it."""
+    header, *rows = [line.split(",") for line in log.read_text().splitlines()]
+    assert all(len(row) == len(header) for row in rows)
+    return [[float(cell) for cell in row] for row in rows]

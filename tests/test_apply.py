@@ -10,6 +10,7 @@ import processes
 import pytest
 from conftest import DEG, ROOT, SESSION_TOML, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
+from recorded_files import numbers
 
 import calibrate
 from session.io import numeric
@@ -74,8 +75,46 @@ def test_apply_reads_foreign_logs_and_packed_ones_and_writes_dps(folder, tmp_pat
     packed.write_bytes(gzip.compress(("timestamp," + head + "\n" + "\n".join(rows)).encode()))
     assert run(tmp_path, tmp_path / "linear.json", packed, "-o", tmp_path / "out.csv.gz", "--unit", "dps") == 0
     with gzip.open(tmp_path / "out.csv.gz", "rt") as file:
-        assert file.readline() == "t_ns,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2\n"
+        assert file.readline() == "t_ns,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2,gyro_calibrated\n"
     np.testing.assert_allclose(read(tmp_path / "out.csv.gz").gyro, LINEAR(SAMPLES.gyro), atol=6e-8 * DEG)
+
+
+@pytest.mark.parametrize("name", ["linear", "physics"])
+def test_other_programs_read_nothing_but_numbers_below_the_header(name, folder, tmp_path):
+    """What a CSV reader needs that is told nothing: no comments, one number a cell, as many cells as names."""
+    assert run(tmp_path, tmp_path / f"{name}.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
+    table = numbers(tmp_path / "out.csv")
+    assert len(table) == len(SAMPLES)
+    assert {len(row) for row in table} == {9}
+    assert run(tmp_path, tmp_path / f"{name}.json", tmp_path / "out.csv", "-o", tmp_path / "twice.csv") == 2
+
+
+def test_a_log_that_an_older_version_calibrated_is_known_by_its_comment(folder, tmp_path):
+    header, rows = (folder / "log0001.csv").read_text().split("\n", 1)
+    (tmp_path / "old.csv").write_text(f"{header}\n# calibrated=gyro,accel\n{rows}")
+    assert run(tmp_path, tmp_path / "linear.json", tmp_path / "old.csv", "-o", tmp_path / "out.csv", "--session", folder) == 2
+
+
+def test_a_folder_stands_for_the_model_that_its_fit_recommends(folder, tmp_path, capsys):
+    fit = folder / "fit"
+    fit.mkdir()
+    for name, model in MODELS.items():
+        (fit / f"model_{name}.json").write_text(json.dumps(models.to_dict(model)))
+
+    def applied(use):
+        (fit / "fit.json").write_text(json.dumps({"schema": "tinygc-fit/2", "session": "s", "methods": {}, "use": use}))
+        return run(tmp_path, folder, folder / "log0001.csv", "-o", tmp_path / "out.csv", "--force")
+
+    assert applied({"method": "net", "model": "model_net.json", "why": "it is the best"}) == 0
+    np.testing.assert_allclose(read(tmp_path / "out.csv").gyro, MODELS["net"](read(folder / "log0001.csv").gyro), atol=6e-10)
+    for use, words in (
+        ({"method": None, "model": None, "why": "nothing closes"}, "nothing closes"),
+        ({"model": "model_x.json"}, "model_x.json"),
+    ):
+        assert applied(use) == 2
+        assert words in capsys.readouterr().err
+    assert run(tmp_path, tmp_path, folder / "log0001.csv", "-o", tmp_path / "none.csv") == 2
+    assert "without a fit" in capsys.readouterr().err
 
 
 def test_apply_of_an_exported_file_needs_no_session(simulated, folder, tmp_path):
@@ -172,7 +211,7 @@ def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
         assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.pipe", "--force") == 0
         reader.wait()
     assert (tmp_path / "out.pipe").is_fifo()
-    assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 2  # the header, and the comment below it
+    assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 1  # the header
     assert [path.name for path in tmp_path.glob(".*partial")] == []
 
 

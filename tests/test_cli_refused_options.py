@@ -54,6 +54,31 @@ def test_bad_usage_is_one_line_and_exit_code_2(run, arguments):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("chek", "x"), "'chek' is no command; is 'check' meant?"),
+        (("aply", "x"), "is 'apply' meant?"),
+        (("fit", "x", "--limmit", "0.1"), "fit has no option --limmit; is '--limit' meant?"),
+        (("apply", "m.json", "log.csv", "--uot", "x.csv"), "apply has no option --uot; is '--out' meant?"),
+        (("export", "x", "--to", "kaliber"), "argument --to: 'kaliber' is no choice, expected json, kalibr,"),
+        (("export", "x", "--to", "kaliber"), "is 'kalibr' meant?"),
+        (("fit", "x", "--methods", "least-squares"), "is 'least_squares' meant?"),
+        (("fit", "x", "--bias", "still"), "is 'stills' meant?"),
+        (("zzz",), "'zzz' is no command, expected sensors, ports"),
+    ],
+)
+def test_a_wrong_word_is_answered_with_the_nearest(run, arguments, words):
+    refused(run(*arguments), words, "; see --help")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"), [("ros2", "ros"), ("x-io", "xio"), ("X_IO", "xio"), ("Fusion", "xio"), ("PX4", "px4"), ("C99", "c")]
+)
+def test_formats_are_understood_in_other_spellings(text, name):
+    assert arguments_of.parser(["export"]).parse_args(["export", "x", "--to", text]).to == name
+
+
+@pytest.mark.parametrize(
     ("arguments", "expected"), [((), []), (("--exclude", "3,4"), [3, 4]), (("--exclude", "3", "--exclude=4, 5"), [3, 4, 5])]
 )
 def test_excluded_numbers_stand_with_commas_and_may_be_repeated(arguments, expected):

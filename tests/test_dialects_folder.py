@@ -30,6 +30,7 @@ def test_a_closure_run_is_added_to_its_session(tmp_path):
     session = read_session(made.folder)
     assert (len(session.logs), len(session.closures)) == (1, 1)
     assert convert([tmp_path / "LOG.CSV"], made.folder, Answers(), add="log").log.name == "log0002.csv"
+    assert "\n# log0002.csv: from LOG.CSV (" in (made.folder / "session.toml").read_text()
     with pytest.raises(FormatError, match="--gyro-fs"):
         convert([tmp_path / "LOG.CSV"], made.folder, Answers(gyro_fs_dps=2000.0), add="log")
 

@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike
 from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import DataError, FormatError
 from session.io.lines import PIECE_BYTES, Lines
-from session.io.recognise import recognise, standard_layout
+from session.io.recognise import flagged, recognise, standard_layout
 from session.io.units import NS, NS_PER_S, beyond_any_sensor, complaint
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -352,6 +352,7 @@ class Reader:
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
+        self.comments |= flagged(self.layout.names)
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 
 from session.io.dialects import DELIMITERS, DIALECTS, Answers, Column, Dialect, Layout, Triad, from_columns, split, three
@@ -32,6 +32,25 @@ def standard_layout(lines: list[str], name: str) -> Layout:
         ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
     )
     return parse_header(line, f"{name} line {number + 1}", first=number + 1)
+
+
+#: columns that say of all rows what a comment may say as well: {name: (key, what it adds)}; each row holds 1, so that other programs read
+#: nothing but numbers
+FLAGS = {"gyro_calibrated": ("calibrated", "gyro"), "accel_calibrated": ("calibrated", "accel"), "stamps_counted": ("stamps", "counted")}
+
+
+def flagged(names: Iterable[str]) -> dict[str, str]:
+    """What the flag columns among these names say, as comments say it: ``{"calibrated": "gyro,accel"}``."""
+    said: dict[str, list[str]] = {}
+    for name in names:
+        if name in FLAGS:
+            said.setdefault(FLAGS[name][0], []).append(FLAGS[name][1])
+    return {key: ",".join(dict.fromkeys(values)) for key, values in said.items()}
+
+
+def flags_of(said: Mapping[str, str]) -> list[str]:
+    """The flag columns that say what these comments say."""
+    return [name for name, (key, word) in FLAGS.items() if word in said.get(key, "").split(",")]
 
 
 def parse_header(line: str, where: str, first: int = 1) -> Layout:

@@ -25,7 +25,7 @@ from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
 from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
 from session.io.reader import Piece, Reader, counted, evenly, fresh
-from session.io.recognise import OWN
+from session.io.recognise import OWN, flags_of
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
 from session.io.texts import command_line, comment
 from session.io.toml import line, setting
@@ -232,6 +232,8 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
         if add:
             name = _next_name(out, add) + log.name.removeprefix("log0001")
             log.replace(out / name)
+            with naming(out), (out / "session.toml").open("a", encoding="utf-8") as file:
+                file.write(f"\n# {name}: from {_source(readers)}\n")
         else:
             odr_hz = answers.odr_hz or rate_hz
             with naming(out):
@@ -318,20 +320,15 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
     frames = {layout.frame for layout in (joined.gyro_layout, joined.accel_layout) if layout.frame}
     notes += [f"axes as logged: {frame}; level need not be z down, gravity shows what is up" for frame in sorted(frames)]
     header, columns, formats = _columns(joined)
-    row = ",".join(formats)
+    said = {CALIBRATED: next((reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments), "")}
+    flags = flags_of(said | ({"stamps": "counted"} if joined.counted else {}))
+    row = ",".join([*formats, *["1"] * len(flags)])
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        counted = "# stamps=counted\n" if joined.counted else ""
-        file.write(f"# from {_source(readers)}\n{counted}{_calibrated(readers)}{','.join(header)}\n")
+        file.write(f"{','.join([*header, *flags])}\n")
         for start in range(0, len(joined.t_ns), 1 << 15):
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
             file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
     return path, notes, len(joined.t_ns)
-
-
-def _calibrated(readers: list[Reader]) -> str:
-    """The comment of a log that ``apply`` has calibrated."""
-    stated = [reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments]
-    return f"# {CALIBRATED}={comment(stated[0])}\n" if stated else ""
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:

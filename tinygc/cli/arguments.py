@@ -8,6 +8,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -188,11 +189,37 @@ BEGIN = """To begin: {program} fit data/session1 calibrates the session that com
 explain and report, each with the session's folder.  {program} COMMAND --help says what a command takes."""
 
 
+def meant(word: str, known: Iterable[str]) -> str:
+    """Name the known word that is nearest to a wrong one: ``; is 'fit' meant?``; empty where none is near."""
+    plain = {each.lower(): each for each in known}
+    # shorter than argparse's own bar of 0.6: a command has few letters, and one of them is wrong or two have changed places
+    near = get_close_matches(word.lower(), plain, n=1, cutoff=0.5) if word else []
+    return f"; is {plain[near[0]]!r} meant?" if near else ""
+
+
 class _Parser(argparse.ArgumentParser):
-    """A parser that reports wrong usage in one line, like every other error."""
+    """A parser that reports wrong usage in one line, like every other error, with the nearest word that it knows."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Refuse a long option that is not known before what it stood for is found missing."""
+        words = [] if self._subparsers else list(itertools.takewhile(lambda word: word != "--", args or ()))
+        options = [option for option in self._option_string_actions if option.startswith("--")]
+        for name in (word.partition("=")[0] for word in words if word.startswith("--")):
+            if not any(option.startswith(name) for option in options):
+                self.error(f"{self.prog.split()[-1]} has no option {name[:80]}{meant(name, options)}")
+        return super().parse_known_args(args, namespace)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            command = isinstance(action, argparse._SubParsersAction)
+            known = list(map(str, action.choices))
+            near = meant(str(value), known)
+            listed = "" if near and command else f", expected {', '.join(known)}"  # the commands would fill three lines
+            said = f"{str(value)[:80]!r} is no {'command' if command else 'choice'}{listed}{near}"
+            raise argparse.ArgumentError(None if command else action, said)
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
@@ -254,7 +281,7 @@ def methods(text: str) -> list[str]:
     known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
     for name in chosen:
         if name not in known:
-            raise argparse.ArgumentTypeError(f"{name!r} is no method; choose among {METHODS}")
+            raise argparse.ArgumentTypeError(f"{name!r} is no method; choose among {METHODS}{meant(name, known)}")
     if not chosen:
         raise argparse.ArgumentTypeError(f"name at least one of {METHODS}")
     return list(dict.fromkeys(chosen))

@@ -13,8 +13,22 @@ if TYPE_CHECKING:
 
 #: formats of ``export``, each a module of ``tinygc.deploy.exports``
 FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
+#: what people call a format besides, in small letters and digits alone
+ALSO_CALLED = {
+    **dict.fromkeys(("ros1", "ros2", "rosyaml", "imutools"), "ros"),
+    **dict.fromkeys(("fusion", "xiofusion", "ximu", "ximu3", "xiotechnologies"), "xio"),
+    **dict.fromkeys(("apm", "ardu", "arducopter", "ardurover", "arduplane"), "ardupilot"),
+    **dict.fromkeys(("c99", "cheader", "h", "firmware"), "c"),
+    **dict.fromkeys(("px4autopilot", "pixhawk"), "px4"),
+}
 #: kind of model -> service of the annex that exports it
 ANNEX_KINDS = {"thermal": "exports over temperature"}
+
+
+def format_named(text: str) -> str:
+    """Return the format of ``FORMATS`` that a person means: ``x-io``, ``XIO`` and ``Fusion`` are ``xio``; unknown text as it is."""
+    plain = "".join(filter(str.isalnum, text.lower()))
+    return plain if plain in FORMATS else ALSO_CALLED.get(plain, text)
 
 
 class ExportError(CalibrationError):

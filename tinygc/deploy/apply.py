@@ -20,14 +20,17 @@ from session.io.config import Accelerometer
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.lines import STANDARD
-from session.io.logfile import already_calibrated
+from session.io.logfile import CALIBRATED, already_calibrated
 from session.io.numeric import decimal_rows
 from session.io.reader import Reader, counted
+from session.io.recognise import flags_of
 from session.io.registers import DEFAULT, RegisterUnits
 from session.io.results import whole
+from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
+from tinygc.estimation.results import read_fit
 
 #: decimals written, three orders below the noise of any MEMS sensor
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -47,6 +50,30 @@ class Applied:
     delay_s: float
     accelerometer: str | None
     notes: tuple[str, ...]
+
+
+def model_of(path: Path) -> Path:
+    """Return the model file that a path means: of a session's or an array's folder the one that its fit recommends.
+
+    Raises CalibrationError where the folder has no fit, or where its fit recommends no model.
+    """
+    if not path.is_dir():
+        return path
+    fit = path / "fit"
+    for only in (fit / "model_array.json", fit / "model_thermal.json"):
+        if only.is_file() and not (fit / "fit.json").is_file():
+            return only
+    if not (fit / "fit.json").is_file():
+        raise CalibrationError(f"{path}: a folder without a fit; run `{command_line('fit', path)}` first, or give a model file")
+    use = read_fit(fit / "fit.json").get("use") or {}
+    if (name := use.get("model")) is None:
+        raise CalibrationError(
+            f"{fit / 'fit.json'}: this fit recommends no model ({use.get('why', 'it is an older one')}); give a model file"
+        )
+    name = Path(name).name
+    if not (fit / name).is_file():
+        raise CalibrationError(f"{fit / name}: not there, and the fit recommends it; run `{command_line('fit', path)}` again")
+    return fit / name
 
 
 def apply_model(
@@ -186,15 +213,15 @@ def _write(
             header = None
             for piece in pieces:
                 if header is None:
-                    header = _header(piece, unit, source.calibrated)
+                    header = ",".join(columns_of(unit, piece.accel is not None, piece.temp is not None, source.calibrated)) + "\n"
                     file.write(header.encode())
                 waiting.append(piece)
-                count += _drain(file, waiting, stream.push(piece.gyro, piece.accel, piece.temp), unit, count)
+                count += _drain(file, waiting, stream.push(piece.gyro, piece.accel, piece.temp), unit, count, len(source.calibrated))
                 if progress is not None:
                     progress("applying", min(source.reader.position, size), size)
             if header is None:
                 raise _no_samples(log)
-            count += _drain(file, waiting, stream.flush(), unit, count)
+            count += _drain(file, waiting, stream.flush(), unit, count, len(source.calibrated))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -214,14 +241,14 @@ def opened(out: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
         yield file
 
 
-def _header(piece: Applicable, unit: str, calibrated: tuple[str, ...]) -> str:
-    """Return the column names, and a comment that prevents a second calibration of the log."""
-    names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz")]
-    names += [] if piece.accel is None else [f"a{axis}_mps2" for axis in "xyz"]
-    return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + f"\n# calibrated={','.join(calibrated)}\n"
+def columns_of(unit: str, accel: bool, temp: bool, calibrated: tuple[str, ...]) -> list[str]:
+    """Return the names of the columns.  The last ones hold 1 and say what is calibrated, which prevents a second calibration of the log; a
+    comment would, too, but other programs take its line for a row."""
+    names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz"), *(f"a{axis}_mps2" for axis in "xyz" if accel), *(["temp_c"] if temp else [])]
+    return names + flags_of({CALIBRATED: ",".join(calibrated)})
 
 
-def _drain(file: BinaryIO | gzip.GzipFile, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:
+def _drain(file: BinaryIO | gzip.GzipFile, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int, flags: int) -> int:
     """Write the rows whose rates are known; the remaining rows of their pieces stay in the queue."""
     done = 0
     while done < len(omega):
@@ -236,6 +263,7 @@ def _drain(file: BinaryIO | gzip.GzipFile, waiting: deque[Applicable], omega: np
             columns, decimals = [*columns, *piece.accel.T], [*decimals, *[DECIMALS["mps2"]] * 3]
         if piece.temp is not None:
             columns, decimals = [*columns, piece.temp], [*decimals, DECIMALS["c"]]
+        columns, decimals = [*columns, *[np.ones(take, np.int64)] * flags], [*decimals, *[0] * flags]
         try:
             file.write(decimal_rows(columns, decimals))
         except ValueError as error:

@@ -22,7 +22,7 @@ from tinygc.annexes.arrays.extrinsics import ONE_READER, clocks_found
 from tinygc.annexes.arrays.fusion import Resampler
 from tinygc.annexes.arrays.model import ArrayModel, FusedUnit, load_array_model
 from tinygc.annexes.arrays.voting import LiveArray, VotingEvent
-from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, opened
+from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.models.model import KnownSensor
 
@@ -243,8 +243,8 @@ def apply_array(
             progress("applying", *reading.progress)
 
     with opened(out) as file:
-        names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz"), *([f"a{axis}_mps2" for axis in "xyz"] if force else [])]
-        file.write((",".join(names) + f"\n# calibrated={'gyro,accel' if force else 'gyro'}\n").encode())
+        done = ("gyro", "accel") if force else ("gyro",)
+        file.write((",".join(columns_of(unit, force, False, done)) + "\n").encode())
         for t_ns, rate, units_force, in_use, change in _with_change(fused()):
             columns, decimals = [t_ns, *(rate / (DEG if unit == "dps" else 1.0)).T], [0, *[DECIMALS[unit]] * 3]
             there = np.isfinite(rate).all(axis=1)
@@ -252,6 +252,7 @@ def apply_array(
                 one = fused_force(model, units_force, rate, change, in_use)
                 there &= np.isfinite(one).all(axis=1)
                 columns, decimals = [*columns, *one.T], [*decimals, *[DECIMALS["mps2"]] * 3]
+            columns, decimals = [*columns, *[np.ones(len(t_ns), np.int64)] * len(done)], [*decimals, *[0] * len(done)]
             counts["rows"] += int(there.sum())
             counts["left_out"] += int((~there).sum())
             used += in_use[there].sum(axis=0)

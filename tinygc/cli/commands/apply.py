@@ -15,7 +15,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    command.add_argument("model", type=path_read, help="model file, such as fit/model_least_squares.json of a session")
+    command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
     command.add_argument("log", type=path_read, help="any log that replay reads; -: standard input; of an array's model the array's folder")
     command.add_argument(
         "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     """Write a log with calibrated rates and specific force."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
-    from tinygc.deploy.apply import apply_model
+    from tinygc.deploy.apply import apply_model, model_of
     from tinygc.models.files import is_array_model
     from tinygc.reporting.terminal import progress_bar
 
@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(STANDARD) if to_stdout else args.out
     if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
+    args.model = model_of(args.model)
     if is_array_model(args.model):
         return need("commands on arrays").apply(args, out)
     if args.log.is_dir():
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     with progress_bar(args.quiet) as progress:
         done = apply_model(args.model, args.log, out, answers_of(args), args.session, args.unit, progress)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
-    said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
+    said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late}, {args.model.name})", *(f"  {note}" for note in done.notes)]
     beside_log(args, said, to_stdout)
     write_json(args.json, {"schema": "tinygc-apply/1", **vars(done), "out": str(done.out)})
     return 0

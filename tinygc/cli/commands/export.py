@@ -6,7 +6,7 @@ import argparse
 
 from tinygc.cli.arguments import filled, folder_written, path_read
 from tinygc.cli.results import complain, write_files
-from tinygc.deploy import FORMATS
+from tinygc.deploy import FORMATS, format_named
 
 SUMMARY = "write the calibration for other programs"
 USES_EFFECTS = True
@@ -15,7 +15,7 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder that was fitted, or an array's model file")
-    command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
+    command.add_argument("--to", required=True, type=format_named, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")
     command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")

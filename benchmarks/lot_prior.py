@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
+from session.detect.segments import FEWEST_SEGMENTS
 from session.io.folder import read_session
 from session.io.units import DEG
 from tinygc.annexes.lots.fit import LotFile, fit_with_lot
 from tinygc.annexes.lots.lot import NAMES as LOT_NAMES
 from tinygc.annexes.lots.lot import Lot
-from tinygc.closure.build import FEWEST_SEGMENTS
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.bias import choose
 from tinygc.estimation.options import FitOptions

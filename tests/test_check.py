@@ -191,10 +191,10 @@ def test_a_folder_is_looked_at_as_a_whole(tmp_path):
     assert of(findings, "turns").says.startswith("16 turns")
 
 
-def test_too_few_turns_for_the_parameters_are_a_warning(tmp_path):
-    findings = check_folder(write_session(tmp_path / "s", Table().tumble(6).samples()))
+def test_turns_that_are_hardly_enough_for_the_parameters_are_a_warning(tmp_path):
+    findings = check_folder(write_session(tmp_path / "s", Table().tumble(8).samples()))
     assert serious(findings) == {("turns", "warning"), ("accelerometer", "warning")}
-    assert "6 turns from still to still, 12 angles for 12 parameters; expected 13" in of(findings, "turns").says
+    assert "8 turns from still to still, 16 angles for 12 parameters; expected 13" in of(findings, "turns").says
 
 
 def test_a_log_that_cannot_be_read_does_not_hide_the_others(tmp_path):
@@ -219,7 +219,7 @@ def test_a_log_that_cannot_be_read_does_not_hide_the_others(tmp_path):
     ],
 )
 def test_a_folder_with_a_mistake_in_its_settings_gives_an_error_finding(tmp_path, toml, said):
-    folder = write_session(tmp_path / "s", Table().tumble(3).samples())
+    folder = write_session(tmp_path / "s", Table().tumble(7).samples())
     (folder / "session.toml").unlink()
     if toml:
         (folder / "session.toml").write_text(toml)

@@ -8,11 +8,12 @@ import pytest
 from conftest import DEG, Table, session_of
 from scipy.spatial.transform import Rotation
 
+from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import DataError, SegmentError
 from session.io.samples import Samples
 from tinygc import SimulationOptions, closure, read_session
 from tinygc.attitude import rotation
-from tinygc.closure.build import FEWEST_SEGMENTS, build_problem
+from tinygc.closure.build import build_problem
 from tinygc.closure.problem import CLIPPED, LEFT_OUT
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.movement import move

@@ -12,6 +12,7 @@ from looks import G, look, of
 
 from session.detect.check_time import check_undersampling, missed_of_turns
 from session.detect.first_look import check_folder
+from session.detect.segments import cut_segments
 from session.detect.stills import Noise, Still
 from session.io.logfile import Log
 from session.io.samples import Samples
@@ -76,7 +77,9 @@ def twin_of(fine: np.ndarray, rate_hz: float) -> SimpleNamespace:
 def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):
     """What the first look says of fast motion; the sensor's noise as it is."""
     noise = Noise(np.full(3, mdps * 1e-3 * DEG), np.full(3, 1e-9))
-    return check_undersampling(Log(Path("log0001.csv"), samples, raw=False), stills, noise, config(gyro_fs_dps=2000.0))
+    made = config(gyro_fs_dps=2000.0)
+    turns = [segment.stills for segment in cut_segments(samples, stills, made.sensor, made.protocol) if segment.accepted]
+    return check_undersampling(Log(Path("log0001.csv"), samples, raw=False), turns, noise, made)
 
 
 @pytest.mark.parametrize("rate_hz", STEPS)

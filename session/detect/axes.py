@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations, product
 
 import numpy as np
 
 from session.detect.findings import Finding
-from session.detect.segments import GAP_PERIODS
+from session.detect.segments import GAP_PERIODS, Ends
 from session.detect.stills import Still, references
 from session.io.config import Config, Sensor
 from session.io.samples import Samples
@@ -79,12 +80,12 @@ class AxesAgreement:
     turns: int
 
 
-def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> AxesAgreement | None:
+def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | None = None) -> AxesAgreement | None:
     """Best axes and scale of the gyro against gravity, or None where gravity hardly moves in the sensor.
 
-    samples with the specific force in right units and pre-calibrated; skip (N,) bool: rows whose turns are left out.
+    samples with the specific force in right units and pre-calibrated; between: the stills of each turn to look at, all neighbours if None.
     """
-    turns = cut_turns(samples, stills, skip)
+    turns = cut_turns(samples, list(pairwise(references(stills))) if between is None else between)
     if turns is None:
         return None
     scales, misfits = _regress(turns)
@@ -109,10 +110,10 @@ def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = N
     )
 
 
-def cut_turns(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Turns | None:
-    """Turns between neighbouring stills, averaged over blocks; those with a gap or a row to skip, or that hardly tilt, are left out."""
+def cut_turns(samples: Samples, between: Sequence[Ends]) -> Turns | None:
+    """Turns between two stills each, averaged over blocks; those with a gap, or that hardly tilt, are left out."""
     for block_s in BLOCKS_S:
-        turns = _cut(samples, stills, skip, max(1, round(block_s / samples.period_s)))
+        turns = _cut(samples, between, max(1, round(block_s / samples.period_s)))
         if turns is None or _lag(turns) < ROUND_A_CORNER:
             break
     return turns
@@ -124,9 +125,8 @@ def _lag(turns: Turns) -> float:
     return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else 0.0
 
 
-def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: int) -> Turns | None:
-    pairs = [(a, b) for a, b in pairwise(references(stills)) if skip is None or not skip[a.stop : b.start].any()]
-    parts = [part for a, b in pairs if (part := _blocks(samples, a, b, size)) is not None]
+def _cut(samples: Samples, between: Sequence[Ends], size: int) -> Turns | None:
+    parts = [part for a, b in between if (part := _blocks(samples, a, b, size)) is not None]
     if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
         return None
     longest = max(len(angle) for angle, _, _, _ in parts)
@@ -229,16 +229,13 @@ CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalig
 ST_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
 
 
-def check_axes(
-    where: str, samples: Samples, stills: list[Still], config: Config, raw: bool, skip: np.ndarray | None = None
-) -> list[Finding]:
+def check_axes(where: str, samples: Samples, between: Sequence[Ends], config: Config, raw: bool) -> list[Finding]:
     """The movement of gravity that the accelerometer shows must be the one that the gyro's rates make.
 
     48 signed orders of the gyro's axes are tried, each with the scale that suits it best.  Another than x, y, z must leave less
-    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  skip (N,) bool: rows whose turns
-    are not looked at.
+    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  between: the stills of each turn.
     """
-    found = agreement(samples, stills, skip)
+    found = agreement(samples, [], between)
     if found is None:
         says = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
         return [Finding("note", where, "gyro against gravity", says, "turn about horizontal axes as well")]

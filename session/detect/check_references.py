@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,14 +10,13 @@ import numpy as np
 
 from session.detect.accelerometer import SCALES, LengthFit, fit_lengths, force_of, why_not
 from session.detect.findings import Finding, xyz_text
-from session.detect.segments import FoundTurn, Segment, angle_read, contradiction, cut_segments, find_known_turns
+from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
 from session.detect.truth_segments import cut_at_truth
 from session.io.config import FOUND, GIVEN, Config, TruthAlignment, TruthGiven, down_of
 from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.logfile import NAME, Log, Truth
-from session.io.samples import Samples
 from session.io.units import DEG, MG
 
 if TYPE_CHECKING:
@@ -264,27 +264,11 @@ KNOWN_TURN = "known turn"
 MOST_MEANT = 3
 
 
-def check_known_turns(session: Session, found: SessionStills) -> list[Finding]:
+def check_known_turns(turns: Sequence[FoundTurn], parts: Sequence[LogSegments]) -> list[Finding]:
     """A finding for each turn of ``turns.csv``: the gyro's angle next to the stated one, or why the turn is not used."""
-    if not session.turns:
-        return []
-    samples: list[Samples] = []
-    names: list[str] = []
-    segments: list[Segment] = []
-    for log in session.logs:
-        here = found.of(log)
-        if here.noise is None:
-            continue
-        cut = cut_segments(
-            here.samples, here.stills, session.config.sensor, session.config.protocol, log=len(samples), number=len(segments)
-        )
-        samples.append(here.samples)
-        names.append(log.path.name)
-        segments += cut
-    turns = find_known_turns(session.turns, segments, samples, names)
     named = {id(turn.segment) for turn in turns if turn.problem is None}
-    free = [segment for segment in segments if segment.accepted and id(segment) not in named]
-    reads = [(segment.number, angle_read(samples[segment.log], segment)) for segment in free]
+    free = [(part, s) for part in parts for s in part.segments if s.accepted and id(s) not in named] if turns else []
+    reads = [(segment.number, angle_read(part.found.samples, segment)) for part, segment in free]
     return [_finding(turn, reads) for turn in turns]
 
 

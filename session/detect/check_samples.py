@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import erf, exp, pi, sqrt
@@ -12,7 +13,7 @@ import numpy as np
 from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Finding, axes_text
-from session.detect.segments import GAP_PERIODS, pace_of, why_broken
+from session.detect.segments import GAP_PERIODS, Ends, pace_of, why_broken
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
 from session.io.folder import Session
@@ -193,8 +194,6 @@ def _step(values: np.ndarray) -> float:
 LEAST_AT = 20
 #: times the readings' own noise that a level is from rest: an axis that is not turned has its extremes in the noise
 FAR = 20.0
-#: turns without a clipped reading that are enough to look at the axes and the scale
-ENOUGH_CLEAN = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,17 +220,16 @@ def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     return Ceiling(levels, at) if at.any() else None
 
 
-def clean_turns(ceiling: Ceiling | None, stills: list[Still]) -> tuple[int, int]:
-    """Turns between neighbouring stills without a reading at the level, and all of them."""
-    turns = [slice(first.stop, last.start) for first, last in pairwise(stills)]
-    return sum(ceiling is None or not ceiling.at[turn].any() for turn in turns), len(turns)
+def clean_turns(ceiling: Ceiling | None, between: Sequence[Ends]) -> list[Ends]:
+    """Those of the turns, given by the stills around them, that hold no reading at the level."""
+    return [(first, last) for first, last in between if ceiling is None or not ceiling.at[first.stop : last.start].any()]
 
 
-def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, stills: list[Still]) -> Finding:
-    """The one line that stands for what the ceiling spoils."""
+def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequence[Ends] = ()) -> Finding:
+    """The one line that stands for what the ceiling spoils; between: turns, by the stills around them."""
     found = np.isfinite(ceiling.levels_dps)
     levels = " and ".join(f"{level:.4g}" for level in np.unique(np.round(ceiling.levels_dps[found], 2)))
-    clean, turns = clean_turns(ceiling, stills)
+    clean, turns = len(clean_turns(ceiling, between)), len(between)
     says = (
         f"{axes_text(found)} never pass{'es' if found.sum() == 1 else ''} ±{levels} dps, of ±{sensor.gyro_fs_dps:g}: "
         f"{ceiling.at.mean():.0%} of the readings stand there, the first at {log.samples.t_s[np.argmax(ceiling.at)]:.1f} s"
@@ -466,11 +464,10 @@ def _peaks_text(bridges: tuple[Bridge, ...]) -> str:
 IMPACTS = "impacts"
 
 
-def check_impacts(where: str, samples: Samples, stills: list[Still], sensor: Sensor) -> list[Finding]:
-    """Of the turns between neighbouring stills, but for those that are broken besides; nothing where there is none."""
+def check_impacts(where: str, samples: Samples, between: Sequence[Ends]) -> list[Finding]:
+    """Of the turns, given by the stills around them; nothing where there is none."""
     found = find_impacts(samples)
-    turns = [(first.stop, last.start) for first, last in pairwise(stills)] if found else []
-    turns = [(start, stop) for start, stop in turns if why_broken(samples, slice(start, stop + 1), sensor) is None]
+    turns = [(first.stop, last.start) for first, last in between]
     hit = {number: [each for each in found if start <= each.row < stop] for number, (start, stop) in enumerate(turns)}
     hit = {number: impacts for number, impacts in hit.items() if impacts}
     if not hit:

@@ -10,6 +10,7 @@ import numpy as np
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Finding, xyz_text
+from session.detect.segments import FoundTurn, LogSegments, why_too_few
 from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
 from session.io.config import Config, Sensor
 from session.io.errors import CalibrationError
@@ -25,6 +26,8 @@ GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
 GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
 MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
 ENOUGH_SEGMENTS = 13
+#: of the finding on the turns that a fit uses
+TURNS = "turns"
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
@@ -64,17 +67,27 @@ def _first_few(texts: list[str]) -> str:
     return "; ".join(texts[:MOST_LISTED]) + (f"; and {len(texts) - MOST_LISTED} more" if len(texts) > MOST_LISTED else "")
 
 
-def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[Finding]:
-    """Whether the turns can hold 12 parameters: gravity gives 2 angles each.
+def check_turns(where: str, parts: Sequence[LogSegments], turns: Sequence[FoundTurn], still_s: float) -> list[Finding]:
+    """Whether the turns that ``fit`` uses can hold 12 parameters: gravity gives 2 angles each.  An error where ``fit`` refuses.
 
-    12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.
+    12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.  Nothing where no still is
+    a reference: another finding says that.
     """
-    count = sum(max(0, len(references(stills)) - 1) for stills in stills_per_log)
-    says = f"{count} turns from still to still, {2 * count} angles for 12 parameters"
-    if count >= ENOUGH_SEGMENTS:
-        return [Finding("ok", where, "turns", says)]
+    stills = [still for part in parts for still in part.stills]
+    if not references(stills):
+        return []
+    segments = [segment for part in parts for segment in part.segments]
+    used = [segment for segment in segments if segment.accepted]
+    out = [f"turn {s.number} at {s.start_s:.1f} s: {s.problem}" for s in segments if not s.accepted]
+    left_out = f"; not used: {_first_few(out)}" if out else ""
     do = "record more turns, each to another attitude, both ways about each axis"
-    return [Finding("warning", where, "turns", f"{says}; expected {ENOUGH_SEGMENTS} turns or more", do)]
+    if (refused := why_too_few(stills, segments, turns, still_s)) is not None:
+        return [Finding("error", where, TURNS, f"{refused}{left_out}", do)]
+    of = f" of {len(segments)}" if out else ""
+    says = f"{len(used)}{of} turns from still to still, {2 * len(used)} angles for 12 parameters"
+    if len(used) >= ENOUGH_SEGMENTS:
+        return [Finding("ok", where, TURNS, f"{says}{left_out}")]
+    return [Finding("warning", where, TURNS, f"{says}; expected {ENOUGH_SEGMENTS} turns or more{left_out}", do)]
 
 
 def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from session.detect.findings import Finding
-from session.detect.segments import pace_of, why_broken
-from session.detect.stills import Noise, Still
+from session.detect.segments import Ends, pace_of
+from session.detect.stills import Noise
 from session.io.config import Config, Sensor
 from session.io.logfile import Log
 from session.io.samples import Samples
@@ -167,14 +167,13 @@ class Missed:
         return float(self.rate_hz * (self.rms_rad / self.floor_rad) ** (1 / self.exponent))
 
 
-def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, config: Config) -> list[Finding]:
+def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, config: Config) -> list[Finding]:
     """Against what white noise makes of a turn: angle random walk x sqrt(duration).
 
     No finding where the turns are too few, or where the excess does not grow with the step as motion does.
     """
     if noise is None:
         return []
-    turns = [(a, b) for a, b in pairwise(stills) if why_broken(log.samples, slice(a.stop, b.start + 1), config.sensor) is None]
     missed = missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
     if missed is None:
         return []
@@ -194,7 +193,7 @@ def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, conf
     return [Finding("warning", where, what, says, do)]
 
 
-def missed_of_turns(samples: Samples, turns: list[tuple[Still, Still]], noise: Noise, segment_s: float) -> Missed | None:
+def missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> Missed | None:
     """What all readings miss of the turns between these pairs of stills; None where they are too few.
 
     The floor is that of a segment, which lasts ``segment_s`` or as long as the turn.

@@ -7,6 +7,7 @@ datasheet, not from recordings.  Order: the log by itself, then its stills, then
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from session.detect.axes import check_axes
 from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import (
-    ENOUGH_CLEAN,
     Ceiling,
     ceiling_finding,
     check_bridges,
@@ -30,21 +30,22 @@ from session.detect.check_samples import (
     check_standin,
     clean_turns,
     find_ceiling,
+    with_bridges,
 )
 from session.detect.check_stills import (
     accel_unit_factor,
     check_gravity,
     check_noise,
     check_rests,
-    check_segment_count,
     check_stills,
     check_temperature,
+    check_turns,
     check_unused_rests,
     check_zero_rate,
 )
 from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
 from session.detect.findings import Finding, worst
-from session.detect.segments import moments_of
+from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
@@ -57,8 +58,33 @@ from session.io.units import NS
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 
 
-def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None, unused: Sequence[UnusedRest] = ()) -> list[Finding]:
-    """All checks of one log; stills, noise and rests that are none as ``SessionStills`` found them."""
+@dataclass(frozen=True, eq=False)
+class LogTurns:
+    """A log as it is fitted, short gaps and peaks bridged, and its turns by the stills around them: those that ``fit`` uses, and those that
+    axes and scale are examined on."""
+
+    log: Log
+    used: list[Ends]
+    examined: list[Ends]
+
+    @classmethod
+    def of(cls, log: Log, segments: Sequence[Segment], enough: bool, run: bool = False) -> LogTurns:
+        """enough: whether ``fit`` has enough turns.  Else all are examined, since a wrong unit may be what rules them out.  run: whether it
+        is a closure run, of which only what cannot be integrated is left out."""
+        used = [s.stills for s in segments if (not s.breaks_yaw if run else s.accepted)]
+        return cls(log, used, used if enough and used else [s.stills for s in segments])
+
+
+def first_look(
+    session: Session,
+    log: Log,
+    stills: list[Still],
+    noise: Noise | None,
+    unused: Sequence[UnusedRest] = (),
+    turns: LogTurns | None = None,
+) -> list[Finding]:
+    """All checks of one log; stills, noise and rests that are none as ``SessionStills`` found them; turns: as in the session, by default
+    those of this log alone, as it stands."""
     config, where = session.config, log.path.name
     good = references(stills)
     missing_accel = session.truths is not None
@@ -80,33 +106,38 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     if not good:
         findings += check_length(log, config.protocol.segment_s)
     if not good and ceiling is not None:
-        return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
+        return [*findings, ceiling_finding(log, config.sensor, ceiling)]
     coarse = [] if good else check_quantised(log, config.sensor)
     stuck = bool((np.ptp(log.samples.gyro, axis=0) == 0).any())
     findings += coarse + check_stills(where, stills, bool(coarse) or stuck) + check_unused_rests(where, unused, stills)
     if not good:
         return findings
+    if turns is None:
+        segments = cut_segments(log.samples, stills, config.sensor, config.protocol)
+        turns = LogTurns.of(log, segments, sum(segment.accepted for segment in segments) >= FEWEST_SEGMENTS)
+    if turns.log is not log:
+        ceiling = find_ceiling(turns.log.samples.gyro)
     factor, _ = accel_unit_factor(good, config)
-    force = mapped(mapped(log.samples.accel, times(factor)), config.accelerometer.correct)
+    force = mapped(mapped(turns.log.samples.accel, times(factor)), config.accelerometer.correct)
     return [
         *findings,
         *check_repeated_gravity(log, noise),
         *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures),
-        *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
-        *check_undersampling(log, good, noise, config),
-        *check_impacts(where, log.samples.with_accel(force), good, config.sensor),
+        *_axes_below(ceiling, turns, turns.log.samples.with_accel(force), config),
+        *check_undersampling(turns.log, turns.used, noise, config),
+        *check_impacts(where, turns.log.samples.with_accel(force), turns.used),
     ]
 
 
-def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: list[Still], config: Config) -> list[Finding]:
+def _axes_below(ceiling: Ceiling | None, turns: LogTurns, samples: Samples, config: Config) -> list[Finding]:
     """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
-    clean, turns = clean_turns(ceiling, stills)
-    skip = ceiling.at if ceiling is not None and clean >= ENOUGH_CLEAN else None
-    findings = check_axes(log.path.name, samples, stills, config, log.raw, skip)
-    spoilt = ceiling is not None and clean < min(turns, ENOUGH_CLEAN) and worst(findings) != "ok"
-    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt and ceiling is not None else findings
+    log, between = turns.log, turns.examined
+    clean = clean_turns(ceiling, between)
+    findings = check_axes(log.path.name, samples, clean if len(clean) >= FEWEST_SEGMENTS else between, config, log.raw)
+    spoilt = ceiling is not None and len(clean) < min(len(between), FEWEST_SEGMENTS) and worst(findings) != "ok"
+    return [ceiling_finding(log, config.sensor, ceiling, between)] if spoilt and ceiling is not None else findings
 
 
 def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[Finding]] | None = None) -> list[Finding]:
@@ -146,18 +177,27 @@ def _rests_alone(folder: Path) -> list[Finding] | None:
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
     """The first look at every log and closure run of a session that could be read; ``found`` holds its stills for later steps."""
     found = found or SessionStills(session)
-    logs, all_stills = (*session.logs, *session.closures), []
+    logs = (*session.logs, *session.closures)
     findings = check_keys(session.config) + check_copies(logs) + check_standin(logs)
     for log in logs:
-        here = found.of(log)
-        unused = here.unused if log in session.logs and session.truths is None else ()
-        findings += first_look(session, log, here.stills, here.noise, unused)
+        found.of(log)
+    whole = with_bridges(session)
+    there, config = SessionStills(whole, found), session.config
+    parts = [] if session.truths is not None else session_segments(whole, there)
+    known = known_turns(whole, parts)
+    counted = [] if session.truths is not None else check_turns(session.name, parts, known, config.protocol.still_s)
+    enough = worst(counted) != "error"
+    for log, as_fitted in zip(logs, (*whole.logs, *whole.closures), strict=True):
+        here, turns = found.of(log), None
         if log in session.logs:
-            all_stills.append(here.stills)
-    findings += check_excluded(session)
-    if all_stills and session.truths is None:
-        findings += check_segment_count(session.name, all_stills)
-    return findings + check_dials(session, found) + check_known_turns(session, found)
+            turns = next((LogTurns.of(as_fitted, part.segments, enough) for part in parts if part.log is as_fitted), None)
+        elif (run := there.of(as_fitted)).noise is not None:
+            cut = cut_segments(run.samples, run.stills, config.sensor, config.protocol, put_in=as_fitted.put_in)
+            turns = LogTurns.of(as_fitted, cut, enough=True, run=True)
+        unused = here.unused if log in session.logs and session.truths is None else ()
+        findings += first_look(session, log, here.stills, here.noise, unused, turns)
+    findings += check_excluded(session) + counted
+    return findings + check_dials(session, found) + check_known_turns(known, parts)
 
 
 def check_keys(config: Config) -> list[Finding]:

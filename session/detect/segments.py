@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from session.detect.events import clips, gyro_reach_dps
-from session.detect.stills import Still, references
+from session.detect.stills import LogStills, SessionStills, Still, references
 from session.io.config import LeftOut, Protocol, Sensor
-from session.io.logfile import KnownTurn
+from session.io.folder import Session
+from session.io.logfile import KnownTurn, Log
 from session.io.samples import Samples
+from session.io.texts import command_line
 from session.io.units import DEG, NS
 
 # Segments: from the middle of one still to the middle of the next.
@@ -26,6 +28,10 @@ from session.io.units import DEG, NS
 GAP_PERIODS = 2.5  #: a longer step between two stamps is a gap
 LEAST_MARGIN_S = 0.1  #: of stillness at each end of a turn that fills the window: what one block of the detector may be late
 LONGEST_TURN_SEGMENTS = 6.0  #: times the protocol's segment: beyond that it is a run, not a segment
+
+
+#: the stills before and after a turn
+Ends = tuple[Still, Still]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +63,7 @@ class Segment:
         return self.problem is None
 
     @property
-    def stills(self) -> tuple[Still, Still]:
+    def stills(self) -> Ends:
         """The two between which it lies; a segment between moments of a truth file has none."""
         assert self.first is not None
         assert self.last is not None
@@ -286,6 +292,76 @@ def moved_at(segment: Segment, samples: Samples, at_s: float) -> bool:
     return bool(samples.t_ns[start] * NS <= at_s <= samples.t_ns[stop] * NS)
 
 
+# The segments of a session, and whether they are enough: ``check`` looks at the turns that ``fit`` uses, and refuses where it refuses.
+
+#: a linear fit with 12 parameters and two angles a segment needs at least this many
+FEWEST_SEGMENTS = 7
+#: the smallest singular value of three axes at right angles is 1, of three in a plane 0
+AXES_APART = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class LogSegments:
+    """A log, what is found in it, its stills, those known not to be at rest with a problem, and its segments, used or with the reason
+    why not."""
+
+    log: Log
+    found: LogStills
+    stills: list[Still]
+    segments: list[Segment]
+
+
+def session_segments(
+    session: Session, found: SessionStills, moving: Collection[int] = (), progress: Callable[[str], None] = lambda what: None
+) -> list[LogSegments]:
+    """Cut the segments of a session, numbered over all logs; a log without a still has none, and is not counted.
+
+    found: the session's stills; moving: numbers of stills, over all logs, that are known not to be at rest.
+    """
+    parts: list[LogSegments] = []
+    stills_before = segments_before = 0
+    for log in session.logs:
+        progress(f"stills of {log.path.name}")
+        here = found.of(log)
+        if here.noise is None:
+            continue
+        stills = [replace(s, problem="turns about the vertical") if stills_before + i in moving else s for i, s in enumerate(here.stills)]
+        sensor, protocol = session.config.sensor, session.config.protocol
+        cut = cut_segments(here.samples, stills, sensor, protocol, log=len(parts), number=segments_before, put_in=log.put_in)
+        parts.append(LogSegments(log, here, stills, without_excluded(cut, here.samples, log.path, session.config.exclude)))
+        stills_before, segments_before = stills_before + len(stills), segments_before + len(cut)
+    return parts
+
+
+def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Sequence[FoundTurn], still_s: float) -> str | None:
+    """Say why a session's segments fix no calibration, or None; turns: of known angle, which may need fewer."""
+    if not stills:
+        return f"no still phase of {still_s:g} s found; was the table ever left alone? See `{command_line('check')}`"
+    if not segments:
+        bad = next((still.problem for still in stills if still.problem), None)
+        return (
+            f"{len(stills)} still phase{'s' * (len(stills) != 1)} but no turn between two that are usable"
+            + (f" ({bad})" if bad else "")
+            + "; record still - turn - still"
+        )
+    used = sum(segment.accepted for segment in segments)
+    if not used:
+        return f"all {len(segments)} segments are rejected, the first because {segments[0].problem}"
+    if used >= FEWEST_SEGMENTS or span_space(turns):
+        return None
+    return (
+        f"{used} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
+        "12 parameters, 2 angles a segment"
+        + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
+    )
+
+
+def span_space(turns: Sequence[FoundTurn]) -> bool:
+    """Whether the axes of the known turns span space, so that every scale factor is observed."""
+    axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
+    return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
+
+
 # Turns of ``turns.csv`` among a session's segments, and what the gyro reads of each.
 #
 # The gyro's own angle is the integral of its rate less the bias of the stills on either side, in body axes: about a fixed axis it is that
@@ -347,6 +423,13 @@ def find_known_turns(
             problem = "an earlier line names the same turn"
         found.append(FoundTurn(turn, segment, reads, problem or contradiction(turn, reads)))
     return found
+
+
+def known_turns(session: Session, parts: Sequence[LogSegments]) -> list[FoundTurn]:
+    """Match the session's known turns to its segments; none where none is known."""
+    segments = [segment for part in parts for segment in part.segments]
+    names = [part.log.path.name for part in parts]
+    return find_known_turns(session.turns, segments, [part.found.samples for part in parts], names) if session.turns else []
 
 
 def angle_read(samples: Samples, segment: Segment) -> np.ndarray:

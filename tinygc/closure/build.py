@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.detect.events import Impact, find_impacts
-from session.detect.segments import FoundTurn, Segment, cut_segments, find_known_turns, without_excluded
+from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stills import SessionStills, Still
 from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session
 from session.io.samples import start_times
-from session.io.texts import command_line
 from session.io.units import DEG, EARTH_RATE_RPS, NS
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -30,9 +29,6 @@ from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 
 # Known turns of a session as the third angle of its batch (``session/detect/segments.py``, ``tinygc/closure/residual.py``).
 
-#: the smallest singular value of three axes at right angles is 1, of three in a plane 0
-AXES_APART = 0.3
-
 
 def known_turns_of(session: Session, found: SessionStills, segments: Sequence[Segment]) -> tuple[FoundTurn, ...]:
     """Match the session's known turns to its segments.
@@ -41,16 +37,9 @@ def known_turns_of(session: Session, found: SessionStills, segments: Sequence[Se
     """
     if not session.turns:
         return ()
-    here = [(log, found.of(log)) for log in session.logs]
-    here = [(log, stills) for log, stills in here if stills.noise is not None]
-    counted: list[Segment] = []
-    config = session.config
-    for number, (_, stills) in enumerate(here):
-        counted += cut_segments(stills.samples, stills.stills, config.sensor, config.protocol, log=number, number=len(counted))
-    names, samples = [log.path.name for log, _ in here], [stills.samples for _, stills in here]
     now = {(s.log, s.stills[0].start, s.stills[1].start): s for s in segments}
     turns = []
-    for turn in find_known_turns(session.turns, counted, samples, names):
+    for turn in known_turns(session, session_segments(session, found)):
         if turn.segment is None:
             turns.append(turn)
             continue
@@ -76,12 +65,6 @@ def as_reference(turns: Sequence[FoundTurn], count: int, segments: Sequence[Segm
         row = rows[turn.segment.number]
         angle[row], sigma[row], axis[row] = turn.known.angle_rad, turn.known.sigma_rad, turn.axis
     return KnownTurns(angle, sigma, axis)
-
-
-def span_space(turns: Sequence[FoundTurn]) -> bool:
-    """Whether the axes of the known turns span space, so that every scale factor is observed."""
-    axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
-    return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
 
 
 def tilt_excess(batch: Batch, floor: Floor, start: LinearModel, at_rest: StillRates | None) -> float:
@@ -243,8 +226,6 @@ DIAL_SIGMA_RAD = 0.05 * DEG
 DIAL_LIMIT_RAD = 1.0 * DEG
 #: sigma of a segment before its floor is known
 FIRST_SIGMA_RAD = 1e-3
-#: a linear fit with 12 parameters and two angles a segment needs at least this many
-FEWEST_SEGMENTS = 7
 #: variance factor of the prior in the first fit, which only carries the yaw: three times the sigma
 FIRST_WIDER = 9.0
 
@@ -273,7 +254,10 @@ def build_problem(
         return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
     logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     turns = known_turns_of(session, found, segments)
-    _require_enough(session, logs, segments, turns, prior is not None)
+    stills = [still for log in logs for still in log.stills]
+    too_few = why_too_few(stills, segments, turns, session.config.protocol.still_s)
+    if too_few and (prior is None or not any(segment.accepted for segment in segments)):
+        raise SegmentError(f"{session.folder}: {too_few}")
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
@@ -330,21 +314,13 @@ def _stills_and_segments(
     clipped: Collection[int],
     progress: Callable[[str], None],
 ) -> tuple[list[StillSet], list[Segment]]:
-    logs: list[StillSet] = []
-    segments: list[Segment] = []
-    number = 0
-    for log in session.logs:
-        progress(f"stills of {log.path.name}")
-        here = found.of(log)
-        samples, noise = here.samples, here.noise
-        if noise is None:
-            continue
-        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
-        number += len(stills)
-        sensor, protocol, numbered = session.config.sensor, session.config.protocol, len(segments)
-        cut = cut_segments(samples, stills, sensor, protocol, log=len(logs), number=numbered, put_in=log.put_in)
-        segments += without_excluded(cut, samples, log.path, session.config.exclude)
-        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int), log.bridges))
+    parts = session_segments(session, found, moving, progress)
+    logs = [
+        StillSet(part.found.samples, part.stills, part.found.noise, np.zeros((0, 4)), np.zeros(0, dtype=int), part.log.bridges)
+        for part in parts
+        if part.found.noise is not None
+    ]
+    segments = [segment for part in parts for segment in part.segments]
     segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
     excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]
     if session.config.protocol.reference == "table":
@@ -385,32 +361,6 @@ def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.
     if table is None or number >= len(table) or np.isnan(table[number]).any():
         return None
     return table[number]
-
-
-def _require_enough(
-    session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...], with_prior: bool
-) -> None:
-    where = session.folder
-    still_s = session.config.protocol.still_s
-    if not logs:
-        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `{command_line('check')}`")
-    if not segments:
-        stills = [still for log in logs for still in log.stills]
-        bad = next((still.problem for still in stills if still.problem), None)
-        raise SegmentError(
-            f"{where}: {len(stills)} still phase{'s' * (len(stills) != 1)} but no turn between two that are usable"
-            + (f" ({bad})" if bad else "")
-            + "; record still - turn - still"
-        )
-    used = [segment for segment in segments if segment.accepted]
-    if not used:
-        raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
-    if len(used) < FEWEST_SEGMENTS and not with_prior and not span_space(turns):
-        raise SegmentError(
-            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
-            "12 parameters, 2 angles a segment"
-            + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
-        )
 
 
 def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:

@@ -10,6 +10,7 @@ import numpy as np
 
 from session.detect.check_references import ACCELEROMETER, SAID, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
+from session.detect.check_stills import TURNS
 from session.detect.findings import Finding, stop_at_errors
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
@@ -21,6 +22,7 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import JointFit, Problem
+from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
 
@@ -58,18 +60,18 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
     return [Finding("warning", where, GRAVITY_SIGN, says, do)]
 
 
-def first_look_at_gravity_sign(session: Session, found: SessionStills) -> list[Finding]:
-    """Check the sign before the fit, for a session without errors; no finding where no problem can be built.
+def first_look_at_fit(session: Session, found: SessionStills) -> list[Finding]:
+    """Build the problem that ``fit`` solves, for a session without errors: what ``fit`` would refuse is an error; and the sign of gravity.
 
     found: the session's stills, as the first check detected them.
     """
-    if session.config.site.latitude_deg is None or session.truths is not None:
-        return []
     whole = with_bridges(session)
     try:
-        return check_gravity_sign(build_problem(whole, found=SessionStills(whole, found)))
-    except CalibrationError:
-        return []  # too few turns: ``fit`` reports it
+        problem = build_problem(whole, found=SessionStills(whole, found))
+        read_closure_runs(problem)
+    except CalibrationError as error:
+        return [Finding("error", session.name, "fit", str(error).removeprefix(f"{session.folder}: "))]
+    return check_gravity_sign(problem)
 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:
@@ -162,7 +164,9 @@ def prepare(
     progress("first look")
     found = looked_at = SessionStills(session) if known is None else known.under(session)
     findings = own + aligned + check_session(session, found)
-    stop_at_errors(findings)
+    # ``build_problem`` refuses too few turns in the same words, and knows of a prior and of what is left out by request.
+    stop_at_errors([finding for finding in findings if finding.what != TURNS])
+    findings = [finding for finding in findings if finding.level != "error"]
     whole = with_bridges(session)
     found = SessionStills(whole, found)
     problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, prior=prior, progress=progress)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import CalibrationError
 from session.io.units import DEG
 from tinygc import closure
-from tinygc.closure.build import FEWEST_SEGMENTS, with_still_bias
+from tinygc.closure.build import with_still_bias
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap

@@ -24,7 +24,7 @@ from session.io.errors import CalibrationError, DataError, FitError
 from session.io.folder import Session
 from session.io.names import is_array
 from session.io.units import DEG, G
-from tinygc.closure.prepared import first_look_at_gravity_sign
+from tinygc.closure.prepared import first_look_at_fit
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -136,11 +136,11 @@ def check(session: Any) -> list[Finding]:
     if isinstance(session, Session):
         found = SessionStills(session)
         findings = check_session(session, found)
-        return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)
+        return findings if worst(findings) == "error" else findings + first_look_at_fit(session, found)
     if isinstance(session, str | PathLike):
         folder = Path(session)
         if not is_array(folder):
-            return check_folder(folder, first_look_at_gravity_sign)
+            return check_folder(folder, first_look_at_fit)
         read_array = need("recordings of arrays").read_array
         try:
             session = read_array(folder)
@@ -148,7 +148,7 @@ def check(session: Any) -> list[Finding]:
             return [Finding("error", folder.name, "reading", str(error))]
     elif not hasattr(session, "units"):
         session_or_folder(session)
-    return need("checks of arrays").check_array(session, first_look_at_gravity_sign)
+    return need("checks of arrays").check_array(session, first_look_at_fit)
 
 
 # ``tinygc.fit``: fit calibrations to a session and report their closure.

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from session.detect.segments import FEWEST_SEGMENTS
 from session.io.errors import CalibrationError
 from session.io.folder import file_key, sha256_of
 from tinygc.annexes.lots.lot import Lot
 from tinygc.annexes.lots.report import read_lot
-from tinygc.closure.build import FEWEST_SEGMENTS
 from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles

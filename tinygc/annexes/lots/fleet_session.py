@@ -20,7 +20,7 @@ from session.io.folder import Session, read_session
 from session.io.texts import printable
 from tinygc.annexes.lots.explanation import effects_of
 from tinygc.annexes.lots.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
-from tinygc.closure.prepared import Prepared, first_look_at_gravity_sign, prepare
+from tinygc.closure.prepared import Prepared, first_look_at_fit, prepare
 from tinygc.effects import using
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.listing import date_of
@@ -91,7 +91,7 @@ def _row(job: Job) -> tuple[Row | None, str]:
 def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
     _kept_config(row, folder, read_config(folder / "session.toml"))
     if options.steps == ("check",):
-        _kept_findings(row, folder, check_folder(folder, first_look_at_gravity_sign))
+        _kept_findings(row, folder, check_folder(folder, first_look_at_fit))
         errors = [finding for finding in told_by(row["findings"]) if finding["level"] == "error"]
         if errors:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "description")))

@@ -80,7 +80,7 @@ def one_recording(job: tuple[Job, str, Path]) -> tuple[str, ...]:
         return "; ".join(f"{f['what']} {f['level']}: {_short(f['description'])}" for f in findings if f["what"] in what)
 
     worst = next((level for level in ("error", "warning") if any(f["level"] == level for f in findings)), "ok")
-    fitted = _run("fit", str(job.folder), "--methods", methods, "--out", str(made / name.replace("/", "-")))
+    fitted = _run("fit", str(job.folder), "--quiet", "--methods", methods, "--out", str(made / name.replace("/", "-")))
     words = next((line for line in [*fitted.stderr.splitlines(), *fitted.stdout.splitlines()] if line.strip()), "")
     apart = (checked.returncode == 2) != (fitted.returncode == 2)
     agrees = says("gyro against gravity", "axes", "gyro scale", "gyro ceiling")

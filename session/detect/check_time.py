@@ -68,13 +68,19 @@ def _against_declared(where: str, true_hz: float, sensor: Sensor) -> Finding:
 
 
 def _counted(log: Log, sensor: Sensor) -> Finding | None:
-    """Stamps that say nothing of the true rate: the log says so, or each is a multiple of the declared period."""
-    stated = log.comments.get("stamps") == "counted"
-    if not stated and (log.in_memory or not _looks_counted(log.samples, sensor.odr_hz)):
+    """Stamps that say nothing of the true rate: the log or session.toml says so, or each is a multiple of the declared period."""
+    if log.counted or sensor.odr_sigma is not None:
+        if (nominal := sensor.nominal_rate) is None:
+            says = f"{sensor.odr_hz:g} Hz, measured, as sensor.odr_sigma = 0 says"
+            return Finding("ok", log.path.name, "sample rate", says)
+        why = "the log had no stamps, its samples were counted; " if log.counted else ""
+        says = f"{nominal.words}; {why}the scale of all axes is no better known"
+        do = "log the device's own time, or measure the data rate and give odr_hz with sensor.odr_sigma"
+        return Finding("warning", log.path.name, "sample rate", says, do)
+    if log.in_memory or not _looks_counted(log.samples, sensor.odr_hz):
         return None
-    why = "the log had no stamps, its samples were counted" if stated else "and every step exactly so: they look counted, not measured"
-    says = f"{sensor.odr_hz:g} Hz as declared, {why}; the true rate is not known"
-    do = "a true rate that differs is a scale error of the same size; log the device's own time"
+    says = f"{sensor.odr_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
+    do = "a true rate that differs is a scale error of the same size; were they counted, give sensor.odr_sigma (0.03 is usual)"
     return Finding("note", log.path.name, "sample rate", says, do)
 
 

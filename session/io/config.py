@@ -14,7 +14,7 @@ import numpy as np
 from session.io.errors import FormatError
 from session.io.registers import DEFAULT, RegisterUnits, profile_of
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
-from session.io.sensors.profile import Profile
+from session.io.sensors.profile import CLOCK_WITHIN, Profile
 from session.io.toml import Note, read_toml
 from session.io.units import BEYOND, STANDARD_GRAVITY_MPS2
 
@@ -179,6 +179,7 @@ class Sensor:
     accel_mg_per_lsb: float | None = None
     temp_lsb_per_c: float | None = None
     temp_at_zero_c: float | None = None
+    odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
 
     @property
     def profile(self) -> Profile | None:
@@ -196,9 +197,43 @@ class Sensor:
         return RegisterUnits(self.model or DEFAULT, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
 
     @property
+    def nominal_rate(self) -> NominalRate | None:
+        """What ``odr_hz`` is worth where samples were counted at it; None where session.toml says that it was measured.
+
+        Without ``odr_sigma`` it may be anywhere within the model's tolerance, a rectangular distribution (GUM 4.3.7).
+        """
+        if self.odr_sigma is not None:
+            return NominalRate(self.odr_hz, self.odr_sigma, "sensor.odr_sigma") if self.odr_sigma else None
+        own = None if self.profile is None else self.profile.clock_within
+        within = CLOCK_WITHIN if own is None else own
+        return NominalRate(self.odr_hz, within.value / np.sqrt(3), f"within {100 * within.value:g} %, {within.source}")
+
+    @property
     def own_units(self) -> dict[str, float | None]:
         """What session.toml itself says of its registers, by the names of its keys."""
         return {name: getattr(self, name) for name in OWN_UNITS}
+
+
+@dataclass(frozen=True)
+class NominalRate:
+    """A data rate that stands for a clock: samples were counted at ``hz``, and nothing measured it.
+
+    sigma: its relative standard uncertainty; source: where that is from.  A true rate of hz (1 + e) makes every time too long by the
+    factor 1 + e, and every rate that closes the turns too small by it: E and B scale together.
+    """
+
+    hz: float
+    sigma: float
+    source: str
+
+    @property
+    def words(self) -> str:
+        """The rate, that it is nominal, and how far it may be off."""
+        return f"{self.hz:g} Hz, nominal, not measured: ± {100 * self.sigma:.2g} % ({self.source})"
+
+    def covariance(self, rates: np.ndarray) -> np.ndarray:
+        """(P, P) of parameters (P,) that are rates per unit or rates, and so scale with the clock: d rates / d e = -rates."""
+        return self.sigma**2 * np.outer(rates, rates)
 
 
 @dataclass(frozen=True)
@@ -357,6 +392,7 @@ SHAPE = Keys(
                 "accel_mg_per_lsb": _PER_LSB,
                 "temp_lsb_per_c": Number(1e-3, 1e5),
                 "temp_at_zero_c": Number(-300, 300),
+                "odr_sigma": Number(0, 0.5),
             },
         ),
     },

@@ -57,7 +57,8 @@ class Layout:
     """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
     counted; time_ns per unit of it; clock: it is a time of day; gyro, accel: what is there; temp: column; names of all columns;
     frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
-    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us."""
+    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: the column of a
+    second's fraction beside whole seconds, and its ns per unit; remark: what was chosen without being told."""
 
     dialect: str
     delimiter: str | None
@@ -73,6 +74,8 @@ class Layout:
     frame: str = ""
     header_line: str = ""
     standard: bool = False
+    finer: tuple[int, int] | None = None
+    remark: str = ""
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -83,7 +86,8 @@ class Layout:
     @property
     def used(self) -> tuple[int, ...]:
         """Columns that are read, time first."""
-        return self.numbers if self.time is None else (self.time, *self.numbers)
+        stamps = (() if self.time is None else (self.time,)) + (() if self.finer is None else (self.finer[0],))
+        return (*stamps, *self.numbers)
 
     @property
     def kinds(self) -> list[tuple[str, tuple[int, ...], Unit]]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthAlignment, TruthReading, read_config
+from session.io.config import Accelerometer, Config, LeftOut, NominalRate, Protocol, Sensor, Site, TruthAlignment, TruthReading, read_config
 from session.io.errors import CalibrationError, DataError, FormatError, StorageError
 from session.io.files import MOST_TOML, open_file, read_text, require_file, unreadable
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
@@ -106,6 +106,16 @@ class Session:
     def name(self) -> str:
         """The folder's last name, as it may stand in a line (``session.io.texts.printable``)."""
         return printable(self.folder.resolve().name)
+
+    @property
+    def nominal_rate(self) -> NominalRate | None:
+        """The data rate that stands for a clock in any of the logs; None where all stamps are measured."""
+        return next((rate for log in self.logs if (rate := self.rate_of(log)) is not None), None)
+
+    def rate_of(self, log: Log) -> NominalRate | None:
+        """The same of one log or closure run."""
+        sensor = self.config.sensor
+        return sensor.nominal_rate if log.counted or sensor.odr_sigma is not None else None
 
     def own_folder(self, name: str) -> Path:
         """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""

@@ -78,6 +78,11 @@ class Log:
             return None
 
     @property
+    def counted(self) -> bool:
+        """Whether it had no stamps, and its samples were counted at a nominal rate."""
+        return self.comments.get("stamps") == "counted"
+
+    @property
     def put_in(self) -> np.ndarray:
         """(N,) bool: which samples are no readings, but were put in."""
         mask = np.zeros(len(self.samples), dtype=bool)

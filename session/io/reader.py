@@ -6,13 +6,13 @@ import contextlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import DTypeLike
 
+from session.io.clock import exact_ns
 from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import DataError, FormatError
 from session.io.lines import PIECE_BYTES, Lines
@@ -44,29 +44,8 @@ DAY_NS = 86_400 * NS_PER_S
 ERA_NS = 2**62
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
 COARSE = 0.02
-#: no time, whatever its unit
-BEYOND = Decimal(10) ** 40
 #: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing
 OFF = 2.0
-
-
-def exact_ns(text: str, unit_ns: int) -> int:
-    """A decimal number or a clock (hh:mm:ss.ss) as integer nanoseconds.  Raises ValueError for anything else."""
-    text = text.strip().strip('"')
-    if ":" in text:
-        hours, minutes, seconds = text.split(" ")[-1].split("T")[-1].split(":")
-        return (int(hours) * 60 + int(minutes)) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
-    try:
-        return int(text) * unit_ns
-    except ValueError:
-        pass
-    try:
-        scaled = Decimal(text) * unit_ns
-        if not abs(scaled) < BEYOND:  # also of "nan", and before an exponent of six digits is written out
-            raise ValueError
-        return int(scaled.to_integral_value())
-    except (ArithmeticError, ValueError):
-        raise ValueError(f"{text[:20]!r} is no time") from None
 
 
 class Unroll:
@@ -154,11 +133,15 @@ def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | No
         return np.zeros((0, len(layout.numbers))), None
     if not layout.standard and any(map(_opens, lines)):
         raise ValueError(OPEN)  # NumPy would read on to the next quotation mark, over however many lines
-    if layout.time is None or layout.clock:
+    if layout.finer is not None:
+        table, time = _load(lines, layout.numbers, layout, np.float64), _in_two_columns(lines, layout)
+    elif layout.time is None or layout.clock:
         table, time = _load(lines, layout.numbers, layout, np.float64), None
     else:
         table, time = _with_time(lines, layout)
     _refuse_impossible(table, time, layout)
+    if layout.finer is not None and time is not None:
+        return table, time
     return table, None if layout.time is None else _stamps(time, lines, layout)
 
 
@@ -192,6 +175,19 @@ def _with_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray
         if is_whole:
             _require_whole(table[:, place])
     return table, time
+
+
+def _in_two_columns(lines: list[str], layout: Layout) -> np.ndarray:
+    """(N,) int64 ns of whole seconds and their fraction.  RowFault where the fraction is none."""
+    assert layout.finer is not None
+    column, unit_ns = layout.finer
+    parts = _load(lines, (layout.time_column, column), layout, np.int64)
+    most = NS_PER_S // unit_ns
+    if not (fine := (parts[:, 1] >= 0) & (parts[:, 1] < most)).all():
+        row = int(np.argmin(fine))
+        raise RowFault(row, f"{layout.name(column)} is {parts[row, 1]}, expected a second's fraction from 0 to {most - 1}")
+    _require_era(np.abs(parts[:, 0]) < ERA_NS // NS_PER_S, lambda row: parts[row, 0], layout)
+    return np.asarray(parts[:, 0] * NS_PER_S + parts[:, 1] * unit_ns)
 
 
 def _with_whole_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray]:
@@ -353,6 +349,7 @@ class Reader:
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
         self.comments |= flagged(self.layout.names)
+        self.notes += [self.layout.remark] if self.layout.remark else []
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 
+from session.io.clock import find_clock
 from session.io.dialects import DELIMITERS, DIALECTS, Answers, Column, Dialect, Layout, Triad, from_columns, split, three
 from session.io.errors import FormatError
 from session.io.units import STAMP_NS, Unit, endings, known, parse_unit
@@ -286,6 +287,13 @@ def _layout(
     """columns: {t, gx, …, temp: column}.  FormatError names the option for a missing unit."""
     time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
     time_unit = answers.time_unit or time_unit
+    clock = None
+    if time_column is None and answers.time_unit != "none":
+        rows = [line.split(delimiter) for line in lines[first:] if line.split("#")[0].strip()]
+        read = {column for column, _, _ in columns.values()}
+        clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name)
+    if clock is not None:
+        time_column, time_unit = clock.column, clock.unit
     if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
@@ -316,6 +324,8 @@ def _layout(
         names=names,
         frame=frame,
         header_line=lines[first - 1].strip() if first else "",
+        finer=None if clock is None else clock.finer,
+        remark="" if clock is None else clock.says,
     )
 
 

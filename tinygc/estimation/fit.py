@@ -110,10 +110,12 @@ def fit_session(
     joint = shared = None
     if noise is not None and level.joint is not None:
         joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
-    if use is not None:
-        covariance = covariance + use.more
-        if joint is not None:
-            joint[GYROSCOPE, GYROSCOPE] += use.more
+    more = np.zeros_like(covariance) if use is None else use.more
+    if (nominal := problem.session.nominal_rate) is not None:
+        more = more + nominal.covariance(model.vector)
+    covariance = covariance + more
+    if joint is not None:
+        joint[GYROSCOPE, GYROSCOPE] += more
     turned = replace(options, still_rates=not options.still_rates)
     other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.io.config import NominalRate
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect
@@ -46,12 +47,13 @@ class PhysicsFit:
 FitPhysics = Callable[[Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
 
 
-def rate_covariance(found: Refit) -> np.ndarray:
+def rate_covariance(found: Refit, nominal: NominalRate | None) -> np.ndarray:
     """Return the covariance (12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; inflated where the
-    refit's residuals exceed the noise."""
+    refit's residuals exceed the noise.  nominal: the rate that samples were counted at, with which all of them scale."""
     rows = rows_of_rates(found.state)
     widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
-    return found.covariance[np.ix_(rows, rows)] * widen
+    covariance = found.covariance[np.ix_(rows, rows)] * widen
+    return covariance if nominal is None else covariance + nominal.covariance(found.state.vector[rows])
 
 
 def rows_of_rates(state: State) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from session import VERSION
 from session.detect.findings import Finding
+from session.io.config import NominalRate
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
 from session.io.folder import Session, file_key, input_hashes
@@ -131,6 +132,11 @@ class FitResult:
         """The fitted session."""
         return self.problem.session
 
+    @property
+    def nominal_rate(self) -> NominalRate | None:
+        """The data rate that stands for a clock: the scale common to all axes is no better known.  None where stamps are measured."""
+        return self.session.nominal_rate
+
     @cached_property
     def use(self) -> ModelToUse:
         """The model to use, and why."""
@@ -201,6 +207,7 @@ def to_json(result: FitResult) -> dict:
         "schema": SCHEMA,
         "session": result.session.name,
         "stills": len(problem.stills),
+        "nominal_rate": None if result.nominal_rate is None else asdict(result.nominal_rate),
         "segments": {
             "found": len(problem.segments),
             "used": len(problem.used),
@@ -441,7 +448,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         if name == "physics" and result.physics is not None:
             from tinygc.estimation.physics import covariance_at_end, covariance_table, rate_covariance
 
-            covariance = rate_covariance(result.physics.fit)
+            covariance = rate_covariance(result.physics.fit, result.nominal_rate)
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
         if result.bias_sigma_rps is not None:

@@ -27,6 +27,10 @@ def remembered(value: float) -> Figure:
     return Figure(value, "its data sheet, remembered", read=False)
 
 
+#: by how much the data rate of a MEMS sensor differs from the nominal one, fraction, where its own figure is not known
+CLOCK_WITHIN = Figure(0.05, "as of an ASM330LHH, the widest that units in public logs show")
+
+
 @dataclass(frozen=True)
 class Thermometer:
     """The temperature register: LSB per degC, and the temperature at which it reads 0."""

@@ -207,7 +207,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     found = explanation.naming.fit
     claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
     known = conditions(explanation.mended.problem)
-    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found)
+    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.nominal_rate)
 
     def model(trial: np.ndarray) -> PhysicsModel:
         at, changed = PARAMETERS, []
@@ -244,11 +244,15 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
 
     found, p = [], []
     sigma = np.sqrt(np.diag(covariance))
+    counted = {log.path.name for log in fit.session.closures if fit.session.rate_of(log) is not None}
     for run in fit.runs:
         error = errors(vector, run)
+        known = covariance
+        if fit.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in a run counted at it
+            known = covariance - fit.nominal_rate.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(fit, run))
-        expected = np.diag(run.floor_rad**2) + slope @ covariance @ slope.T + drift @ drift.T
+        expected = np.diag(run.floor_rad**2) + slope @ known @ slope.T + drift @ drift.T
         found.append(error)
         p.append(float(chi2.sf(error @ np.linalg.solve(expected, error), 3)))
     return {"run_errors": found, "run_p": p, "run_losses": [loss_words(lost_in(run)) for run in fit.runs]}

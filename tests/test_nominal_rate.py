@@ -1,0 +1,167 @@
+"""A log's clock is found, or its samples are counted at a nominal rate: then the common scale carries that rate's uncertainty."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG, Table
+from looks import G, look, of, with_sensor
+
+from session.io.dialects import Answers
+from session.io.errors import FormatError
+from session.io.sensors.profile import CLOCK_WITHIN
+from session.replay.convert import convert
+from tinygc import FitOptions, Session, read_session
+from tinygc.estimation.fit import fit_session
+
+TRUE_HZ, NOMINAL_HZ = 105.4, 100.0
+LEAST_SQUARES = FitOptions(methods=("least_squares",))
+#: of a tumble whose gyro reads 2 % too little
+E_TRUE = np.eye(3) * 1.02
+HEADER = "ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps"
+
+
+@pytest.fixture(scope="module")
+def samples():
+    made = Table().tumble(14, seed=5).samples(odr_hz=TRUE_HZ)
+    return replace(made, gyro=made.gyro @ np.linalg.inv(E_TRUE).T)
+
+
+def log_of(samples, names="", *columns):
+    values = [*columns, *np.round(samples.accel / G, 6).T, *np.round(samples.gyro / DEG, 5).T]
+    rows = "\n".join(",".join(map(str, row)) for row in zip(*values, strict=True))
+    return f"{names}{',' * bool(names)}{HEADER}\n{rows}\n"
+
+
+def make(folder, text, **answers):
+    path = folder / "LOG.CSV"
+    path.write_text(text)
+    return convert([path], folder / "session", Answers(gyro_fs_dps=500, accel_fs_g=4, **answers))
+
+
+@pytest.fixture(scope="module")
+def counted(samples, tmp_path_factory):
+    return make(tmp_path_factory.mktemp("counted"), log_of(samples), odr_hz=NOMINAL_HZ).folder
+
+
+def ticks(samples, unit_s):
+    return np.rint(samples.t_s / unit_s).astype(int)
+
+
+CLOCKS = {
+    "millis": lambda s: [ticks(s, 1e-3)],
+    "micros": lambda s: [ticks(s, 1e-6) + 77],
+    "time": lambda s: [np.round(s.t_s, 4)],
+    "timestamp": lambda s: [ticks(s, 1e-6) + 1_700_000_000_000_000],
+    "ts": lambda s: [ticks(s, 1e-9)],
+    "us": lambda s: [ticks(s, 1e-6)],
+    "Time (ms)": lambda s: [np.round(s.t_s * 1e3, 2)],
+    "seq,ms": lambda s: [np.arange(len(s)), ticks(s, 1e-3)],
+    "sec,nsec": lambda s: [ticks(s, 1e-9) // 10**9 + 1_700_000_000, ticks(s, 1e-9) % 10**9],
+    "stamp.secs,stamp.usecs": lambda s: [ticks(s, 1e-6) // 10**6, ticks(s, 1e-6) % 10**6],
+    "datetime": lambda s: [
+        [f"2026-11-22 23:59:{30 + t:09.6f}" if t < 30 else f"2026-11-23 00:{int(t - 30) // 60:02d}:{(t - 30) % 60:09.6f}" for t in s.t_s]
+    ],
+}
+
+
+@pytest.mark.parametrize("declared_hz", [NOMINAL_HZ, None])
+@pytest.mark.parametrize("names", CLOCKS)
+def test_a_clock_that_is_there_is_taken_and_said(names, declared_hz, samples, tmp_path):
+    """Whatever it is called; a declared rate is nominal, and does not take its place."""
+    made = make(tmp_path, log_of(samples, names, *CLOCKS[names](samples)), odr_hz=declared_hz)
+    session = read_session(made.folder)
+    assert session.logs[0].samples.duration_s == pytest.approx(samples.duration_s, abs=2e-3)
+    assert session.nominal_rate is None
+    assert session.config.sensor.odr_hz == pytest.approx(declared_hz or TRUE_HZ, rel=1e-3)
+    assert any("taken for the clock" in note for note in made.notes)
+
+
+@pytest.mark.parametrize("name", ["foo", "time", "SampleTimeFine"])
+def test_a_column_that_may_be_the_clock_is_named_and_not_passed_over(name, samples, tmp_path):
+    """Of no clock's name, or in a unit that no declared rate confirms."""
+    text = log_of(samples, name, ticks(samples, 1e-4))
+    with pytest.raises(FormatError, match=f"column {name!r} rises steadily, by 94.8.* a row.*--time-unit.*--odr HZ"):
+        make(tmp_path, text, odr_hz=NOMINAL_HZ)
+    assert read_session(make(tmp_path, text, time_unit="100us").folder).nominal_rate is None
+
+
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [("", lambda s: []), ("seq", lambda s: [np.arange(len(s))]), ("n,mx", lambda s: [np.arange(len(s)) + 9, np.sin(s.t_s)])],
+)
+def test_what_is_no_clock_asks_for_the_rate(names, columns, samples, tmp_path):
+    text = log_of(samples, names, *columns(samples))
+    with pytest.raises(FormatError, match="no time stamps"):
+        make(tmp_path, text)
+    assert read_session(make(tmp_path, text, odr_hz=NOMINAL_HZ).folder).nominal_rate.hz == NOMINAL_HZ
+
+
+def test_a_clock_may_be_left_aside_and_then_the_rate_is_nominal(samples, tmp_path):
+    made = make(tmp_path, log_of(samples, "millis", ticks(samples, 1e-3)), odr_hz=NOMINAL_HZ, time_unit="none")
+    assert read_session(made.folder).nominal_rate.hz == NOMINAL_HZ
+
+
+# What a nominal rate is worth.
+
+
+def test_the_rate_is_as_uncertain_as_the_sensors_profile_or_session_toml_says(counted, tmp_path):
+    """Half of a rectangular width, over the root of three; and nothing at all where it was measured."""
+    session = read_session(counted)
+    assert session.nominal_rate.sigma == pytest.approx(CLOCK_WITHIN.value / np.sqrt(3))
+    own = replace(session.config.sensor, model="ASM330LHH")
+    assert own.nominal_rate.sigma == pytest.approx(own.profile.clock_within.value / np.sqrt(3))
+    for given, found in ((0.01, 0.01), (0.0, None)):
+        rate = replace(session.config.sensor, odr_sigma=given).nominal_rate
+        assert (rate and rate.sigma) == found
+
+
+def test_check_warns_of_a_nominal_rate(counted):
+    session = read_session(counted)
+    finding = of(look(session), "sample rate")
+    assert finding.level == "warning"
+    assert "100 Hz, nominal, not measured: ± 2.9 %" in finding.says
+    measured = with_sensor(session, odr_sigma=0.0)
+    assert of(look(measured), "sample rate").level == "ok"
+    assert measured.nominal_rate is None
+
+
+def test_all_parameters_scale_with_the_clock():
+    """d(E, B) / de = -(E, B), by two fits to the same readings under clocks that differ by 2 e.  No latitude is given: the Earth's
+    rotation alone would not scale."""
+    quiet, e, found = Table().tumble(14, seed=5).samples(gyro_mdps=0.05, accel_ug=0.6, registers=False), 0.01, []
+    for factor in (1 - e, 1 + e):
+        session = Session.from_arrays(quiet.t_s * factor, quiet.gyro, quiet.accel)
+        found.append(fit_session(session, LEAST_SQUARES).linear.model.vector)
+    slope, middle = (found[1] - found[0]) / (2 * e), (found[0] + found[1]) / 2
+    np.testing.assert_allclose(slope, -middle, atol=2e-3 * np.abs(middle).max())
+
+
+@pytest.fixture(scope="module")
+def fitted(counted):
+    return fit_session(read_session(counted), LEAST_SQUARES)
+
+
+def test_the_common_scale_carries_the_rates_uncertainty(fitted, counted):
+    """By exactly one rank, along (E, B): a ratio of two scale factors stays as well known as ever, and the truth is covered."""
+    known = fit_session(with_sensor(read_session(counted), odr_sigma=0.0), LEAST_SQUARES)
+    more, vector = fitted.covariance - known.covariance, fitted.linear.model.vector
+    np.testing.assert_allclose(more, fitted.nominal_rate.sigma**2 * np.outer(vector, vector), atol=1e-12)
+    if fitted.joint_covariance is not None:
+        np.testing.assert_allclose((fitted.joint_covariance - known.joint_covariance)[9:, 9:], more, atol=1e-12)
+        np.testing.assert_allclose(fitted.joint_covariance[:9, :9], known.joint_covariance[:9, :9], atol=1e-15)
+    off = vector[:9].reshape(3, 3) - E_TRUE
+    sigma = np.sqrt(np.diag(fitted.covariance))[:9].reshape(3, 3)
+    assert np.all(np.abs(np.diag(off)) < 2.5 * np.diag(sigma))
+    assert np.all(np.abs(np.diag(off)) > 20 * np.sqrt(np.diag(known.covariance))[[0, 4, 8]])  # which nothing else would have told
+
+
+def test_fit_and_report_say_that_the_rate_is_nominal(counted, run):
+    _, said, _ = run("fit", counted, "--methods", "least_squares")
+    assert "nominal, not measured" in " ".join(said.split())
+    assert json.loads((counted / "fit" / "fit.json").read_text())["nominal_rate"]["hz"] == NOMINAL_HZ
+    run("report", counted, "--methods", "least_squares")
+    page = next(counted.rglob("report.html")).read_text()
+    assert "100 Hz, nominal, not measured" in page
+    assert "True data rate" not in page

@@ -246,9 +246,15 @@ def _(r: Recording, rng: np.random.Generator) -> None:
     r.drop(np.arange(start - 5, stop + 5), closed=True)
 
 
-@family("clock jumps 2 ms in each turn")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.t_s = r.t_s + 0.002 * np.searchsorted([sum(turn) // 2 for turn in r.turns], np.arange(len(r.t_s)), side="right")
+def jump(r: Recording, seconds: float) -> None:
+    """Put the clock forward in the middle of each turn."""
+    r.t_s = r.t_s + seconds * np.searchsorted([sum(turn) // 2 for turn in r.turns], np.arange(len(r.t_s)), side="right")
+
+
+FAMILIES |= {
+    "clock jumps 2 ms in each turn": lambda r, rng: jump(r, 2e-3),
+    "clock jumps 0.25 ms in each turn": lambda r, rng: jump(r, 0.25e-3),
+}
 
 
 @family("stamps jitter by 1 ms")
@@ -300,31 +306,39 @@ def saturate(r: Recording, at_dps: float) -> None:
     r.gyro = at_dps * DEG * np.tanh(r.gyro / (at_dps * DEG))
 
 
+def one_sided(r: Recording, half: np.ndarray) -> None:
+    """Another scale factor for positive rates than for negative ones."""
+    r.gyro = r.gyro * (1 + half * np.sign(r.gyro))
+
+
+def in_turns(r: Recording, zero_rate: np.ndarray) -> None:
+    """Another zero rate in turns than in rests."""
+    r.gyro = r.gyro + zero_rate * r.turning
+
+
+def dead_zone(r: Recording, width: float) -> None:
+    """Rates below a width read zero, and the others so much less; only in turns, where the registers show it less."""
+    zero = -np.linalg.solve(r.E, r.B)
+    r.gyro = zero + np.sign(r.gyro - zero) * np.maximum(np.abs(r.gyro - zero) - width * r.turning, 0)
+
+
+# The smaller ones are about what a recording of 16 turns still allows.
 FAMILIES |= {
     "soft saturation at 1000 dps": lambda r, rng: saturate(r, 1000),
     "soft saturation at 3000 dps": lambda r, rng: saturate(r, 3000),
+    "soft saturation at 8000 dps": lambda r, rng: saturate(r, 8000),
+    "one-sided gain of 0.6 %": lambda r, rng: one_sided(r, draw(rng, 3e-3)),
+    "one-sided gain of 0.02 %": lambda r, rng: one_sided(r, draw(rng, 1e-4)),
+    "dead zone of 0.1 dps in turns": lambda r, rng: dead_zone(r, 0.1 * DEG),
+    "dead zone of 0.01 dps in turns": lambda r, rng: dead_zone(r, 0.01 * DEG),
+    "bias in turns only, 0.05 dps": lambda r, rng: in_turns(r, draw(rng, 0.05 * DEG)),
+    "bias in turns only, 0.006 dps": lambda r, rng: in_turns(r, draw(rng, 0.006 * DEG)),
 }
 
 
 @family("rates clipped at 150 dps")
 def _(r: Recording, rng: np.random.Generator) -> None:
     r.gyro = np.clip(r.gyro, -150 * DEG, 150 * DEG)
-
-
-@family("one-sided gain of 0.6 %")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro = r.gyro * (1 + draw(rng, 0.003) * np.sign(r.gyro))
-
-
-@family("dead zone of 0.1 dps in turns")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    zero = -np.linalg.solve(r.E, r.B)
-    r.gyro = zero + np.sign(r.gyro - zero) * np.maximum(np.abs(r.gyro - zero) - 0.1 * DEG * r.turning, 0)
-
-
-@family("bias in turns only, 0.05 dps")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro = r.gyro + draw(rng, 0.05 * DEG) * r.turning
 
 
 @family("bias steps 0.1 dps in the middle")
@@ -508,7 +522,12 @@ def recording_of(seed: int) -> Recording:
     t_s, temp_c = log.t_us * 1e-6, units.temperature_c(log.temp)
     assert temp_c is not None  # the simulated sensor has a thermometer
     turns = [(int(start), int(stop)) for start, stop in np.searchsorted(t_s, simulation.plan.turns)]
-    gyro, accel = log.gyro * units.gyro_rps, log.accel * units.accel_mps2
+    # A fraction of a step in place of what rounding took, or damages below a step would be rounded away.
+    rng = np.random.default_rng([seed, 1])
+    gyro, accel = (
+        (values + rng.uniform(-0.5, 0.5, values.shape)) * step
+        for values, step in ((log.gyro, units.gyro_rps), (log.accel, units.accel_mps2))
+    )
     return Recording(simulation, t_s, gyro, accel, temp_c, turns, simulation.unit.E, simulation.unit.B)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from session.io.errors import FormatError
 from session.io.registers import DEFAULT, RegisterUnits, profile_of
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
+from session.io.rows import Wanted
 from session.io.sensors.profile import CLOCK_WITHIN, Profile
 from session.io.toml import Note, read_toml
 from session.io.units import BEYOND, STANDARD_GRAVITY_MPS2
@@ -179,6 +180,8 @@ class Sensor:
     accel_mg_per_lsb: float | None = None
     temp_lsb_per_c: float | None = None
     temp_at_zero_c: float | None = None
+    rows: str | None = None  #: here and below: which rows of its logs are this sensor's (``session.io.rows.Wanted``)
+    where: str | None = None
     odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
 
     @property
@@ -207,6 +210,11 @@ class Sensor:
         own = None if self.profile is None else self.profile.clock_within
         within = CLOCK_WITHIN if own is None else own
         return NominalRate(self.odr_hz, within.value / np.sqrt(3), f"within {100 * within.value:g} %, {within.source}")
+
+    @property
+    def wanted(self) -> Wanted:
+        """The rows of its logs that are this sensor's."""
+        return Wanted(self.rows, self.where)
 
     @property
     def own_units(self) -> dict[str, float | None]:
@@ -393,6 +401,8 @@ SHAPE = Keys(
                 "temp_lsb_per_c": Number(1e-3, 1e5),
                 "temp_at_zero_c": Number(-300, 300),
                 "odr_sigma": Number(0, 0.5),
+                "rows": Text(),
+                "where": Text(),
             },
         ),
     },

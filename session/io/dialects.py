@@ -22,7 +22,8 @@ AXES = "x,y,z"
 class Answers:
     """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
 
-    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.
+    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where: the rows that are meant, as in
+    ``session.io.rows.Wanted``.
     """
 
     odr_hz: float | None = None
@@ -35,6 +36,8 @@ class Answers:
     gyro_axes: str = AXES
     accel_axes: str = AXES
     sensor: str | None = None
+    rows: str | None = None
+    where: str | None = None
 
 
 @dataclass(frozen=True)
@@ -287,6 +290,18 @@ DIALECTS = (
         signature=("loopiteration",),
         time_unit="us",
         frame="forward, left, up",
+    ),
+    # Of a text log, the rows of one kind: ``--rows IMU``.
+    Dialect(
+        "ArduPilot",
+        time=("timeus",),
+        gyro="gyr{}",
+        accel="acc{}",
+        temp="t",
+        time_unit="us",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="forward, right, down",
     ),
     # Two files, one for each sensor, or their like in one.
     Dialect("ST HSDatalog", time=("time",), gyro="g_{}", accel="a_{}", temp="temp", time_unit="s", frame="the sensor's own axes"),

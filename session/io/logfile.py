@@ -109,7 +109,7 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     Raises FormatError (what cannot be read: line and column are named) or DataError (a single sample).
     A last line that was cut off is left out and noted.  A log of another program is refused: ``replay`` makes it one of ours.
     """
-    reader = Reader(path, None)
+    reader = Reader(path, None, sensor.wanted)
     layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
     for rows in reader.pieces(as_written=True):
         assert rows.t_ns is not None  # a standard log without stamps was refused

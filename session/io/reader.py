@@ -15,8 +15,10 @@ from numpy.typing import DTypeLike
 from session.io.clock import exact_ns
 from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import DataError, FormatError
+from session.io.files import MB
 from session.io.lines import PIECE_BYTES, Lines
 from session.io.recognise import flagged, recognise, standard_layout
+from session.io.rows import Form, Rows, Wanted, Watch
 from session.io.units import NS, NS_PER_S, beyond_any_sensor, complaint
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -315,6 +317,8 @@ def unreadable(lines: list[str], layout: Layout) -> int | None:
 
 #: of text that is looked through for a header, from the first line that is neither blank nor a comment
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
+#: characters that are looked through for the first rows of one kind: a flight controller writes its formats and parameters first
+MOST_HEAD = 16 * MB
 #: characters in which a zero byte says that this is no text; further on it is a line that broke
 TEXT_BEGINS = 1000
 #: rows of one stamp, many times as many as the coarsest stamps, whole seconds, share at any sensor's rate
@@ -335,21 +339,26 @@ class Piece:
 class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
-    def __init__(self, path: Path, answers: Answers | None):
+    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None):
         """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
+        wanted: its rows that are meant, where that is not among the answers.
 
-        Raises FormatError for what cannot be read or recognised.
+        Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
         """
         self.path = path
         self.notes: list[str] = []
         self.comments: dict[str, str] = {}
         self._stream: Lines | None = None  # what can be read but once: a pipe, standard input
-        head = self._head()
+        wanted = wanted or (Wanted() if answers is None else Wanted(answers.rows, answers.where))
+        head = self._head(wanted)
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
         self.comments |= flagged(self.layout.names)
         self.notes += [self.layout.remark] if self.layout.remark else []
+        layout = self.layout
+        form = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line, layout.standard)
+        self._wanted, self._watch = Rows(wanted, form), Watch(Rows(wanted, form)(head[layout.first :]), form)
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
@@ -381,11 +390,15 @@ class Reader:
                 self.comments |= file.comments
                 if file.note and file.note not in self.notes:
                     self.notes.append(file.note)
-                piece = self._piece(lines[skip:], number + skip, last=not following)
+                rows = self._wanted(lines[skip:])
+                self._watch(rows)
+                piece = self._piece(rows, number + skip, last=not following)
                 if piece is not None:
                     self._require_time(piece, number + skip)
                     yield piece
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
+        if self._wanted.left_out:
+            self._note(f"{self._wanted.left_out} rows of other kinds or sensors: left out")
 
     def unrolled(self, stamps: np.ndarray) -> np.ndarray:
         """(N,) ns that go on, of all stamps (N,) ns as they were written: all of them together tell a counter from an epoch.
@@ -397,12 +410,15 @@ class Reader:
         except RowFault as wrong:
             raise FormatError(f"{self.path.name} line {self._line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
 
-    def _head(self) -> list[str]:
+    def _head(self, wanted: Wanted) -> list[str]:
         file = Lines(self.path)
         try:
             lines = file.take(HEAD_BYTES)
             while (first := _first_of_content(lines)) is None and (more := file.take(HEAD_BYTES)):
                 lines += more
+            found = wanted.count(lines) if wanted.word else HEAD_LINES
+            while found < HEAD_LINES and sum(map(len, lines)) < MOST_HEAD and (more := file.take(HEAD_BYTES)):
+                lines, found = lines + more, found + wanted.count(more)
         finally:
             if not file.once:
                 file.close()
@@ -412,7 +428,13 @@ class Reader:
             self._stream = file
         if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS]:
             raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8")
-        return lines if first is None else lines[: first + HEAD_LINES]
+        if wanted.word is None:
+            return lines if first is None else lines[: first + HEAD_LINES]
+        if not found:
+            raise FormatError(
+                f"{self.path.name}: no row begins with {wanted.word!r} (rows); give the word that the sensor's rows begin with"
+            )
+        return wanted.in_head(lines)
 
     def _counter_ns(self) -> int | None:
         """The period of the stamps' counter, ns; None where it does not wrap."""
@@ -462,7 +484,7 @@ class Reader:
         with Lines(self.path) as file:
             at, lines = 1, file.take()
             while lines:
-                for line in lines:
+                for line in self._wanted(lines):
                     if at >= number and at > self.layout.first and line.split("#")[0].strip():
                         if first == row:
                             return at

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from session.io.clock import find_clock
 from session.io.dialects import DELIMITERS, DIALECTS, Answers, Column, Dialect, Layout, Triad, from_columns, split, three
 from session.io.errors import FormatError
+from session.io.rows import FORMAT_WORD, Form, Rows, Wanted, Watch, refuse_kinds
 from session.io.units import STAMP_NS, Unit, endings, known, parse_unit
 
 # The header line of a standard log (FORMATS): raw registers, or units in the names.
@@ -146,6 +147,8 @@ Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column
 
 def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
     """The layout of a file that begins with these lines.  Raises FormatError, which names the option to give."""
+    if answers.rows is None:
+        refuse_kinds([line for line in lines if line.strip()], Form(name, None, (), (), header_line="not known yet"))
     if answers.columns is not None:
         delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
         return _layout(name, "other", delimiter, first, names, wanted, answers, "", lines)
@@ -192,7 +195,7 @@ def _matches(lines: list[str]) -> Iterator[Match]:
             continue
         for delimiter in DELIMITERS:
             names = split(line, delimiter)
-            if len(names) < 2:
+            if len(names) < 2 or names[0] == FORMAT_WORD:
                 continue
             if not line.lstrip().startswith("#") and _is_own(names):
                 yield (9, -number), number, delimiter, None, {}, names
@@ -289,8 +292,11 @@ def _layout(
     time_unit = answers.time_unit or time_unit
     clock = None
     if time_column is None and answers.time_unit != "none":
-        rows = [line.split(delimiter) for line in lines[first:] if line.split("#")[0].strip()]
         read = {column for column, _, _ in columns.values()}
+        form = Form(name, delimiter, names, read, lines[first - 1].strip() if first else "")
+        mine = Rows(Wanted(answers.rows, answers.where), form)(lines[first:])
+        Watch(mine, form)  # two sensors in turn have no clock that rises steadily
+        rows = [line.split(delimiter) for line in mine if line.split("#")[0].strip()]
         clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name)
     if clock is not None:
         time_column, time_unit = clock.column, clock.unit

@@ -81,7 +81,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
 
     Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean anything).
     """
-    reader = Reader(path, None)
+    reader = Reader(path, None, sensor.wanted)
     blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
     repeated, steps_s, has_temperature = 0, [], False
     for samples, left_out in _pieces(reader, sensor):

@@ -333,6 +333,8 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:
     units = (answers.time_unit, answers.gyro_unit, answers.accel_unit)
+    if answers.rows or answers.where:
+        return False
     return reader.layout.dialect == OWN and answers.gyro_axes == answers.accel_axes == AXES and units == (None, None, None)
 
 

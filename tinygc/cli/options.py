@@ -118,6 +118,8 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
     asked.add_argument("--gyro-unit", metavar="UNIT", help="dps, mdps, rad/s, lsb, or one count: 0.061dps")
     asked.add_argument("--accel-unit", metavar="UNIT", help="g, mg, m/s2, lsb, or one count: g/2048")
     asked.add_argument("--columns", metavar="LIST", help="of any other CSV: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME")
+    asked.add_argument("--rows", metavar="WORD", help="of several kinds of rows: those that begin with this word, or have so many columns")
+    asked.add_argument("--where", metavar="NAME=VALUE", help="of several sensors' rows: those with this value in a column: I=0")
     asked.add_argument("--gyro-axes", default="x,y,z", metavar="X,Y,Z", help="the log's axes that become x,y,z: y,-x,z")
     asked.add_argument(
         "--accel-axes", default="x,y,z", metavar="X,Y,Z", help="the same for the accelerometer; -x,-y,-z if it shows gravity"
@@ -128,5 +130,5 @@ def answers_of(args: argparse.Namespace) -> Answers:
     """Return ``session.io.dialects.Answers`` of the options."""
     from session.io.dialects import Answers
 
-    same_name = ("time_unit", "gyro_unit", "accel_unit", "columns", "gyro_axes", "accel_axes", "sensor")
+    same_name = ("time_unit", "gyro_unit", "accel_unit", "columns", "gyro_axes", "accel_axes", "sensor", "rows", "where")
     return Answers(odr_hz=args.odr, gyro_fs_dps=args.gyro_fs, accel_fs_g=args.accel_fs, **{name: getattr(args, name) for name in same_name})

@@ -107,7 +107,11 @@ class Steps:
 
 def steps_of(session: Session, log: int) -> Steps:
     """Steps of one log: a register's, or estimated from the values of a log in physical units."""
-    layout, samples, sensor = Reader(session.logs[log].path, None).layout, session.logs[log].samples, session.config.sensor
+    layout, samples, sensor = (
+        Reader(session.logs[log].path, None, session.config.sensor.wanted).layout,
+        session.logs[log].samples,
+        session.config.sensor,
+    )
     gyro_raw, accel_raw = (triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
     return Steps(
         sensor.register_units.gyro_rps if gyro_raw else _step(samples.gyro),

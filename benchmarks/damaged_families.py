@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -33,7 +34,8 @@ class Recording:
 
     t_s (N,), gyro rad/s and accel m/s^2 (N, 3) as measured, temp_c (N,); turns: rows (start, stop) of each; E (3, 3), B (3,) rad/s: the
     truth.  session.toml is written from simulation; calibrated: whether it holds the accelerometer's calibration; stated_fs_dps: another
-    full scale than the true one; units of the columns, None for registers; comment of the log; dials: damage to the readings (stills, 3)
+    full scale than the true one; units of the columns, None for registers; comment of the log; run_began_s: another first stamp of the
+    closure run, where there is one; dials: damage to the readings (stills, 3)
     in degrees, where there are any; edit: damage to the written rows.
     """
 
@@ -49,6 +51,7 @@ class Recording:
     stated_fs_dps: float | None = None
     units: str | None = None
     comment: str = ""
+    run_began_s: float | None = None
     dials: Callable[[np.ndarray], None] | None = None
     edit: Callable[[list[str], np.random.Generator], list[str]] | None = None
 
@@ -485,9 +488,33 @@ def _(r: Recording, rng: np.random.Generator) -> None:
     tilt(r, back, (1.0, 0.0, 0.0))
 
 
-# What a person enters.
+@family("one rest turns at 0.3 dps about the vertical")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    start, stop = r.rests[5]
+    tilt(r, np.clip(np.arange(len(r.t_s)) - start, 0, stop - start) * 0.3 * DEG * np.median(np.diff(r.t_s)), (0.0, 0.0, 1.0))
+
+
+@family("shaken hard at the end, beyond the full scale")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    rows = np.arange(round(20 / np.median(np.diff(r.t_s))))
+    since = rows / len(rows) * 20
+    wave = np.stack([np.sin(2 * np.pi * (hz * since + phase)) for hz, phase in ((1.9, 0.1), (2.3, 0.6), (3.1, 0.3))], axis=1)
+    r.t_s = np.concatenate([r.t_s, r.t_s[-1] + (rows + 1) * np.median(np.diff(r.t_s))])
+    r.gyro = np.concatenate([r.gyro, 900 * DEG * wave])
+    r.accel = np.concatenate([r.accel, r.accel[-1] + 2 * G * wave[:, ::-1]])
+    r.temp_c = np.concatenate([r.temp_c, r.temp_c[-1] + 0 * rows])
+
+
+# What a person enters, and the closure run.
+
+
+@family("closure run's clock starts at 0")
+def _(r: Recording, rng: np.random.Generator) -> None:
+    r.run_began_s = 0.0
+
 
 FAMILIES |= {
+    "closure run": lambda r, rng: None,
     "latitude of the wrong sign": lambda r, rng: r.options(latitude_deg=-r.simulation.options.latitude_deg),
     "gravity wrong by 0.5 %": lambda r, rng: r.options(gravity_mps2=9.84),
 }
@@ -509,37 +536,43 @@ FAMILIES |= {
 # From a simulation to a recording, and from a recording to a folder.
 
 
-@lru_cache(maxsize=2)
-def simulated(seed: int) -> Simulation:
+#: families that need a closure run, and how long it is, s
+CLOSURE_S = {"closure run": 30.0, "closure run's clock starts at 0": 30.0}
+
+
+@lru_cache(maxsize=4)
+def simulated(seed: int, closure_s: float) -> Simulation:
     """The session that the families damage: 16 turns; 104 Hz or 208 Hz."""
-    return simulate_session(SimulationOptions(seed=seed, segments=16, closure_s=0.0, odr_hz=(104.0, 208.0)[seed % 2]))
+    return simulate_session(SimulationOptions(seed=seed, segments=16, closure_s=closure_s, odr_hz=(104.0, 208.0)[seed % 2]))
 
 
-def recording_of(seed: int) -> Recording:
-    """It as a recording, undamaged."""
-    simulation = simulated(seed)
+def damaged(name: str, seed: int) -> tuple[Recording, np.random.Generator]:
+    """A family's recording, and what further draws of its damage come from."""
+    simulation, rng = simulated(seed, CLOSURE_S.get(name, 0.0)), np.random.default_rng([seed, zlib.crc32(name.encode())])
     units, log = simulation.options.register_units, simulation.log
     t_s, temp_c = log.t_us * 1e-6, units.temperature_c(log.temp)
     assert temp_c is not None  # the simulated sensor has a thermometer
     turns = [(int(start), int(stop)) for start, stop in np.searchsorted(t_s, simulation.plan.turns)]
     # A fraction of a step in place of what rounding took, or damages below a step would be rounded away.
-    rng = np.random.default_rng([seed, 1])
+    fraction = np.random.default_rng([seed, 1])
     gyro, accel = (
-        (values + rng.uniform(-0.5, 0.5, values.shape)) * step
+        (values + fraction.uniform(-0.5, 0.5, values.shape)) * step
         for values, step in ((log.gyro, units.gyro_rps), (log.accel, units.accel_mps2))
     )
-    return Recording(simulation, t_s, gyro, accel, temp_c, turns, simulation.unit.E, simulation.unit.B)
+    r = Recording(simulation, t_s, gyro, accel, temp_c, turns, simulation.unit.E, simulation.unit.B)
+    FAMILIES[name](r, rng)
+    return r, rng
 
 
 def write(r: Recording, folder: Path, rng: np.random.Generator) -> None:
     """The session folder of a damaged recording."""
-    options, units = r.simulation.options, simulated(r.simulation.options.seed).options.register_units
+    options, units, run = r.simulation.options, r.simulation.options.register_units, r.simulation.closure
     if r.units is None:
         header = "t_us,gx,gy,gz,ax,ay,az,temp"
         gyro = registers_of(r.gyro, options.gyro_fs_dps * DEG, units.gyro_rps)
         accel = registers_of(r.accel, options.accel_fs_g * G, units.accel_mps2)
         temp = np.rint(units.temperature_lsb(r.temp_c, len(r.t_s)))
-        table, row = np.column_stack([np.rint(r.t_s * 1e6), gyro, accel, temp]), "%d,%d,%d,%d,%d,%d,%d,%d"
+        table, row = np.column_stack([np.rint(r.t_s * 1e6), gyro, accel, temp]), ",".join(["%d"] * 8)
     else:
         columns, rate, force = UNITS[r.units]
         header, row = f"t_us,{columns},temp_c", "%d" + ",%.6f" * 7
@@ -547,6 +580,10 @@ def write(r: Recording, folder: Path, rng: np.random.Generator) -> None:
     rows = [row % tuple(values) for values in table.tolist()]
     rows = rows if r.edit is None else r.edit(rows, rng)
     (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
+    if run is not None:
+        t_us = run.t_us if r.run_began_s is None else run.t_us - run.t_us[0] + round(r.run_began_s * 1e6)
+        rows = [",".join(map(str, values)) for values in np.column_stack([t_us, run.gyro, run.accel, run.temp]).tolist()]
+        (folder / "closure0001.csv").write_text("\n".join(["t_us,gx,gy,gz,ax,ay,az,temp", *rows, ""]))
     text = config_text(r.simulation, concealed=False, calibrated=r.calibrated)
     if r.stated_fs_dps is not None:
         text = text.replace(f"gyro_fs_dps = {options.gyro_fs_dps:g}", f"gyro_fs_dps = {r.stated_fs_dps:g}")

@@ -13,14 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-import zlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from common import in_parallel, markdown
-from damaged_families import FAMILIES, recording_of, write
+from damaged_families import FAMILIES, damaged, write
 
 from session.io.errors import CalibrationError
 from tinygc.closure.uncertainty import MISMATCH_P
@@ -58,8 +57,7 @@ def one_case(job: tuple[str, int]) -> dict:
     from tinygc import check, fit
 
     name, seed = job
-    rng, r = np.random.default_rng([seed, zlib.crc32(name.encode())]), recording_of(seed)
-    FAMILIES[name](r, rng)
+    r, rng = damaged(name, seed)
     case: dict = {"family": name, "seed": seed, "z": None, "z_combined": None, "widening": None}
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
         folder = Path(parent) / "damaged"

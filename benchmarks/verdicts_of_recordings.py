@@ -176,7 +176,7 @@ def verdict_of(command: str, code: int, table: dict) -> str:
     """A command's verdict in a word: its own, or what ``fit`` of a version without one says to use."""
     if code not in (0, 1):
         return "refused" if code == 2 else "crashed"
-    word = table.get("answer" if command in ("fit", "report") else "verdict")
+    word = table.get("answer", table.get("verdict"))
     if word is None and command == "fit" and "use" in table:
         word = "use " + (table["use"]["method"] or "none").replace("_", " ")
     if word is None and "split" in table:

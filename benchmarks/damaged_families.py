@@ -99,9 +99,15 @@ class Recording:
 
     def leave_uncalibrated(self) -> None:
         """Take that calibration away.  Gravity is then seen in the accelerometer's own triad: x along its x, y in its x-y plane."""
-        triad, _ = np.linalg.qr(self.simulation.unit.accel_matrix)
-        triad = triad * np.sign(np.diag(triad.T @ self.simulation.unit.accel_matrix))
-        self.calibrated, self.E, self.B = False, triad.T @ self.E, triad.T @ self.B
+        self.calibrated = False
+        self.see_gravity_from(np.eye(3))
+
+    def see_gravity_from(self, given: np.ndarray) -> None:
+        """Let the truth be that of a fit which mends a given matrix (3, 3) of the accelerometer by an upper triangular one."""
+        mending = self.simulation.unit.accel_matrix @ np.linalg.inv(given)
+        turn, _ = np.linalg.qr(mending)
+        turn = turn * np.sign(np.diag(turn.T @ mending))
+        self.E, self.B = turn.T @ self.E, turn.T @ self.B
 
 
 # The families.  Each changes a recording in place.
@@ -286,14 +292,15 @@ def late(values: np.ndarray, t_s: np.ndarray, delay_s: float) -> np.ndarray:
     return np.stack([np.interp(t_s - delay_s, t_s, column) for column in values.T], axis=1)
 
 
-@family("rates 20 ms late")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro = late(r.gyro, r.t_s, 0.02)
+def hear_late(r: Recording, delay_s: float) -> None:
+    """Let the rates come late."""
+    r.gyro = late(r.gyro, r.t_s, delay_s)
 
 
-@family("rates 2 ms late")
-def _(r: Recording, rng: np.random.Generator) -> None:
-    r.gyro = late(r.gyro, r.t_s, 0.002)
+FAMILIES |= {
+    "rates 2 ms late": lambda r, rng: hear_late(r, 0.002),
+    "rates 20 ms late": lambda r, rng: hear_late(r, 0.02),
+}
 
 
 @family("one rate 5 ms late")
@@ -422,7 +429,9 @@ def _(r: Recording, rng: np.random.Generator) -> None:
 
 @family("accelerometer's given scale wrong by 1 %")
 def _(r: Recording, rng: np.random.Generator) -> None:
-    r.pre_calibration(accel_matrix=r.simulation.unit.accel_matrix @ np.diag(1 + draw(rng, 0.01)))
+    given = r.simulation.unit.accel_matrix @ np.diag(1 + draw(rng, 0.01))
+    r.see_gravity_from(given)  # the fit finds it wrong
+    r.pre_calibration(accel_matrix=given)
 
 
 @family("accelerometer's zero 10 mg from the given")

@@ -53,6 +53,8 @@ def _line(text, number, line):
     [
         lambda text: "\ufeff" + text,
         lambda text: text.replace("\n", "\r\n"),
+        lambda text: text.replace("\n", "\0\n"),
+        lambda text: text.replace("\n", "\0\r\n"),
         lambda text: text.replace("\n", ",\n"),
         lambda text: text.rstrip("\n"),
         lambda text: "\n\n" + text.replace("\n", "\n\n"),
@@ -67,6 +69,8 @@ def _line(text, number, line):
     ids=[
         "bom",
         "crlf",
+        "terminated",
+        "terminated crlf",
         "trailing comma",
         "no last newline",
         "blank lines",

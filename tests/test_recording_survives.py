@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 from processes import PATIENCE_S, until
 from recording_wires import caught_up, make_wire, record, replayed
-from streams import decode, frame_list, samples, sent
+from streams import decode, frame_list, line_list, samples, sent
 
 from session.bench import rawfile
 from session.bench.events import SampleChunk
 from session.bench.logwriter import LogWriter
-from session.bench.rawfile import RawFile, read_marks
+from session.bench.rawfile import RawFile, read_events, read_marks, said_cut
 from session.bench.recorder import Recorder
 from session.io.errors import StorageError
+from session.replay.convert import convert_raw
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from full_disk import FullDisk
@@ -176,3 +177,27 @@ def test_marks_survive_a_torn_line(tmp_path):
         (20_000_000, 6, ""),
         (99, 6, "open"),
     ]
+
+
+def test_a_raw_file_that_was_cut_is_noticed_and_what_is_gone_decides_nothing(tmp_path, wire):
+    """Once, in a line; what was decided behind the cut is void, also in every replay to come."""
+    raw = RawFile(tmp_path)
+    lines = line_list(*sent(3000))
+    for number, event in ((1000, "begin log0001"), (2000, "pause"), (3000, "note later")):
+        raw.append(number, b"".join(lines[number - 1000 : number]))
+        raw.mark(number, event)
+    raw.close()
+    whole = raw.path.stat().st_size
+    assert not said_cut(raw.path)
+    kept = len(b"".join(lines[:1500]))
+    os.truncate(raw.path, kept)
+    notes = convert_raw(raw.path, tmp_path / "replayed", 208.0, 500.0, 4.0, "ASM330LHH").notes
+    recorder = Recorder(tmp_path, wire[1])
+    words = recorder.raw.cut
+    caught_up(recorder)
+    recorder.close()
+    assert words in notes
+    assert f"{whole - kept} bytes are missing from its end: it holds {kept}" in words
+    assert "\n" not in words
+    assert [mark.event for mark in read_events(raw.path) if not mark.event.startswith(("open", "close"))] == ["begin log0001"]
+    assert not said_cut(raw.path)

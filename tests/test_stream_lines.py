@@ -56,6 +56,32 @@ def test_two_halves_of_lines_that_look_whole_do_not_enter():
         assert sum(len(event) for event in events if isinstance(event, SampleChunk)) >= 296
 
 
+@pytest.mark.parametrize("end", ["\0\n", "\0\r\n"])
+@pytest.mark.parametrize("header", [False, True])
+def test_a_strings_terminator_before_the_lines_end_is_no_damage(end, header):
+    """However the bytes are divided.  The first line alone shows no such habit, and may be half a line before a frame."""
+    t_us, registers = sent(300)
+    lines = ([f"t_us,gx,gy,gz,ax,ay,az,temp{end}".encode()] if header else []) + line_list(t_us, registers, end)
+    first = 0 if header else 1
+    data = b"".join(lines)
+    for cuts in (None, range(1, len(data)), [len(b"".join(lines[:100])) - 1], [len(b"".join(lines[:100])) - len(end)]):
+        decoder, events = decode(data, cuts)
+        assert same(events, t_us[first:], registers[first:])
+        assert decoder.garbage == len(lines[0])
+
+
+def test_half_a_line_before_a_zero_byte_stays_none():
+    """A zero byte and a line's end once, among lines that end otherwise: what was before it may have lost its end."""
+    t_us, registers = sent(300)
+    lines = line_list(t_us, registers)
+    lines[150] = lines[150][:-2] + b"\0\n"
+    _, events = decode(b"".join(lines))
+    assert strangers(events, t_us, registers) == 0
+    got_us, _ = samples(events)
+    assert t_us[150] not in got_us
+    assert len(got_us) >= 298
+
+
 def test_megabytes_of_nothing_need_no_memory():
     decoder = StreamDecoder()
     for byte in (b"\xff", b"7", b"\0", b"\n", b","):

@@ -116,6 +116,24 @@ def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, le
     return (None, 0) if first == len(places) else (first, begin)
 
 
+def behind_terminators(codes: np.ndarray, ends: np.ndarray, behind_zero: bool, behind_terminator: bool) -> np.ndarray:
+    """Whether each of the lines that end at ``ends``, and what is behind the last, begins right behind a zero byte and a line's end.
+
+    Returns (k + 1,) bool.  behind_zero, behind_terminator: what is before codes (n,) uint8.
+    """
+    starts = np.concatenate([[0], ends + 1])
+    behind = np.concatenate([[behind_zero], codes[ends] == 0])[:-1]
+    length = ends - starts[:-1]
+    blank = (length == 0) | ((length == 1) & (codes[starts[:-1]] == 13)) if len(ends) else behind
+    return np.concatenate([[behind_terminator], behind & blank & (codes[ends] == 10)])
+
+
+def before_line_ends(codes: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Whether a line's end follows each of the delimiters (k,): the next byte, or the one behind a carriage return."""
+    following = np.concatenate([codes, np.zeros(2, np.uint8)])
+    return (following[ends + 1] == 10) | ((following[ends + 1] == 13) & (following[ends + 2] == 10))
+
+
 #: bytes decoded at once: few behind a change of mode, since another may follow, then twice as many each time
 NARROW, WIDE = 1024, 65_536
 
@@ -141,6 +159,7 @@ class StreamDecoder:
         self._place = 0  # bytes of this connection before what is kept
         self._torn = False  # without a mode: what is kept begins within a line
         self._behind_zero = False  # in text: a zero byte is right before what is kept
+        self._behind_terminator = False  # a zero byte and a line's end are
         self._skipping = False  # in frames: bytes up to the next zero byte are garbage
         self._remarks, self._changes, self._board = RemarkBudget(), ModeChangeBudget(), BoardMessageFilter()
         self._text_lines = LineReader(self._header, self._remarks)
@@ -182,7 +201,7 @@ class StreamDecoder:
         whole = self._buffer.rfind(b"\n") + 1 if self.mode == "text" else 0
         if whole:  # short lines that might have been the beginning of a frame
             self._lines(self._buffer[:whole].replace(b"\0", b"\n"), None, out)
-        self._garbage(len(self._buffer) - whole, out)
+        self._garbage(len(self._buffer) - whole if self._buffer[whole:].strip(b"\0") else 0, out)
         self._pass_on(self._continuity.finish(), out)
         self._add(self._steps.finish(), out)
         self._begin()
@@ -198,23 +217,30 @@ class StreamDecoder:
         zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
         lines = np.concatenate([[0], places + 1])
         frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
-        worth = classify_lines(codes, lines[:-1], places)[1] & ~is_zero & (places - lines[:-1] <= LONGEST_LINE)
+        terminators = behind_terminators(codes, places, self._behind_zero, self._behind_terminator)
+        whole = ~is_zero | (terminators[:-1] & before_line_ends(codes, places))
+        worth = classify_lines(codes, lines[:-1], places)[1] & whole & (places - lines[:-1] <= LONGEST_LINE)
         if self._torn:
             worth[:1] = False
         for k in np.flatnonzero(worth[:frame]).tolist():
             if self._text_lines.is_line(block[lines[k] : places[k]].rstrip(b"\r")):
+                self._behind_terminator = bool(terminators[k])
                 return self._found("text", int(lines[k]), out)
         if frame is not None:
             return self._found("frames", begin, out)
-        keep = max(int(min(zeros[-1], lines[-1])), len(block) - LONGEST_LINE - 1)
+        last = int(np.searchsorted(places, len(block.rstrip(b"\r")) - 1)) if block.endswith((b"\0", b"\0\r")) else len(places)
+        keep = max(int(min(zeros[-1], lines[last])), len(block) - LONGEST_LINE - 1)
         self._garbage(keep, out)
         if keep:
             self._torn = block[keep - 1] not in b"\0\n"
+            self._behind_zero = block[keep - 1] == 0
+            self._behind_terminator = keep == lines[last] and bool(terminators[last])
         return keep, False
 
     def _found(self, mode: str, begin: int, out: EventCollector) -> tuple[int, bool]:
         self._garbage(begin, out)
         self.mode, self._behind_zero, self._torn = mode, False, False
+        self._behind_terminator &= mode == "text"
         return begin, True
 
     def _frames(self, block: bytes, out: EventCollector) -> tuple[int, bool]:
@@ -291,8 +317,9 @@ class StreamDecoder:
     def _text(self, block: bytes, out: EventCollector) -> tuple[int, bool]:
         """Lines.  A zero byte ends what is before it, as a line's end does.
 
-        Behind a line's end it is ignored (firmware that sends ``sizeof`` a string).  Behind anything else, what it ends is no line; or it
-        is a frame, and the mode changes.
+        Behind a line's end it is ignored (firmware that sends ``sizeof`` a string), and before one where the line before ended so as well
+        (a string's terminator, then the line's end).  Behind anything else, what it ends is no line; or it is a frame, and the mode
+        changes.
         """
         whole = block.rfind(b"\n") + 1
         if not self._behind_zero and b"\0" not in block:
@@ -300,6 +327,7 @@ class StreamDecoder:
             if len(block) - whole <= LONGEST_LINE and not (np.diff(ends, prepend=-1) > LONGEST_LINE + 1).any():
                 if whole:
                     self._lines(block[:whole], None, out)
+                    self._behind_terminator = False
                 return whole, False
         codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero((codes == 10) | (codes == 0))
@@ -316,8 +344,12 @@ class StreamDecoder:
             last_zero = int(zeros[-1])
             used = last_zero if len(block) - last_zero <= frames.SAMPLE_BYTES else int(starts[-1])
             count = int(np.searchsorted(ends, used))
+            if block.endswith((b"\0", b"\0\r")):  # what follows decides what the zero byte is
+                count = min(count, int(np.searchsorted(ends, len(block.rstrip(b"\r")) - 1)))
+                used = int(starts[count])
+        terminators = behind_terminators(codes, ends, self._behind_zero, self._behind_terminator)
         if count:
-            torn = (is_zero & (lengths > 0)) | (lengths > LONGEST_LINE)
+            torn = (is_zero & (lengths > 0) & ~(terminators[:-1] & before_line_ends(codes, ends))) | (lengths > LONGEST_LINE)
             self._lines(block[: starts[count]].replace(b"\0", b"\n"), torn[:count], out)
         if frame is None and (dropped := len(block) - LONGEST_LINE - 1) > used:
             self._garbage(dropped - used, out)
@@ -326,7 +358,9 @@ class StreamDecoder:
             self._garbage(begin - int(starts[count]), out)
             self.mode = "frames"
             self._changes.change(self._place + int(ends[frame]))
-        self._behind_zero = frame is None and (used == int(zeros[-1]))
+        if used:
+            self._behind_zero = frame is None and block[used - 1] == 0
+            self._behind_terminator = frame is None and used == int(starts[count]) and bool(terminators[count])
         return used, frame is not None
 
     def _lines(self, block: bytes, torn: np.ndarray | None, out: EventCollector) -> None:

@@ -2,7 +2,8 @@
 
 ``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text, ``host_ns,bytes,event``: at
 host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with wall-clock time and port),
-``close``, and decisions at the table (``RecordingDecision``).  A write goes straight to the operating system, so a killed process loses
+``close``, decisions at the table (``RecordingDecision``), and ``cut``: bytes that were noted before were gone when the recording
+went on, so their events are void.  A write goes straight to the operating system, so a killed process loses
 nothing; twice a second it is forced to the disk, against a power failure.  ``raw.bin`` is locked against other writers.  Files that are
 removed during a recording are saved under another name.
 """
@@ -157,6 +158,10 @@ NOT_KEPT = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EIO)
 LONGEST_MARK = 1 << 16
 #: largest number of decisions and openings of a port in one recording
 MOST_EVENTS = 100_000
+#: event of a recording that went on behind bytes that are gone
+CUT = "cut"
+#: bytes of raw.times that tell how much had come
+TAIL = 2 * LONGEST_MARK
 #: arrival times closer together than this share a line
 TIME_STEP_NS = 10_000_000
 
@@ -180,6 +185,7 @@ class RawFile:
         self.path = folder / RAW  #: of the bytes
         self.trouble: StorageError | None = None  #: once received bytes are not, or not only, where they should be
         self.saved: Path | None = None  #: the folder where they are instead
+        self.cut = ""  #: what is missing from the end of the file that was there
         self._failed: StorageError | None = None
         self._discarded = False
         self._missed = 0  # successive checks in which the files were missing
@@ -211,6 +217,9 @@ class RawFile:
         os.lseek(self._times, -1, os.SEEK_END)
         if os.read(self._times, 1) != b"\n":  # a process was killed while it wrote a line
             self._write(self._times, b"\n")
+        if words := said_cut(self.path):
+            self.cut = words
+            self._write(self._times, f"{time.monotonic_ns()},{self.size},{CUT}\n".encode())
 
     def _locked(self) -> int:
         """Open and lock the raw file; another process may remove it between the two."""
@@ -335,8 +344,8 @@ class RawFile:
         self.trouble = StorageError(f"{what}, and {why}")
 
 
-def read_marks(raw_path: Path) -> Iterator[Mark]:
-    """The marks of a raw file in the order of ``raw.times``, line by line: a day has millions.
+def read_marks(raw_path: Path, last: int | None = None) -> Iterator[Mark]:
+    """The marks of a raw file in the order of ``raw.times``, line by line: a day has millions.  last: only those in so many last bytes.
 
     There are none without that file.  Truncated lines are skipped; a line that is too long ends the file.
     """
@@ -344,6 +353,9 @@ def read_marks(raw_path: Path) -> Iterator[Mark]:
     if not path.exists():
         return
     with open_file(path) as file:
+        if last is not None and path.stat().st_size > last:
+            file.seek(-last, os.SEEK_END)
+            file.readline(LONGEST_MARK)
         while (line := file.readline(LONGEST_MARK)).endswith(b"\n"):
             cells = line[:-1].decode(errors="replace").split(",", 2)
             if len(cells) == 3 and all(cell.isascii() and cell.isdigit() and len(cell) < 20 for cell in cells[:2]):
@@ -352,10 +364,25 @@ def read_marks(raw_path: Path) -> Iterator[Mark]:
 
 def read_events(raw_path: Path) -> list[Mark]:
     """The marks that are events.  FormatError for more than ``MOST_EVENTS``."""
-    events = list(itertools.islice((mark for mark in read_marks(raw_path) if mark.event), MOST_EVENTS + 1))
-    if len(events) > MOST_EVENTS:
-        raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
+    events: list[Mark] = []
+    for number, mark in enumerate(mark for mark in read_marks(raw_path) if mark.event):
+        if number >= MOST_EVENTS:
+            raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
+        events = [each for each in events if each.offset <= mark.offset] if mark.event == CUT else [*events, mark]
     return sorted(events, key=lambda mark: mark.offset)
+
+
+def said_cut(raw_path: Path) -> str:
+    """That a raw file holds fewer bytes than ``raw.times`` noted last, in one line; empty where it holds them."""
+    noted, size = 0, raw_path.stat().st_size
+    for mark in read_marks(raw_path, TAIL):
+        noted = mark.offset if mark.event == CUT else max(noted, mark.offset)
+    if noted <= size:
+        return ""
+    return (
+        f"{raw_path}: {noted - size} bytes are missing from its end: it holds {size}, and {noted} had come by {raw_path.stem}.times "
+        "(it was cut, or the power failed); what it holds is used"
+    )
 
 
 # Decisions at the table, each an event in ``raw.times``, so that a replay repeats them at the same byte.

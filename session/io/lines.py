@@ -37,6 +37,7 @@ MOST_WORDS = 1000
 ROW = re.compile(r"^[^\S\n]*[^\s#]", re.M)
 #: ``key=value``; from the beginning of a word, or a long word without = would be looked at from each of its letters
 WORD = re.compile(r"\b(\w++)=(\S+)")
+TERMINATED = re.compile("\0+(?=\n)")
 COMMENT = re.compile(r"^[^\S\n]*+#(.*)$", re.M)
 
 
@@ -86,6 +87,8 @@ class Lines:
                 self._refuse_line("".join(parts))
             self._require_rows(part)
         text = "".join(parts)
+        if "\0\n" in text:  # a string's terminator before the line's end
+            text = TERMINATED.sub("", text)
         whole, _, self._rest = (text, "", "") if self._ended else text.rpartition("\n")
         self._heed(whole)
         lines = (whole.removesuffix("\n") if self._ended else whole).split("\n") if text else []

@@ -13,6 +13,7 @@ import numpy as np
 from session.bench.decoder import StreamDecoder
 from session.bench.frames import cannot_be_told
 from session.bench.logwriter import FOREIGN, LogWriter, said_not_logged
+from session.bench.rawfile import said_cut
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, UNKNOWN, SessionFile
 from session.detect.findings import Finding
@@ -495,6 +496,7 @@ def convert_raw(
         notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
     if logs.not_logged:
         notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
+    notes += [words] if (words := said_cut(raw_path)) else []
     notes += [ASSUMED] * assumed
     next_steps = (command_line("check", out), command_line("fit", out))
     return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)

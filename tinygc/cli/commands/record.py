@@ -194,6 +194,8 @@ def _led(
     if announce:
         _say_what_was_asked(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
+    if recorder.raw.cut:
+        print(recorder.raw.cut, file=sys.stderr)
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)

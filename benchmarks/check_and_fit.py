@@ -30,7 +30,7 @@ SUNDEVIL = """schema = "tinygc-session/1"
 [sensor]
 model = "unknown"
 odr_hz = 20.0
-gyro_fs_dps = 250
+gyro_fs_dps = {full_scale_dps:g}
 accel_fs_g = 16
 """
 
@@ -59,13 +59,15 @@ def sessions_of(name: str, shared: Path, made: Path) -> Iterator[Job]:
         yield from jobs_of(name, shared, made)
 
 
-def write_sundevil(source: Path, folder: Path) -> Path:
-    """A session folder of one of the board's files, as its authors read it: ±250 dps."""
+def write_sundevil(source: Path, folder: Path, factor: float = 1.0) -> Path:
+    """A session folder of one of the board's files, as its authors read it, ±250 dps; or with rates and full scale times a factor."""
     folder.mkdir(parents=True)
-    rows = [line.split("\t") for line in source.read_text(encoding="utf-8").splitlines() if line.strip()]
-    lines = ["t_s,ax_mps2,ay_mps2,az_mps2,gx_dps,gy_dps,gz_dps", *(",".join(cell.strip() for cell in row[:7]) for row in rows)]
+    lines = ["t_s,ax_mps2,ay_mps2,az_mps2,gx_dps,gy_dps,gz_dps"]
+    for line in source.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.split("\t")[:7]]
+        lines.append(",".join([*cells[:4], *(repr(factor * float(cell)) for cell in cells[4:])]))
     (folder / "log0001.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (folder / "session.toml").write_text(SUNDEVIL, encoding="utf-8")
+    (folder / "session.toml").write_text(SUNDEVIL.format(full_scale_dps=250 * factor), encoding="utf-8")
     return folder
 
 

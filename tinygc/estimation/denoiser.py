@@ -513,7 +513,8 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     """Fit the calibration of ``tinygc``, unless it is among ``before``, and the denoiser after it.
 
     The denoiser is trained on all segments, then on all but each fold with that fold's calibration, which excludes it as well.  A fold's
-    search begins at the best smoothing weights, which were fitted to all rates, but to no attitude.
+    search begins at the best smoothing weights, which were fitted to all rates, but to no attitude.  Raises FitError where no still is as
+    long as its window.
     """
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
@@ -521,6 +522,9 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     if not material.stills or problem.session.truths is not None:
         # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
         how = replace(how, loss="endpoint")
+    elif (longest := max(map(len, material.stills))) <= REACH and how.loss != "endpoint":
+        window_s, still_s = (REACH + 1) / material.rate_hz, longest / material.rate_hz
+        raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
     steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
     trained = train_denoiser(
@@ -549,12 +553,11 @@ def figures(material: Material, model: DenoisedNet) -> dict:
     """Return the figures for the user: noise_reduction (3,), the factor by which the standard deviation in the stills falls (None where no
     still is as long as the window); delay_s; delay_samples."""
     before, after = [], []
-    for still in material.stills:
+    for still in (each for each in material.stills if len(each) > model.denoiser.reach + 1):
         rate = model.calibration(still)
         filtered = model.denoiser.windowed(rate)
-        if len(filtered) > 1:
-            before.append(rate[model.denoiser.reach :] - rate.mean(axis=0))
-            after.append(filtered - filtered.mean(axis=0))
+        before.append(rate[model.denoiser.reach :] - rate.mean(axis=0))
+        after.append(filtered - filtered.mean(axis=0))
     ratio = None
     if before:
         ratio = (np.concatenate(before).std(axis=0) / np.concatenate(after).std(axis=0)).tolist()

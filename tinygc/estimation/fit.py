@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.io.annexes import need
-from session.io.errors import SegmentError
+from session.io.errors import DataError, FitError, SegmentError
 from session.io.folder import Session, input_hashes, read_session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import GYROSCOPE, Problem
@@ -89,7 +89,7 @@ def fit_session(
         noise = stated_noise(problem)
         progress("lot", 0, 1)
         bias_from, level, linear, use = lots.fit_with_lot(problem, options, given, noise)
-    fits, reused = _run_methods(problem, level, options, linear, progress, saved)
+    fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
     named = None
@@ -139,6 +139,7 @@ def fit_session(
         warnings=prepared.warnings,
         bias_sigma_rps=spread,
         reused=reused,
+        not_run=not_run,
         against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
         lot=use,
@@ -163,14 +164,24 @@ def _stated(
 
 def _run_methods(
     problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress, saved: Path | None
-) -> tuple[dict[str, MethodFit], tuple[str, ...]]:
-    """Return the methods by name, and the names of those that were reused from saved files; level: the problem with the selected bias,
-    which all methods are fitted to; linear: its least squares."""
+) -> tuple[dict[str, MethodFit], tuple[str, ...], dict[str, str]]:
+    """Return the methods by name; the names of those that were reused from saved files; and why others cannot run on this session, by name.
+    level: the problem with the selected bias, which all methods are fitted to; linear: its least squares.
+
+    Raises the error of the last one where none can run.
+    """
     known = {} if saved is None else results.saved_methods(saved, level, options, input_hashes(problem.session))
     known.setdefault("least_squares", linear)
     fits: dict[str, MethodFit] = {}
-    for name in (*options.methods, *(["tinygc_conditions"] if options.conditions else [])):
+    not_run: dict[str, str] = {}
+    names = (*options.methods, *(["tinygc_conditions"] if options.conditions else []))
+    for name in names:
         words = "tinygc with " + " and ".join(options.conditions) if name == "tinygc_conditions" else name.replace("_", " ")
         own = problem if name in RAW else level
-        fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
-    return fits, tuple(name for name in options.methods if name in known and known[name] is not linear)
+        try:
+            fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
+        except (DataError, FitError, SegmentError) as error:  # of the session; files and options concern them all
+            not_run[name] = str(error)
+            if len(not_run) == len(names):
+                raise
+    return fits, tuple(name for name in options.methods if name in known and known[name] is not linear), not_run

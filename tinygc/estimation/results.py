@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
@@ -92,7 +92,8 @@ class FitResult:
     the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
     taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
-    jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one.
+    jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
+    requested method cannot run on this session, by name.
     """
 
     problem: Problem
@@ -117,6 +118,7 @@ class FitResult:
     joint_covariance: np.ndarray | None = None
     joint_shared: np.ndarray | None = None
     lot: PriorUse | None = None
+    not_run: dict[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
@@ -250,6 +252,7 @@ def to_json(result: FitResult) -> dict:
             }
             for name, fit in result.methods.items()
         },
+        "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
         "use": {**result.use.to_json(), "model": result.file_to_use},
         "against_raw": result.against_raw.to_json(),
         "closure_runs": [

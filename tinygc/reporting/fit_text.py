@@ -279,6 +279,8 @@ def _methods(result: FitResult) -> Table:
             yaw,
             f"{fit.seconds:.2f}",
         )
+    for name, why in result.not_run.items():
+        table.add_row(printable(f"{TITLES[name]}: {why}"), style="yellow")
     floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
     table.add_row("noise floor", "", floor, floor, style="dim")
     if result.noise is not None and result.noise.tilt_rms > (1 + SAME_FLOOR) * result.problem.floor.tilt_rms:

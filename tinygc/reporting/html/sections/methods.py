@@ -43,7 +43,10 @@ def section(evidence: ReportData) -> Section:
             *(("closure run",) if runs else ()),
             "seconds",
         ),
-        rows=[_cells(row, own if row[0] == adopted.name else floor, runs) for row in rows],
+        rows=[
+            *(_cells(row, own if row[0] == adopted.name else floor, runs) for row in rows),
+            *([f"{TITLES[name]}: {why}", *[NONE] * (9 if runs else 8)] for name, why in evidence.fit.not_run.items()),
+        ],
         caption="Degrees. Fitted, held out: rms of tilt. Roll, pitch, yaw: held out, about the table's axes. "
         f"Noise floor: {degrees(floor)}{wider}. In bold: the calibration that this report states.",
         marked=[number for number, row in enumerate(rows) if row[0] == adopted.name],

@@ -12,6 +12,7 @@ from session.annexes.public import mimu
 from session.detect.first_look import check_session
 from session.io.config import LeftOut
 from session.io.errors import CalibrationError
+from tinygc.closure.least_squares import NotSettled
 from tinygc.closure.prepared import prepare
 
 REACH_RPS = 32767 * 17.5e-3 * DEG
@@ -68,6 +69,27 @@ def test_check_refuses_what_fit_refuses_in_the_same_words(made, said):
     assert finding.level == "error"
     assert finding.says.startswith(str(refused.value).removeprefix("made: "))
     assert said in finding.says
+
+
+def test_a_fit_that_does_not_settle_says_what_does_not_fit_and_check_says_it_too():
+    session = session_of(Table().tumble(16, seed=5).samples())
+    log = session.logs[0]
+    other = replace(log, samples=replace(log.samples, gyro=Table().tumble(16, seed=6).samples().gyro))
+    session = replace(session, logs=(other,))
+    with pytest.raises(CalibrationError, match="16 of 16 turns miss gravity by more than 10% of their angle") as refused:
+        tinygc.fit(session, methods=("least_squares",))
+    finding = of(tinygc.check(session), "fit")
+    assert (finding.level, finding.says) == ("error", str(refused.value))
+
+
+def test_the_turns_that_do_not_settle_and_the_parameters_that_nothing_binds_are_named():
+    off = np.full(9, 1 * DEG)
+    off[[2, 5]] = 150 * DEG
+    names = [f"segment {number} at {5 * number} s" for number in range(9)]
+    words = NotSettled(off, off > 10 * DEG, "").words(names)
+    assert "segment 2 at 10 s by 150.0 deg, segment 5 at 25 s by 150.0 deg" in words
+    assert "segment 3" not in words
+    assert "hardly bind E_xy - E_yx" in NotSettled(off, off > 10 * DEG, "E_xy - E_yx").words(names)
 
 
 def test_a_closure_run_that_fit_refuses_is_an_error_of_check(tmp_path, run):

@@ -18,7 +18,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
-from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.least_squares import StillRates, fit_least_squares, naming_segments
 from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
@@ -268,7 +268,8 @@ def build_problem(
     # Two passes: yaw and Earth need a calibration, and the calibration improves with the Earth.
     for _ in range(2):
         batch = chain.pick(used).trimmed()
-        fit = fit_least_squares(batch, sigma, start, still_rates=at_rest, begin=near, prior=beforehand)
+        with naming_segments([segment for segment in segments if segment.accepted]):
+            fit = fit_least_squares(batch, sigma, start, still_rates=at_rest, begin=near, prior=beforehand)
         near = fit.model
         logs, chain = carry_yaw(logs, segments, chain, fit.model)
         earths = _earths(session, logs, fit.model)

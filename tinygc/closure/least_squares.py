@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from session.detect.axes import CLOSES_WITHIN
+from session.detect.segments import Segment
 from session.io.errors import FitError
-from session.io.texts import command_line
+from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.prior import GaussianPrior
@@ -90,6 +93,12 @@ class StillRates:
 #: a parameter is observed if its sigma is below this share of its prior's
 OBSERVED_BELOW = 0.1
 MAX_STEPS = 50
+#: a direction that the segments tell no more than three times better than one that is not observed is hardly bound
+WEAK = 3 / OBSERVED_BELOW
+#: longer paths are mostly noise
+MOST_TURNED_RAD = 4 * np.pi
+#: segments in one line; a parameter has a share in a direction from half of the greatest on
+MOST_NAMED, HALF = 3, 0.5
 #: factor on the prior's sigma of a fixed parameter
 HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
@@ -208,9 +217,12 @@ def fit_least_squares(
             break
         at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
     else:
-        raise FitError(
-            f"least squares did not settle in {MAX_STEPS} steps; look at `{command_line('check')}` for what is wrong with the data"
-        )
+        # The direction that still moves, in sigmas of the prior: a weak one is not bound by the data, a strong one torn by its turns.
+        restless = int(np.argmax(np.abs(right[:rank] @ np.linalg.solve(root, change))))
+        loose = _combination(right[restless]) if strength[restless] < WEAK else ""
+        off = np.linalg.norm(_rows(batch, start.vector, integrator, None).angles, axis=1)
+        turned = np.sum(np.linalg.norm(start(batch.rate[:, 1:]), axis=2) * batch.dt, axis=1)
+        raise NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
     covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     if rest_rps is not None:
@@ -219,6 +231,49 @@ def fit_least_squares(
         vector = replace(model, B=-model.E @ rest_rps).vector
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
+
+
+class NotSettled(FitError):
+    """The search did not converge.
+
+    off_rad (S,): what each of the S segments leaves of its reference where the search starts; too_far (S,) bool: whether that is more than
+    any gyroscope is off by; loose: the combination of parameters that the segments hardly bind, or nothing.
+    """
+
+    def __init__(self, off_rad: np.ndarray, too_far: np.ndarray, loose: str):
+        self.off_rad, self.too_far, self.loose = off_rad, too_far, loose
+        super().__init__(self.words([f"turn {row} of those used" for row in range(len(off_rad))]))
+
+    def words(self, names: Sequence[str]) -> str:
+        """Say what does not fit; names: of the S segments."""
+        says = f"least squares did not settle in {MAX_STEPS} steps: "
+        if self.loose:
+            return f"{says}the turns hardly bind {self.loose}; turn about more axes, both ways"
+        count, usual = int(self.too_far.sum()), f"{float(np.median(self.off_rad)) / DEG:.1f} deg"
+        if count > len(names) / 2:
+            return (
+                f"{says}{count} of {len(names)} turns miss gravity by more than {CLOSES_WITHIN:.0%} of their angle, the median turn by "
+                f"{usual}; are gyro and accelerometer of one board, with one clock? are samples lost?"
+            )
+        worst = np.argsort(-self.off_rad * (self.too_far if count else 1))[: min(count, MOST_NAMED) or 1]
+        listed = ", ".join(f"{names[row]} by {self.off_rad[row] / DEG:.1f} deg" for row in worst)
+        return f"{says}gravity is missed in {listed}, in the median turn by {usual}; leave out what is wrong (--exclude), or record again"
+
+
+@contextmanager
+def naming_segments(segments: Sequence[Segment]) -> Iterator[None]:
+    """Say of which segments a fit does not settle; segments: those of the batch, in its order."""
+    try:
+        yield
+    except NotSettled as error:
+        raise FitError(error.words([f"segment {s.number} at {s.start_s:.0f} s" for s in segments])) from None
+
+
+def _combination(direction: np.ndarray) -> str:
+    """Name the parameters in a direction (12,), in units of the prior."""
+    sizes = direction / np.abs(direction).max()
+    parts = [(name, size) for name, size in zip(linear.NAMES, sizes, strict=True) if abs(size) > HALF]
+    return " ".join(f"{'-' if size * parts[0][1] < 0 else '+'} {name}" for name, size in parts).removeprefix("+ ")
 
 
 def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple[np.ndarray, np.ndarray]:

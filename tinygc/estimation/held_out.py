@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.closure.least_squares import StillRates
+from tinygc.closure.least_squares import StillRates, naming_segments
 from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.problem import Problem, consecutive
 from tinygc.closure.residual import Batch, closure_angles
@@ -103,7 +103,8 @@ def held_out(
         prior=problem.prior,
     )
     began = time.perf_counter()
-    model, notes = fit(everything)
+    with naming_segments(problem.used):
+        model, notes = fit(everything)
     seconds = time.perf_counter() - began
     angles, models = np.zeros((len(batch), batch.angles)), []
     fold = np.arange(len(batch)) % folds
@@ -111,7 +112,8 @@ def held_out(
         seen = fold != k
         # The accelerometer, too, is estimated without the held-out turns.
         apart = batch if problem.joint is None else problem.joint.without(~seen, batch)
-        part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
+        with naming_segments([segment for segment, kept in zip(problem.used, seen, strict=True) if kept]):
+            part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
         models.append(part)
         angles[~seen] = closure_angles(apart.pick(~seen), part, judged_by)
     progress(steps, steps)

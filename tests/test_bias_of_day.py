@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -211,6 +212,26 @@ def test_a_bias_under_a_wrong_matrix_is_said_to_be_doubtful(two_days, tmp_path):
     table = rebiased(two_days / "first", tmp_path / "wrong.json", tmp_path / "o", "--bias", "gravity")
     assert any("start and gravity differ by" in line and "uncalibrated" in line for line in table["bias"]["remarks"])
     assert max(table["bias"]["sigma_dps"]["gravity"]) > 0.015  # 0.007 with a calibrated E
+
+
+@pytest.mark.parametrize(("turning_dps", "drift_dps"), [(0.0, 0.0), (0.298, 0.0), (0.0, 0.16)])
+def test_a_first_still_that_turns_about_the_vertical_sets_no_bias(two_days, tmp_path, turning_dps, drift_dps):
+    """And one of a sensor that warms up is none of these: it is near to the next."""
+    bias = (0.62, -0.35, 0.51)
+    table, rng = Table().steady(turning_dps, (0, 0, 1), 2), np.random.default_rng(7)
+    for _ in range(9):
+        table.turn(rng.uniform(90, 200), rng.normal(size=3)).rest(2)
+    samples = table.samples(bias_dps=bias, seed=9)
+    warm = drift_dps * np.exp(-samples.t_s / 15)
+    day = write_session(tmp_path / "day", replace(samples, gyro=samples.gyro + warm[:, None] * [0, 0, DEG]))
+    model = two_days / "first" / "fit" / "model_least_squares.json"
+    table = rebiased(day, model, tmp_path / "out", "--bias", "start")
+    passed_over = [line for line in table["bias"]["remarks"] if "the first still is passed over" in line]
+    assert bool(passed_over) == (turning_dps > 0)
+    if passed_over:
+        assert "0.298 dps otherwise than the other 9" in passed_over[0]
+    expected = np.subtract([0.5, -0.3, 0.6], bias) - [0, 0, drift_dps]
+    assert np.abs(table["bias"]["change_dps"]["start"] - expected).max() < 0.02
 
 
 def test_a_segment_left_out_is_not_judged(two_days, tmp_path):

@@ -272,6 +272,10 @@ def _beside(path: Path) -> set[str]:
 
 #: difference of the first still and gravity, in sigmas, that is inconsistent: for normal errors once in 600 000 (3 axes)
 DISAGREE_SIGMAS = 5.0
+#: of a normal distribution: its standard deviation over the median of the deviations
+MAD_TO_SIGMA = 1.4826
+#: fewer do not say which of them is false
+FEWEST_STILLS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,15 +356,46 @@ def _closure(problem: Problem, model: Model) -> np.ndarray:
 
 
 def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest."""
+    """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest.  A first
+    still that the others contradict is passed over (``false_stills``)."""
     rates = problem.still_rates
     if len(rates.rate):
-        return rates.earth[0] - _at_rest(model, rates.rate[0]), rates.sigma[0]
+        number = len(false_stills(problem, model))
+        return rates.earth[number] - _at_rest(model, rates.rate[number]), rates.sigma[number]
     for log in problem.logs:
         for rest in find_rests(log.samples)[:1]:
             duration_s = (rest.stop - rest.start) * log.samples.period_s
             return -_at_rest(model, rest.gyro_mean), log.noise.angle_random_walk / np.sqrt(duration_s)
     return None
+
+
+def false_stills(problem: Problem, model: Model) -> list[float]:
+    """Return how far, rad/s, each of the first stills departs from the others, until one agrees with them.
+
+    A sensor that is turned slowly about the vertical rests as far as gravity and noise show; its rate is that of no other still.  A bias
+    that drifts is not the last still's either, but nearly that of its neighbour: a false still departs from both, by more than such steps
+    and such differences usually are.
+    """
+    rates = problem.still_rates
+    if len(rates.rate) < FEWEST_STILLS:
+        return []
+    change = rates.earth - np.array([_at_rest(model, rate) for rate in rates.rate])
+    usual_step = _scatter(np.diff(change, axis=0))
+    found: list[float] = []
+    while len(change) - len(found) >= FEWEST_STILLS:
+        first, *others = change[len(found) :]
+        sigma = rates.sigma[len(found)]
+        apart, step = np.abs(first - np.median(others, axis=0)), np.abs(first - others[0])
+        wrong = apart > DISAGREE_SIGMAS * np.hypot(sigma, _scatter(np.array(others)))
+        if not (wrong & (step > DISAGREE_SIGMAS * np.hypot(sigma, usual_step))).any():
+            break
+        found.append(float(apart[wrong].max()))
+    return found
+
+
+def _scatter(values: np.ndarray) -> np.ndarray:
+    """Return the standard deviation (3,) of values (Q, 3) about their median, by the median of the deviations: false ones hardly count."""
+    return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
 
 
 def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
@@ -486,6 +521,12 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
 def remarks(result: Rebiased) -> list[str]:
     """Return remarks on the figures."""
     said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+    if false := false_stills(result.problem, result.stored):
+        stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
+        said.append(
+            f"{stills} passed over: {'it reads' if len(false) == 1 else 'they read'} {max(false) / DEG:.3g} dps otherwise than the other "
+            f"{len(result.problem.still_rates.rate) - len(false)}; was the table turning about the vertical?"
+        )
     if result.disagreement > DISAGREE_SIGMAS:
         said.append(
             f"start and gravity differ by {result.disagreement:.0f} sigmas: E is not this sensor's (an uncalibrated model?), or its zero "

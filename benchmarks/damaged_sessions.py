@@ -1,6 +1,6 @@
 """What becomes of a session that is damaged: refused, warned of, or certified; and is its calibration right?
 
-    python benchmarks/damaged_sessions.py [--seeds 8] [--family "dead accelerometer" …] [--processes 2] [--json OUT]
+    python benchmarks/damaged_sessions.py [--seeds 8] [--family "one rate 5 ms late" …] [--combined] [--processes 2] [--json OUT]
 
 A simulated session, whose truth is known, is damaged in one way (``FAMILIES``) and written as a folder; then ``check`` and ``fit`` (least
 squares) look at it.  Each case ends as one of ``OUTCOMES``.  *Warned*: anything but a plain pass of check and fit.  *Wrong*: one of the
@@ -67,12 +67,12 @@ def one_case(job: tuple[str, int]) -> dict:
             findings = check(folder)
             errors = [f"{each.what}: {each.says}" for each in findings if each.level == "error"]
             if errors:
-                return case | {"outcome": REFUSED, "said": ["check: " + errors[0]]}
+                return case | {"end": REFUSED, "said": ["check: " + errors[0]]}
             result = fit(folder, methods=("least_squares",)).result
         except CalibrationError as error:
-            return case | {"outcome": REFUSED, "said": [f"fit: {error}"]}
+            return case | {"end": REFUSED, "said": ["fit: " + str(error).replace(f"{folder}: ", "")]}
         except Exception as error:  # a traceback is a finding of its own
-            return case | {"outcome": CRASHED, "said": [f"{type(error).__name__}: {error}"]}
+            return case | {"end": CRASHED, "said": [f"{type(error).__name__}: {error}"]}
     said = [f"check: {each.what}" for each in findings if each.level == "warning"]
     said = list(dict.fromkeys(said + [each for each in doubts_of(result) if each.replace("fit:", "check:") not in said]))
     error = result.linear.model.vector - np.concatenate([r.E.ravel(), r.B])
@@ -80,19 +80,23 @@ def one_case(job: tuple[str, int]) -> dict:
     case |= {"z": (error / stated).tolist(), "error": error.tolist(), "p_value": result.goodness.p_value}
     if combined is not None:
         case |= {"z_combined": (error / combined).tolist(), "widening": float(np.median(combined / stated))}
-    right = np.abs(case["z"]).max() <= WRONG
-    outcome = f"{'warned' if said else 'silent'}, {'right' if right else 'wrong'}"
-    return case | {"outcome": outcome, "said": said}
+    return case | {"end": "warned" if said else "silent", "said": said}
+
+
+def outcome(case: dict, key: str = "z") -> str:
+    """One of ``OUTCOMES``; key: by which sigmas a case is wrong, ``z`` or, where a fit states them, ``z_combined``."""
+    z = case["z"] if case[key] is None else case[key]
+    return case["end"] if z is None else f"{case['end']}, {'right' if np.abs(z).max() <= WRONG else 'wrong'}"
 
 
 # The table.
 
 
-def row_of(name: str, cases: Sequence[dict]) -> list[str]:
+def row_of(name: str, cases: Sequence[dict], key: str) -> list[str]:
     """One line of the table: outcomes, the largest error in stated and in combined sigmas, which number it is, what was said most."""
-    counts = Counter(case["outcome"] for case in cases)
+    counts = Counter(outcome(case, key) for case in cases)
     fitted = [case for case in cases if case["z"] is not None]
-    silent = [case for case in fitted if case["outcome"].startswith("silent")]
+    silent = [case for case in fitted if case["end"] == "silent"]
     worst = max(fitted, key=lambda case: np.abs(case["z"]).max(), default=None)
     number = "" if worst is None else NAMES[int(np.argmax(np.abs(worst["z"])))]
     said = Counter(": ".join(words.split(": ")[:2]) for case in cases for words in case["said"])
@@ -124,6 +128,7 @@ def main() -> None:
     seeds = "seed of the first (%(default)s); undamaged, none of 10 to 39 is wrong by chance"
     parser.add_argument("--first", type=int, default=10, metavar="SEED", help=seeds)
     parser.add_argument("--family", nargs="+", default=list(FAMILIES), choices=list(FAMILIES), metavar="NAME", help="only these")
+    parser.add_argument("--combined", action="store_true", help="wrong by the combined sigmas, where a fit states them")
     parser.add_argument("--processes", type=int, default=2, help="(%(default)s)")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write every case")
     args = parser.parse_args()
@@ -131,10 +136,11 @@ def main() -> None:
     cases = in_parallel(one_case, jobs, "case", args.processes)
     if args.json:
         args.json.write_text(json.dumps(cases, indent=1))
-    print(f"{len(args.family)} families × {args.seeds} seeds.  Wrong: a number beyond {WRONG:g} stated sigmas of the truth.\n")
+    key, sigmas = ("z_combined", "combined") if args.combined else ("z", "stated")
+    print(f"{len(args.family)} families × {args.seeds} seeds.  Wrong: a number beyond {WRONG:g} {sigmas} sigmas of the truth.\n")
     header = ["family", *OUTCOMES, "largest error/σ", "of silent ones", "in combined σ", "said most"]
-    rows = [row_of(name, [case for case in cases if case["family"] == name]) for name in args.family]
-    total = row_of("all", cases)
+    rows = [row_of(name, [case for case in cases if case["family"] == name], key) for name in args.family]
+    total = row_of("all", cases, key)
     print(markdown(header, [*rows, [*total[:-1], ""]]))
     clean, others = ([case for case in cases if (case["family"] == "clean") == which] for which in (True, False))
     print()

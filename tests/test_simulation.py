@@ -18,6 +18,7 @@ from session.io.errors import FormatError
 from session.io.registers import gyro_rps_per_lsb
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import CalibrationError, SimulationOptions, read_session
+from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
 from tinygc.simulation.simulator import bias_instability, low_pass, oversampling, simulate_session, true_signals
@@ -274,3 +275,23 @@ def test_wrong_options_are_named(wrong, message):
 def test_simulating_never_loads_torch():
     code = "import tinygc.simulation, sys; print('torch' in sys.modules)"
     assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "False"
+
+
+def test_pieces_are_the_whole_and_hours_take_no_more_memory_than_minutes(tmp_path, monkeypatch):
+    """An effect that changes nothing has the movement computed at once."""
+    import tracemalloc
+
+    monkeypatch.setattr(simulator, "PIECE", 1 << 12)
+    monkeypatch.setattr(write, "ROWS", 1 << 12)
+    options = SimulationOptions(segments=16, closure_s=0.0, seed=4)
+    whole = simulate_session(options, lambda t_s, rate, force, temp_c: rate).log
+    assert len(whole.t_us) > 4 * simulator.PIECE
+    tracemalloc.start()
+    try:
+        write_session(options, tmp_path / "s")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 25e6  # at once they were 60
+    logged = np.loadtxt(tmp_path / "s" / "log0001.csv.gz", delimiter=",", skiprows=2, dtype=np.int64)
+    np.testing.assert_array_equal(logged, np.column_stack([whole.t_us, whole.gyro, whole.accel, whole.temp]))

@@ -359,12 +359,15 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
 class Simulated:
     """Result of ``tinygc.simulate``: a session with its truth."""
 
-    #: the session, as a recorder would have written it
-    session: Session
     #: ``tinygc-truth/1`` (docs/formats.md)
     truth: dict
     #: options, movement, unit and registers
     simulation: Simulation
+
+    @cached_property
+    def session(self) -> Session:
+        """The session, as a recorder would have written it."""
+        return _session(self.simulation)
 
     def __repr__(self) -> str:
         hidden = ", ".join(self.truth["effects"]) or "nothing"
@@ -415,7 +418,7 @@ def simulate(
     hidden = {name: dict(parameters) for name, parameters in (effects or {}).items()}
     plan = plan_of(settings)
     simulation = simulate_session(settings, _distort(hidden, settings, plan.log_s), plan=plan)
-    return Simulated(_session(simulation), truth_table(simulation, hidden), simulation)
+    return Simulated(truth_table(simulation, hidden), simulation)
 
 
 def _distort(hidden: dict[str, dict], options: SimulationOptions, duration_s: float) -> Distort | None:

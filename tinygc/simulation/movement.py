@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -97,9 +98,14 @@ def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.
     start_rad (3,) rad, outer middle inner, before the first stroke; t_s (N,) s, increasing.
     Returns (3, 3, N): [0] angles rad, [1] rates rad/s, [2] accelerations rad/s^2, each outer, middle, inner.
     """
-    angles = np.zeros((3, 3, len(t_s)))
-    angles[0] = np.asarray(start_rad)[:, None]
-    for stroke in strokes:
+    angles, before = np.zeros((3, 3, len(t_s))), np.array(start_rad, dtype=float)
+    over = list(itertools.takewhile(lambda stroke: len(t_s) and stroke.stop_s <= t_s[0], strokes))
+    for stroke in over:
+        before[stroke.gimbal] += stroke.change_rad
+    angles[0] = before[:, None]
+    for stroke in strokes[len(over) :]:
+        if len(t_s) and stroke.start_s > t_s[-1]:
+            continue
         first, last = np.searchsorted(t_s, (stroke.start_s, stroke.stop_s))
         angles[:, stroke.gimbal, first:last] += stroke.angle(t_s[first:last])
         angles[0, stroke.gimbal, last:] += stroke.change_rad

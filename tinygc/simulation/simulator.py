@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -33,9 +33,13 @@ def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.ran
     summed over octaves that is sigma^2 / (ln 2 f), so sigma = B sqrt(ln 2 / pi).  The sum has a 1-sigma spread of 1.7 B, most
     of it slower than a session, where it only adds a little turn-on bias.
     """
+    return _between_knots(_flicker_knots(coefficient, count / rate_hz, rng), np.arange(count) / rate_hz)
+
+
+def _flicker_knots(coefficient: float, duration_s: float, rng: np.random.Generator) -> np.ndarray:
+    """The noise (3, K) at its knots."""
     from scipy.signal import lfilter  # imported here: the import takes longer than a fit
 
-    duration_s = count / rate_hz
     knots = int(duration_s * FLICKER_KNOTS_HZ) + 2
     sigma = coefficient * np.sqrt(np.log(2) / np.pi)
     total = np.zeros((3, knots))
@@ -44,8 +48,13 @@ def bias_instability(coefficient: float, rate_hz: float, count: int, rng: np.ran
         drive = sigma * rng.standard_normal((3, knots))
         drive[:, 1:] *= np.sqrt(1 - keep**2)  # except the first, which has the stationary spread already
         total += lfilter([1.0], [1.0, -keep], drive)
-    t_s, knots_s = np.arange(count) / rate_hz, np.arange(knots) / FLICKER_KNOTS_HZ
-    return np.stack([np.interp(t_s, knots_s, axis) for axis in total], axis=-1)
+    return total
+
+
+def _between_knots(knots: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """The noise (N, 3) at t_s (N,) s."""
+    knots_s = np.arange(knots.shape[1]) / FLICKER_KNOTS_HZ
+    return np.stack([np.interp(t_s, knots_s, axis) for axis in knots], axis=-1)
 
 
 # From the signal at a sensing element to the registers of the chip.
@@ -54,6 +63,7 @@ ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its usual setting, ODR/4 
 LOWEST_FINE_HZ = 1600.0  #: least rate of the grid for filters and effects: fast compared with tremor and filters
 LOWEST_OVERSAMPLING = 4
 RUN_UP_S = 0.2  #: time on the fine grid before the first sample: many times the slowest filter's memory
+PIECE = 1 << 14  #: samples that are simulated at a time: about 40 MB on the fine grid
 TEMPERATURE_NOISE_C = 0.01  #: 1 sigma of one reading
 TEMPERATURE_SETTLES_S = 150.0  #: time constant of self-heating on a small board
 
@@ -63,25 +73,38 @@ def oversampling(odr_hz: float) -> int:
     return max(LOWEST_OVERSAMPLING, int(np.ceil(LOWEST_FINE_HZ / odr_hz)))
 
 
-def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise, low-pass and decimation of one element.
+class LowPass:
+    """Noise, low-pass and decimation of one element, of a signal that comes in pieces.
 
-    signal (N, 3) on the fine grid of factor * odr_hz; bandwidth_hz (-3 dB) of a second-order Butterworth; density of the white
-    noise in the output near zero frequency, one-sided.  Returns (N / factor, 3): grid points 0, factor, 2 factor, …
+    bandwidth_hz (-3 dB) of a second-order Butterworth; density of the white noise in the output near zero frequency, one-sided.
     The noise enters before the filter, as in the chip, and is coloured by it.  The filter starts in the steady
     state of the first (noiseless) value.
     """
-    from scipy.signal import butter, sosfilt, sosfilt_zi, sosfreqz
 
-    fine_hz = factor * odr_hz
-    sos = butter(2, bandwidth_hz, fs=fine_hz, output="sos")
-    # Decimation folds the noise at every multiple of the output rate onto zero, so the input noise is reduced accordingly.
-    _, response = sosfreqz(sos, odr_hz * np.arange(factor), fs=fine_hz)
-    folded = np.sqrt(np.sum(np.abs(response) ** 2))
-    noisy = signal + white(density / folded, fine_hz, len(signal), rng)
-    steady = sosfilt_zi(sos)[:, :, None] * signal[0]
-    filtered, _ = sosfilt(sos, noisy, axis=0, zi=steady)
-    return filtered[::factor]
+    def __init__(self, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator):
+        from scipy.signal import butter, sosfreqz
+
+        self._fine_hz, self._factor, self._rng = factor * odr_hz, factor, rng
+        self._sos = butter(2, bandwidth_hz, fs=self._fine_hz, output="sos")
+        # Decimation folds the noise at every multiple of the output rate onto zero, so the input noise is reduced accordingly.
+        _, response = sosfreqz(self._sos, odr_hz * np.arange(factor), fs=self._fine_hz)
+        self._density = density / np.sqrt(np.sum(np.abs(response) ** 2))
+        self._state: np.ndarray | None = None
+
+    def __call__(self, signal: np.ndarray) -> np.ndarray:
+        """(N / factor, 3): grid points 0, factor, 2 factor, … of the next part (N, 3) of the signal on the fine grid."""
+        from scipy.signal import sosfilt, sosfilt_zi
+
+        if self._state is None:
+            self._state = sosfilt_zi(self._sos)[:, :, None] * signal[0]
+        noisy = signal + white(self._density, self._fine_hz, len(signal), self._rng)
+        filtered, self._state = sosfilt(self._sos, noisy, axis=0, zi=self._state)
+        return filtered[:: self._factor]
+
+
+def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator) -> np.ndarray:
+    """``LowPass`` of a whole signal (N, 3) on the fine grid of factor * odr_hz."""
+    return LowPass(bandwidth_hz, density, odr_hz, factor, rng)(signal)
 
 
 def registers_of(value: np.ndarray, full_scale: float, per_lsb: float) -> np.ndarray:
@@ -152,10 +175,10 @@ def simulate_session(
     distort: hidden physics of the gyro; disturb: hidden physics of the accelerometer; plan: replaces the movement of ``plan_of``;
     unit: replaces the sensor of ``draw_unit``.
     """
-    _, _, *signal_rngs = _streams(options)
     unit, plan = unit or unit_of(options), plan or plan_of(options)
     log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
-    whole = _record(options, unit, plan, log_count + closure_count, distort, disturb, signal_rngs)
+    pieces = list(record_pieces(options, unit, plan, log_count + closure_count, distort, disturb))
+    whole = RegisterLog(*(np.concatenate([getattr(piece, field.name) for piece in pieces]) for field in fields(RegisterLog)))
     log, closure = whole.part(0, log_count), whole.part(log_count, log_count + closure_count)
     return Simulation(options, plan, unit, log, closure if closure_count else None)
 
@@ -176,44 +199,61 @@ def _streams(options: SimulationOptions) -> list[np.random.Generator]:
     return [np.random.default_rng(options.unit_drawn_from).spawn(1)[0], *streams[1:]]
 
 
-def _record(
+def record_pieces(
     options: SimulationOptions,
     unit: SimulatedUnit,
     plan: MovementPlan,
     count: int,
-    distort: Distort | None,
-    disturb: Disturb | None,
-    rngs: list[np.random.Generator],
-) -> RegisterLog:
-    """Simulate the first ``count`` samples of the chip, log and closure run without a break."""
-    gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
-    odr_hz = unit.odr_hz
-    t_fine, factor, run_up = fine_grid(odr_hz, count)
-    rate, force, temp_c = true_signals(options, unit, plan, t_fine)
-    if distort is not None:
-        rate = _checked("distort", distort(t_fine, rate, force, temp_c), rate.shape)
-    if disturb is not None:
-        force = _checked("disturb", disturb(t_fine, force), force.shape)
+    distort: Distort | None = None,
+    disturb: Disturb | None = None,
+) -> Iterator[RegisterLog]:
+    """Simulate the first ``count`` samples of the chip, log and closure run without a break, in constant memory.
 
+    Hidden physics may look at the whole movement, so with it there is a single piece.
+    """
+    _, _, gyro_rng, accel_rng, flicker_rng, temperature_rng = _streams(options)
+    odr_hz, units = unit.odr_hz, options.register_units
+    factor, run_up = oversampling(odr_hz), run_up_samples(odr_hz)
     gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
-    gyro_hz, accel_hz = GYRO_LPF2_HZ[options.odr_hz], ACCEL_BANDWIDTH_ODR * odr_hz
-    gyro = low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, gyro_rng)[run_up:]
-    accel = low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
-    gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)
-    units = options.register_units
-    return RegisterLog(
-        t_us=np.rint(np.arange(count) / odr_hz * 1e6).astype(np.int64),
-        gyro=registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
-        accel=registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
-        temp=temperature_registers(temp_c[run_up * factor :: factor], temperature_rng, units),
-    )
+    gyro_element = LowPass(GYRO_LPF2_HZ[options.odr_hz], gyro_noise, odr_hz, factor, gyro_rng)
+    accel_element = LowPass(ACCEL_BANDWIDTH_ODR * odr_hz, accel_noise, odr_hz, factor, accel_rng)
+    knots = _flicker_knots(options.bias_instability_dph * DEG_PER_HOUR, count / odr_hz, flicker_rng)
+    size = run_up + (PIECE if distort is None and disturb is None else count)
+    for first in range(-run_up, count, size):
+        t_fine = fine_times(odr_hz, first, min(first + size, count))
+        rate, force, temp_c = true_signals(options, unit, plan, t_fine)
+        if distort is not None:
+            rate = _checked("distort", distort(t_fine, rate, force, temp_c), rate.shape)
+        if disturb is not None:
+            force = _checked("disturb", disturb(t_fine, force), force.shape)
+        skipped = max(-first, 0)
+        t_s = np.arange(first + skipped, min(first + size, count)) / odr_hz
+        gyro = gyro_element(unit.measured_rate(rate))[skipped:] + _between_knots(knots, t_s)
+        accel = accel_element(unit.measured_force(force))[skipped:]
+        yield RegisterLog(
+            t_us=np.rint(t_s * 1e6).astype(np.int64),
+            gyro=registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
+            accel=registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
+            temp=temperature_registers(temp_c[skipped * factor :: factor], temperature_rng, units),
+        )
 
 
 def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
     """Times (N,) s of the grid for ``count`` samples, grid points per sample, and samples in the run-up, which is discarded after
     filtering."""
-    factor, run_up = oversampling(odr_hz), int(np.ceil(RUN_UP_S * odr_hz))
-    return np.arange(-run_up * factor, count * factor) / (factor * odr_hz), factor, run_up
+    run_up = run_up_samples(odr_hz)
+    return fine_times(odr_hz, -run_up, count), oversampling(odr_hz), run_up
+
+
+def run_up_samples(odr_hz: float) -> int:
+    """Number of samples in the run-up."""
+    return int(np.ceil(RUN_UP_S * odr_hz))
+
+
+def fine_times(odr_hz: float, first: int, last: int) -> np.ndarray:
+    """Times (N,) s of the grid from the sample ``first`` to before ``last``."""
+    factor = oversampling(odr_hz)
+    return np.arange(first * factor, last * factor) / (factor * odr_hz)
 
 
 def true_signals(

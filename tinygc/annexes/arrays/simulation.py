@@ -247,7 +247,7 @@ def check_array_folder(folder: Path, force: bool) -> None:
 def _write_log(path: Path, number: int, unit: Simulation, recording: RegisterLog) -> None:
     ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
     said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
-    path.write_bytes(packed_log(said, np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])))
+    path.write_bytes(packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
 
 
 def _serial(unit: Simulation, number: int) -> str:

@@ -124,7 +124,6 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         session.bias_instability_dph,
     )
     made = simulate_rest(options, chip, session.seed)
-    table = np.column_stack([made.t_us, made.gyro, made.accel, made.temp])
     ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
     comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
@@ -132,7 +131,7 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         for stale in (LOG, CLOSURE):
             (folder / stale).unlink(missing_ok=True)
         (folder / CONFIG).write_text(_config(session, options), encoding="utf-8")
-        (folder / REST).write_bytes(packed_log(comment, table))
+        (folder / REST).write_bytes(packed_log(comment, made.t_us, made.gyro, made.accel, made.temp))
         (folder / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
     return folder
 

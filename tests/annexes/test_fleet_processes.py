@@ -2,6 +2,7 @@
 
 import os
 import signal
+from threading import Timer
 
 import processes
 import pytest
@@ -172,6 +173,22 @@ def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch
     code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
     assert code == 2
     assert "no Dask scheduler answers" in err.splitlines()[-1]
+
+
+def test_a_scheduler_that_has_gone_ends_the_run_in_one_line(fleet, tmp_path, run, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
+    monkeypatch.setattr("tinygc.annexes.lots.fleet_run.GONE_S", 0.1)
+    cluster = distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None)  # a job waits for a worker for ever
+    try:
+        stop = Timer(2.0, cluster.close)
+        stop.start()
+        code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", cluster.scheduler_address, "--quiet")
+        stop.join()
+    finally:
+        cluster.close()
+    assert code == 2
+    assert err.count("\n") == 1, err
+    assert "the scheduler has gone; start it and run again" in err
 
 
 def test_a_worker_of_another_version_is_said(fleet, tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import shutil
 import sqlite3
 
 import pytest
@@ -139,6 +140,48 @@ def test_a_row_of_another_program_is_said(out, spoil):
     connection.close()
     with pytest.raises(FormatError, match=r"the row of .*unit0 holds what fleet does not write"):
         list(unit_results(out))
+
+
+@pytest.mark.parametrize(
+    ("table", "spoil", "named"),
+    [
+        ("results", "E_xx = 'one'", "E_xx"),
+        ("results", "floor_deg = 9e999", "floor_deg"),
+        ("results", "status = 'fine'", "status"),
+        ("results", "status = 'failed', error = NULL", "error"),
+        ("results", "serial = x'00'", "serial"),
+        ("results", "segments = 'many'", "segments"),
+        ("folders", "key = NULL, error = NULL", "error"),
+        ("durations", "cpu_s = 'long'", "cpu_s"),
+    ],
+)
+def test_an_edited_table_ends_a_run_in_one_line(out, run, table, spoil, named):
+    connection = sqlite3.connect(out / NAME)
+    with connection:
+        connection.execute(f"UPDATE {table} SET {spoil}")
+    connection.close()
+    code, _, err = run("fleet", "--out", out)
+    assert code == 2
+    assert err.count("\n") == 1
+    assert f"holds what fleet does not write ({named}); delete it" in err
+
+
+@pytest.mark.parametrize("anew", [False, True])
+def test_a_table_that_is_taken_away_ends_the_run_within_seconds(fleet, tmp_path, monkeypatch, anew):
+    """While sessions finish, and while none does."""
+    monkeypatch.setattr("tinygc.annexes.lots.fleet_table.WATCH_S", 0.0)
+    out = tmp_path / "out"
+
+    class Idle(Here):
+        def finished(self):
+            shutil.rmtree(out, ignore_errors=True)
+            if anew:
+                out.mkdir()
+                (out / NAME).touch()
+            return []
+
+    with pytest.raises(StorageError, match="was removed or replaced during the run"):
+        ran(fleet, out, executor=Idle())
 
 
 def test_csv_has_a_line_for_each_folder(out, fleet):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import re
 import signal
@@ -14,7 +15,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any, Protocol
 
@@ -22,7 +23,7 @@ from session.io.errors import CalibrationError
 from session.io.texts import printable
 from tinygc.annexes.lots.fleet_row import DIED, DONE, FleetOptions, Row, empty, key_of
 from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
-from tinygc.annexes.lots.fleet_table import Table
+from tinygc.annexes.lots.fleet_table import WATCH_S, Table
 
 # Session folders, found one by one on demand: a hundred thousand of them are never in memory at once.
 
@@ -104,7 +105,7 @@ class Executor(Protocol):
         """Start a job, or queue it."""
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one job has finished."""
+        """Wait until a job has finished, or for ``WATCH_S``."""
 
     def close(self) -> None:
         """Stop all jobs."""
@@ -158,11 +159,12 @@ class Processes:
         self._hand_out()
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one job has finished."""
+        """Wait until a job has finished, or for ``WATCH_S``."""
         found: list[Finished] = []
-        while not found:
+        until = monotonic() + WATCH_S
+        while not found and monotonic() < until:
             by_pipe = {worker.pipe: worker for worker in self._workers}
-            for pipe in wait(list(by_pipe)):
+            for pipe in wait(list(by_pipe), WATCH_S):
                 worker = by_pipe[pipe]  # type: ignore[index]
                 try:
                     said = worker.pipe.recv()
@@ -263,6 +265,8 @@ CLUSTER_AHEAD = 2
 OFTEN_S = 2.0
 #: s, timeout of a scheduler's answer
 PATIENCE_S = 30
+#: s without a connection after which a scheduler has gone: a restart of its network is shorter
+GONE_S = 5.0
 
 
 class Cluster:
@@ -276,7 +280,10 @@ class Cluster:
             import distributed
         except ImportError:
             raise CalibrationError("--scheduler needs the package distributed: python -m pip install 'tinygc[fleet]'") from None
-        self._distributed = distributed
+        self._distributed, self._address, self._seen_s = distributed, address, monotonic()
+        for name in logging.root.manager.loggerDict:
+            if name.split(".")[0] == "distributed":  # what it would log, the run says in one line
+                logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             self._client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
@@ -292,18 +299,27 @@ class Cluster:
     def capacity(self) -> int:
         """Return the capacity of the current workers; one without any, which waits for the first."""
         if monotonic() - self._asked_s > OFTEN_S:
-            self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
+            with self._answers():
+                self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
         return max(CLUSTER_AHEAD * self._threads, 1)
 
     def submit(self, job: Job) -> None:
         """Send the job to a worker chosen by the scheduler."""
-        future = self._client.submit(compute, job, pure=False)
+        with self._answers():
+            future = self._client.submit(compute, job, pure=False)
         self._jobs[future] = job
         future.add_done_callback(self._over.put)
 
     def finished(self) -> list[Finished]:
-        """Wait until at least one job has finished."""
-        over = [self._over.get()]
+        """Wait until a job has finished, or for ``WATCH_S``.  Raises CalibrationError where the scheduler has gone."""
+        if self._client.status == "running":
+            self._seen_s = monotonic()
+        elif monotonic() - self._seen_s > GONE_S:
+            raise self._gone()
+        try:
+            over = [self._over.get(timeout=WATCH_S)]
+        except Empty:
+            return []
         while not self._over.empty():
             over.append(self._over.get())
         return [self._ended(future) for future in over]
@@ -316,16 +332,26 @@ class Cluster:
         with contextlib.suppress(Exception):
             self._client.close()
 
+    def _gone(self) -> CalibrationError:
+        return CalibrationError(
+            f"--scheduler {self._address}: the scheduler has gone; start it and run again with its address, what is finished is kept"
+        )
+
+    @contextlib.contextmanager
+    def _answers(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, RuntimeError, TimeoutError, self._distributed.CancelledError):
+            raise self._gone() from None
+
     def _ended(self, future: Any) -> Finished:
         job = self._jobs.pop(future)
         try:
             return Finished(job, future.result())
         except self._distributed.KilledWorker:
             return Finished(job, None, "on workers that ended")
-        except self._distributed.CancelledError as error:
-            raise CalibrationError(
-                f"the scheduler has dropped {job.folder} ({error}); is it still running? what is finished is kept"
-            ) from None
+        except self._distributed.CancelledError:
+            raise self._gone() from None
         except (ImportError, AttributeError) as error:
             raise CalibrationError(f"a worker cannot run TinyGC ({error}); install the same version there") from None
         except CalibrationError:
@@ -368,6 +394,7 @@ class _FleetRun:
 
     def take(self, folder: Path) -> None:
         """Handle a folder: its result is known, in progress, or to be computed."""
+        self._table.require_there()
         folder = Path(os.path.abspath(folder))  # readers of the table may have another working directory
         try:
             key = key_of(folder, self._options)
@@ -390,6 +417,7 @@ class _FleetRun:
 
     def collect(self) -> None:
         """Wait for a result, and store it."""
+        self._table.require_there()
         for finished in self._executor.finished():
             self._keep(finished)
             self._progress(self.tally)
@@ -445,6 +473,7 @@ def run_fleet(
     for folder in folders:
         run.take(folder)
     run.drain()
+    table.require_there(at_once=True)
     return run.tally
 
 

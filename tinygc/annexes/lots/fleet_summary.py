@@ -12,11 +12,11 @@ from typing import TextIO
 
 import numpy as np
 
-from session.io.errors import CalibrationError, FormatError
+from session.io.errors import CalibrationError
 from session.io.texts import printable
 from tinygc.annexes.lots.effects import pooled
 from tinygc.annexes.lots.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
-from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, read_table
+from tinygc.annexes.lots.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
 from tinygc.annexes.lots.lot import UnitResult, Weighed
 from tinygc.annexes.lots.report import LotReport, lot_of
 
@@ -67,9 +67,7 @@ def read_as_written(table: Table, folder: str) -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError, KeyError, AttributeError):
-        raise FormatError(
-            f"{table.path}: the row of {folder} holds what fleet does not write; delete it from the table results, and run fleet again"
-        ) from None
+        raise not_as_written(table.path, folder) from None
 
 
 def weighed_of(text: str | None) -> Mapping[str, Weighed]:

@@ -12,13 +12,14 @@ import re
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 from session.bench.rawfile import lock
 from session.io.errors import CalibrationError, FormatError, StorageError
 from session.io.files import result_folder
-from session.io.texts import unicode_text
-from tinygc.annexes.lots.fleet_row import COLUMNS, Row
+from session.io.texts import printable, unicode_text
+from tinygc.annexes.lots.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, INTEGER, REAL, TEXT, Row
 from tinygc.annexes.lots.fleet_session import Outcome
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
@@ -34,7 +35,13 @@ CREATE TABLE durations (key TEXT PRIMARY KEY, cpu_s REAL, wall_s REAL) WITHOUT R
 EACH = "results JOIN (SELECT key, min(folder) AS folder, count(*) AS folders FROM folders GROUP BY key) USING (key)"
 #: SQL function for natural sorting of names
 COUNTED = "counted"
+#: of any number in a row, whose square is a number
+LARGEST = "1e150"
 FULL, LOCKED, READ_ONLY = "SQLITE_FULL", "SQLITE_BUSY", "SQLITE_READONLY"
+
+
+#: s between two looks at whether a run's table is still where it was
+WATCH_S = 1.0
 
 
 class Table:
@@ -42,7 +49,16 @@ class Table:
 
     def __init__(self, path: Path, connection: sqlite3.Connection):
         self.path, self._connection = path, connection
+        self._file, self._looked_s = _identity(path), monotonic()
         connection.create_function(COUNTED, 1, _counted, deterministic=True)
+
+    def require_there(self, at_once: bool = False) -> None:
+        """Raise StorageError where the file was removed or replaced, within ``WATCH_S``: rows then go into a file that nobody can open."""
+        if not at_once and monotonic() - self._looked_s < WATCH_S:
+            return
+        self._looked_s = monotonic()
+        if _identity(self.path) != self._file:
+            raise StorageError(f"{self.path}: was removed or replaced during the run, whose rows are lost with it; run again")
 
     def has(self, key: str) -> bool:
         """Return whether the key has a result."""
@@ -130,10 +146,59 @@ def read_table(out: Path) -> Iterator[Table]:
     try:
         with named_errors(path):
             _require_ours(path, connection)
+            _require_rows(path, connection)
             connection.execute("BEGIN")  # all queries see the same rows, also while another run writes
         yield Table(path, connection)
     finally:
         connection.close()
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return which file the name stands for; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _require_rows(path: Path, connection: sqlite3.Connection) -> None:
+    """Raise FormatError for the first value that ``fleet`` does not write: another program may have edited the table."""
+    kinds = {TEXT: "'text'", INTEGER: "'integer'", REAL: "'real', 'integer'", BLOB: "'blob'"}
+    wrong = [(name, f"typeof({name}) NOT IN ('null', {kinds[kind]})") for name, kind in COLUMNS.items()]
+    wrong += [(name, f"abs({name}) > {LARGEST}") for name, kind in COLUMNS.items() if kind == REAL]
+    wrong += [(name, f"{name} <= -1") for name in COLUMNS if name.startswith("accel_scale")]  # an axis that reads nothing
+    wrong += [
+        ("status", f"ifnull(status, '') NOT IN ('{DONE}', '{FAILED}', '{DIED}')"),
+        ("error", f"status <> '{DONE}' AND error IS NULL"),
+        ("key", "typeof(key) <> 'text'"),
+    ]
+    which = " ".join(f"WHEN {each} THEN {number}" for number, (_, each) in enumerate(wrong))
+    named = [name for name, _ in wrong]
+    told = {
+        f"SELECT ifnull((SELECT min(folder) FROM folders f WHERE f.key = results.key), key), CASE {which} END AS bad FROM results": named,
+        "SELECT folder, CASE WHEN typeof(folder) <> 'text' THEN 0 WHEN typeof(key) NOT IN ('text', 'null') THEN 1 "
+        "WHEN typeof(error) NOT IN ('text', 'null') OR (key IS NULL AND error IS NULL) THEN 2 END AS bad FROM folders": [
+            "folder",
+            "key",
+            "error",
+        ],
+        "SELECT key, CASE WHEN typeof(cpu_s) <> 'real' THEN 0 WHEN typeof(wall_s) <> 'real' THEN 1 END AS bad FROM durations": [
+            "cpu_s",
+            "wall_s",
+        ],
+    }
+    for sql, names in told.items():
+        found = connection.execute(f"SELECT * FROM ({sql}) WHERE bad IS NOT NULL LIMIT 1").fetchone()
+        if found:
+            raise not_as_written(path, str(found[0]), f" ({names[found[1]]})")
+
+
+def not_as_written(path: Path, row: str, what: str = "") -> FormatError:
+    """Return the error for a row that another program has changed; row: its folder, or its key."""
+    return FormatError(
+        f"{path}: the row of {printable(row)} holds what fleet does not write{what}; delete it from the table, and run fleet again"
+    )
 
 
 def _counted(name: str) -> str:

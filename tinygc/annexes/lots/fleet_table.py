@@ -167,7 +167,7 @@ def _require_rows(path: Path, connection: sqlite3.Connection) -> None:
     kinds = {TEXT: "'text'", INTEGER: "'integer'", REAL: "'real', 'integer'", BLOB: "'blob'"}
     wrong = [(name, f"typeof({name}) NOT IN ('null', {kinds[kind]})") for name, kind in COLUMNS.items()]
     wrong += [(name, f"abs({name}) > {LARGEST}") for name, kind in COLUMNS.items() if kind == REAL]
-    wrong += [(name, f"{name} <= -1") for name in COLUMNS if name.startswith("accel_scale")]  # an axis that reads nothing
+    wrong += [(name, f"{name} = -1") for name in COLUMNS if name.startswith("accel_scale")]  # an axis that reads nothing
     wrong += [
         ("status", f"ifnull(status, '') NOT IN ('{DONE}', '{FAILED}', '{DIED}')"),
         ("error", f"status <> '{DONE}' AND error IS NULL"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.detect.accelerometer import SCALES, LengthFit, fit_lengths, force_of, why_not
+from session.detect.dials import angles_between, down_of_dials
 from session.detect.findings import Finding, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
@@ -243,10 +244,7 @@ def check_dials(session: Session, found: SessionStills) -> list[Finding]:
     rows = [i for i in rows if np.isfinite(session.attitudes[i]).all()]
     if not rows:
         return []
-    roll, pitch, _ = session.attitudes[rows].T
-    dialled = np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=-1)
-    measured = np.array([-stills[i].accel_mean / stills[i].gravity_mps2 for i in rows])
-    apart = np.degrees(np.arctan2(np.linalg.norm(np.cross(dialled, measured), axis=1), np.sum(dialled * measured, axis=1)))
+    apart = np.degrees(angles_between(down_of_dials(session.attitudes[rows]), np.array([-stills[i].accel_mean for i in rows])))
     says = f"down differs by {np.median(apart):.2f}° (median of {len(rows)} stills), {apart.max():.2f}° at most (bar {ASKEW_DEG:g}°)"
     if np.median(apart) > UPSIDE_DOWN_DEG:
         do = "all three axes of the accelerometer have the wrong sign, or the dials count z up: roll 0 is the sensor's z down, reading -1 g"

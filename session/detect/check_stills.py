@@ -10,7 +10,7 @@ import numpy as np
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Finding, xyz_text
-from session.detect.segments import FoundTurn, LogSegments, why_too_few
+from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
 from session.io.config import Config, Sensor
 from session.io.errors import CalibrationError
@@ -27,7 +27,7 @@ GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do t
 MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
 ENOUGH_SEGMENTS = 13
 #: of the finding on the turns that a fit uses
-TURNS = "turns"
+TURNS, MOVEMENT = "turns", "movement"
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
@@ -88,6 +88,13 @@ def check_turns(where: str, parts: Sequence[LogSegments], turns: Sequence[FoundT
     if len(used) >= ENOUGH_SEGMENTS:
         return [Finding("ok", where, TURNS, f"{says}{left_out}")]
     return [Finding("warning", where, TURNS, f"{says}; expected {ENOUGH_SEGMENTS} turns or more{left_out}", do)]
+
+
+def check_leaps(parts: Sequence[LogSegments]) -> list[Finding]:
+    """Turns whose movement is missing from the log."""
+    do = "it is left out; were rows removed, or lost with stamps that have closed up?"
+    gone = [(part.log.path.name, s) for part in parts for s in part.segments if (s.problem or "").startswith(LEAPS)]
+    return [Finding("warning", where, MOVEMENT, f"turn {s.number}: {s.problem}", do) for where, s in gone]
 
 
 def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:

@@ -7,7 +7,7 @@ datasheet, not from recordings.  Order: the log by itself, then its stills, then
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ from session.detect.check_samples import (
 from session.detect.check_stills import (
     accel_unit_factor,
     check_gravity,
+    check_leaps,
     check_noise,
     check_rests,
     check_stills,
@@ -44,6 +45,7 @@ from session.detect.check_stills import (
     check_zero_rate,
 )
 from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
+from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
@@ -184,6 +186,8 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     whole = with_bridges(session)
     there, config = SessionStills(whole, found), session.config
     parts = [] if session.truths is not None else session_segments(whole, there)
+    whole, parts, dials = without_wrong_dials(whole, parts)
+    session = replace(session, attitudes=whole.attitudes)
     known = known_turns(whole, parts)
     counted = [] if session.truths is not None else check_turns(session.name, parts, known, config.protocol.still_s)
     enough = worst(counted) != "error"
@@ -196,8 +200,8 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
             turns = LogTurns.of(as_fitted, cut, enough=True, run=True)
         unused = here.unused if log in session.logs and session.truths is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
-    findings += check_excluded(session) + counted
-    return findings + check_dials(session, found) + check_known_turns(known, parts)
+    findings += check_excluded(session) + counted + check_leaps(parts)
+    return findings + dials + check_dials(session, found) + check_known_turns(known, parts)
 
 
 def check_keys(config: Config) -> list[Finding]:

@@ -111,7 +111,47 @@ def cut_segments(
             breaks_yaw=broken is not None,
         )
         segments.append(segment)
-    return segments
+    return without_leaps(segments, samples)
+
+
+# A turn whose movement is missing: gravity lies elsewhere after it, and no rate says how it came there.
+#
+# Gravity moves in the sensor by no more than the sensor turns: its angle from still to still is at most the way of the rate between them.
+# In the 56 recordings of xsens, mikov and mimu (also wild/mimu) it exceeds that by 0.2 degrees at most.
+
+#: of the turns: more that move gravity by more than they turn are no missing movements, but rates of another scale
+MOST_LEAPS = 0.25
+
+
+def without_leaps(segments: list[Segment], samples: Samples) -> list[Segment]:
+    """The segments of one log; those in which gravity leaps farther than the gyroscope turned have a problem."""
+    tilt = np.array([_tilt_between(*segment.stills) for segment in segments])
+    way = np.array([segment.turn_deg * DEG for segment in segments])
+    missing = tilt > APART_RAD + (1 + APART_SHARE) * way
+    if not 0 < np.count_nonzero(missing) <= MOST_LEAPS * len(segments):
+        return segments
+    return [
+        replace(segment, problem=_says_leap(segment, samples, angle), breaks_yaw=True) if gone and segment.accepted else segment
+        for segment, gone, angle in zip(segments, missing, tilt, strict=True)
+    ]
+
+
+def _tilt_between(first: Still, last: Still) -> float:
+    a, b = first.accel_mean, last.accel_mean
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _says_leap(segment: Segment, samples: Samples, tilt: float) -> str:
+    first, last = segment.stills
+    force = samples.accel[first.stop - 1 : last.start + 1]
+    step = np.linalg.norm(np.diff(force, axis=0), axis=1)
+    at_s = float(samples.t_ns[first.stop - 1 + int(np.argmax(step))] - samples.t_ns[0]) * NS if len(step) else segment.start_s
+    turned = f"the gyro turned by {segment.turn_deg:.1f} deg"
+    return f"{LEAPS} by {tilt / DEG:.0f} deg, most of it at {at_s:.2f} s, and {turned}: samples are missing"
+
+
+#: begins the problem of a turn without its movement
+LEAPS = "gravity leaps"
 
 
 def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> tuple[int, int]:
@@ -264,8 +304,7 @@ def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.n
     if len(good) < 2:
         return None
     first, last = good[0], good[-1]
-    away = np.arctan2(np.linalg.norm(np.cross(first.accel_mean, last.accel_mean)), first.accel_mean @ last.accel_mean)
-    return RunEnds(first, last, float(away), why_broken(samples, slice(first.stop, last.start + 1), sensor, put_in))
+    return RunEnds(first, last, _tilt_between(first, last), why_broken(samples, slice(first.stop, last.start + 1), sensor, put_in))
 
 
 # Turns that ``session.toml`` leaves out: each is found again by a moment in which it moved, whatever its number is.

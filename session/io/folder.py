@@ -39,7 +39,8 @@ class Session:
     attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
     the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
     that was found out (``truth_alignment.py``).  rests: paths of its rest logs, which are long,
-    and read by who wants them (``session/io/rests.py``).
+    and read by who wants them (``session/io/rests.py``).  attitude_lines: the line in its file of each row of attitudes, None where the
+    still has none.
     """
 
     folder: Path
@@ -51,6 +52,7 @@ class Session:
     turns: tuple[KnownTurn, ...] = ()
     alignment: TruthAlignment | None = None
     rests: tuple[Path, ...] = ()
+    attitude_lines: tuple[int | None, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -156,9 +158,11 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     reading = TruthReading.of(config.truth)
     session = read_logs(folder, config, paths, closures, rests, progress)
     attitudes = folder / ATTITUDES
+    dials = _read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else (None, ())
     return replace(
         session,
-        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+        attitudes=dials[0],
+        attitude_lines=dials[1],
         truths=tuple(read_truth(path, reading) for path in truths) if config.protocol.reference == "truth" else None,
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
     )
@@ -207,15 +211,15 @@ def _calibrated_once(config: Config, logs: tuple[Log, ...], closures: tuple[Log,
     return replace(config, accelerometer=Accelerometer()), logs, closures
 
 
-def _read_attitudes(path: Path) -> np.ndarray:
-    """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
+def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
+    """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none; and each row's line."""
     columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
     if not os.path.lexists(path):
         raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"')
     lines = rows_of(path)
     if [cell.strip() for cell in next(lines, (0, ""))[1].split(",")] != columns:
         raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
-    readings = {}
+    readings, at = {}, {}
     for number, text in lines:
         try:
             row = next(csv.reader([text]))
@@ -226,13 +230,13 @@ def _read_attitudes(path: Path) -> np.ndarray:
             raise FormatError(f"{path.name} line {number}: still {row[0][:20].strip()!r} is beyond {MOST_STILLS}; stills count from 0")
         if still < 0 or len(angles) != 3 or not all(map(math.isfinite, angles)) or still in readings:
             raise FormatError(f"{path.name} line {number}: still {still} is doubled, negative or has no finite angles")
-        readings[still] = angles
+        readings[still], at[still] = angles, number
     if not readings:
         raise FormatError(f"{path.name}: a header but no dial readings")
     table = np.full((max(readings) + 1, 3), np.nan)
     for still, angles in readings.items():
         table[still] = np.multiply(angles, DEG)
-    return table
+    return table, tuple(at.get(still) for still in range(len(table)))
 
 
 # What a result was made from: the hash of every file of a session.

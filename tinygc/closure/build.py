@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.detect.dials import DIAL_SIGMA_RAD, without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stills import SessionStills, Still
@@ -221,8 +222,6 @@ def with_still_bias(problem: Problem) -> Problem:
 
 # From a session to the problem that every method solves, with the same segments, references, Earth and floor.
 
-#: reading error of a dial
-DIAL_SIGMA_RAD = 0.05 * DEG
 DIAL_LIMIT_RAD = 1.0 * DEG
 #: sigma of a segment before its floor is known
 FIRST_SIGMA_RAD = 1e-3
@@ -252,7 +251,7 @@ def build_problem(
     found = found or SessionStills(session)
     if session.truths is not None:
         return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
-    logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
+    session, logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     turns = known_turns_of(session, found, segments)
     stills = [still for log in logs for still in log.stills]
     too_few = why_too_few(stills, segments, turns, session.config.protocol.still_s)
@@ -314,8 +313,8 @@ def _stills_and_segments(
     moving: Collection[int],
     clipped: Collection[int],
     progress: Callable[[str], None],
-) -> tuple[list[StillSet], list[Segment]]:
-    parts = session_segments(session, found, moving, progress)
+) -> tuple[Session, list[StillSet], list[Segment]]:
+    session, parts, _ = without_wrong_dials(session, session_segments(session, found, moving, progress))
     logs = [
         StillSet(part.found.samples, part.stills, part.found.noise, np.zeros((0, 4)), np.zeros(0, dtype=int), part.log.bridges)
         for part in parts
@@ -330,7 +329,7 @@ def _stills_and_segments(
     unknown = sorted(set(exclude) - {segment.number for segment in segments})
     if unknown and segments:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(segments) - 1}")
-    return logs, excluded
+    return session, logs, excluded
 
 
 def _require_agreement(session: Session, logs: list[StillSet]) -> None:

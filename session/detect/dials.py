@@ -1,0 +1,211 @@
+"""Dial readings that are wrong, found by gravity in the same still and by the gyroscope's turns on either side.
+
+A row typed wrongly, repeated or exchanged with another is off by degrees, the others by hundredths.  So each row is held against what the
+others are usually off by, and one that is beyond chance is left out.  Gravity sees roll and pitch; yaw is seen by the gyroscope, whose
+scale, alignment and mounting are fitted to all turns at once, robustly, so that the wrong rows have no say in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.detect.findings import Finding
+from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment
+from session.detect.stills import Still
+from session.io.folder import ATTITUDES, Session
+from session.io.samples import Samples
+from session.io.units import DEG, NS
+
+DIAL_ROW, DIAL_TURN = "dial reading", "dials against gyro"
+#: rad: reading error of a dial, one sigma
+DIAL_SIGMA_RAD = 0.05 * DEG
+#: the median of the length of two, and of three, normal errors, in their standard deviations
+MEDIAN_OF_2, MEDIAN_OF_3 = 1.1774, 1.5382
+#: probability that chance alone takes a row out of a session
+BY_CHANCE = 1e-3
+#: fewer tell nothing of the usual row; more wrong rows than this share are another convention of angles, or another numbering
+FEWEST, MOST_WRONG = 5, 0.25
+#: prior of an uncalibrated gyroscope's scale and alignment, one sigma of each element; and of the sensor's mounting on the table, rad
+PRIOR_E, PRIOR_MOUNTING_RAD = 0.05, 5 * DEG
+ROUNDS = 30
+#: parts of a turn in which its rate counts as constant
+BLOCKS = 100
+
+
+@dataclass(frozen=True)
+class WrongRow:
+    """A row that is left out: number of its still, over all logs; says what contradicts it."""
+
+    still: int
+    says: str
+
+
+def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple[Session, list[LogSegments], list[Finding]]:
+    """A session without the dial readings that gravity or the turns contradict, its segments, and what to say of each.
+
+    A turn alone that the dials contradict, while the readings on either side agree with their other turns, is rejected.  A session whose
+    reference is not the table, and one with many contradictions, is returned as it is: the first look says what they are.
+    """
+    table = session.attitudes
+    if table is None or session.config.protocol.reference != "table" or session.truths is not None:
+        return session, list(parts), []
+    stills = [still for part in parts for still in part.stills]
+    known = np.array([i < len(table) and bool(np.isfinite(table[i]).all()) and still.problem is None for i, still in enumerate(stills)])
+    wrong = _against_gravity(table, stills, known)
+    for row in wrong:
+        known[row.still] = False
+    by_turns, turns = _against_turns(table, stills, known, parts)
+    wrong += by_turns
+    if len(wrong) > max(2, MOST_WRONG * len(stills)):
+        return session, list(parts), []
+    findings = []
+    table = table.copy()
+    for row in sorted(wrong, key=lambda each: each.still):
+        table[row.still] = np.nan
+        line = session.attitude_lines[row.still] if row.still < len(session.attitude_lines) else None
+        where = ATTITUDES if line is None else f"{ATTITUDES} line {line}"
+        findings.append(Finding("warning", where, DIAL_ROW, f"still {row.still}: {row.says}: left out", "correct or remove that row"))
+    for segment, says in turns.items():
+        findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {says}: left out", "were samples lost in it?"))
+    kept = [replace(part, segments=[_rejected(s, turns) for s in part.segments]) for part in parts]
+    return replace(session, attitudes=table), kept, findings
+
+
+def _rejected(segment: Segment, turns: dict[int, str]) -> Segment:
+    return replace(segment, problem=turns[segment.number], breaks_yaw=True) if segment.number in turns and segment.accepted else segment
+
+
+def down_of_dials(angles: np.ndarray) -> np.ndarray:
+    """(…, 3) unit: down in the sensor, of roll, pitch, yaw (…, 3) rad."""
+    roll, pitch, _ = np.moveaxis(angles, -1, 0)
+    return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=-1)
+
+
+def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(K,) rad between directions (K, 3)."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
+
+
+def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray) -> list[WrongRow]:
+    rows = np.flatnonzero(known)
+    if len(rows) < FEWEST:
+        return []
+    apart = angles_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows.tolist()]))
+    usual = float(np.median(apart))
+    sigma = max(usual / MEDIAN_OF_2, DIAL_SIGMA_RAD)
+    limit = sigma * np.sqrt(2 * np.log(len(rows) / BY_CHANCE))
+    return [
+        WrongRow(int(row), f"its down differs from gravity's by {angle / DEG:.2f}° (the usual row by {usual / DEG:.2f}°)")
+        for row, angle in zip(rows, apart, strict=True)
+        if angle > limit
+    ]
+
+
+def _against_turns(
+    table: np.ndarray, stills: Sequence[Still], known: np.ndarray, parts: Sequence[LogSegments]
+) -> tuple[list[WrongRow], dict[int, str]]:
+    """Rows whose turns on either side miss them, and turns that alone are missed, by their numbers."""
+    number = {id(still): i for i, still in enumerate(stills)}
+    found: list[tuple[Segment, Samples, int, int]] = []
+    for part in parts:
+        for segment in part.segments:
+            before, after = (number[id(still)] for still in segment.stills)
+            if segment.accepted and known[before] and known[after]:
+                found.append((segment, part.found.samples, before, after))
+    if len(found) < FEWEST:
+        return [], {}
+    missed, usual = _missed(
+        np.array([_blocks(samples, segment) for segment, samples, _, _ in found]),
+        _matrix(table[[first for _, _, first, _ in found]]),
+        _matrix(table[[last for _, _, _, last in found]]),
+    )
+    sigma = max(usual / MEDIAN_OF_3, np.sqrt(2) * DIAL_SIGMA_RAD)
+    beyond = missed > sigma * (np.sqrt(2 * np.log(len(found) / BY_CHANCE)) + 1)
+    sides: dict[int, list[int]] = {}
+    for i, (_, _, first, last) in enumerate(found):
+        for still in (first, last):
+            sides.setdefault(still, []).append(i)
+    both = {still for still, mine in sides.items() if len(mine) > 1 and beyond[mine].all()}
+    rows, turns, than = set(both), {}, f"the usual turn by {usual / DEG:.2f}°"
+    for i in np.flatnonzero(beyond).tolist():
+        segment, _, first, last = found[i]
+        if {first, last} & both:
+            continue
+        # At an end of the session, or beside a row that is out already, a reading has one turn only.
+        single = [still for still in (first, last) if len(sides[still]) == 1]
+        if len(single) == 1:
+            rows.add(single[0])
+        elif missed[i] > APART_RAD + APART_SHARE * segment.turn_deg * DEG:
+            turns[segment.number] = f"the dials turn by {missed[i] / DEG:.1f}° otherwise than the gyro ({than})"
+    wrong = [
+        WrongRow(still, f"the gyro's turns beside it miss it by {missed[sides[still]].min() / DEG:.2f}° ({than})") for still in sorted(rows)
+    ]
+    return wrong, turns
+
+
+def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, float]:
+    """What the dials' turns differ from the gyroscope's by, (S,) rad, and the median of that.
+
+    turn (S, B, 3) rad: rotation vectors of consecutive parts; first, last (S, 3, 3): body to table by the dials.  The gyroscope's scale and
+    alignment and a constant mounting are fitted by least squares with Cauchy weights, whose scale is the median residual's.
+    """
+    count, size, _ = turn.shape
+    step = _exp(turn)
+    after, design = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3, 3, 3))
+    for b in reversed(range(size)):  # after: from the part's end to the turn's
+        design += np.einsum("sij,sk->sijk", after.transpose(0, 2, 1), turn[:, b])
+        after = step[:, b] @ after
+    apart = _log(after.transpose(0, 2, 1) @ first.transpose(0, 2, 1) @ last)
+    columns = np.concatenate([design.reshape(count, 3, 9), np.eye(3) - after.transpose(0, 2, 1)], axis=2)
+    prior = np.diag([PRIOR_E**-2.0] * 9 + [PRIOR_MOUNTING_RAD**-2.0] * 3)
+    x = np.zeros(12)
+    for _ in range(ROUNDS):
+        left = np.linalg.norm(apart - columns @ x, axis=1)
+        scale = max(float(np.median(left)) / MEDIAN_OF_3, DIAL_SIGMA_RAD)
+        weight = 1 / (scale**2 + left**2)
+        hessian = np.einsum("sip,s,siq->pq", columns, weight, columns) + prior
+        x = np.linalg.solve(hessian, np.einsum("sip,s,si->p", columns, weight, apart))
+    left = np.linalg.norm(apart - columns @ x, axis=1)
+    return left, float(np.median(left))
+
+
+def _blocks(samples: Samples, segment: Segment) -> np.ndarray:
+    """(B, 3) rad: the rotation by the measured rate in equal parts of a segment, the bias of its stills taken off."""
+    first, last = segment.stills
+    rows = slice(segment.start, segment.stop)
+    t_s = (samples.t_ns[rows] - samples.t_ns[segment.start]) * NS
+    share = (t_s / t_s[-1])[:, None]
+    rate = samples.gyro[rows] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None], axis=0)])
+    edges = np.linspace(0, t_s[-1], BLOCKS + 1)
+    return np.diff(np.stack([np.interp(edges, t_s, angle[:, i]) for i in range(3)], axis=1), axis=0)
+
+
+def _exp(vector: np.ndarray) -> np.ndarray:
+    """(…, 3, 3) rotation matrices of rotation vectors (…, 3)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape, 3)
+    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
+
+
+def _log(matrix: np.ndarray) -> np.ndarray:
+    """(S, 3) rotation vectors of rotation matrices (S, 3, 3), of angles up to 180 degrees."""
+    twice = np.stack([matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], axis=1)
+    sine = np.linalg.norm(twice, axis=1) / 2
+    angle = np.arctan2(sine, (np.trace(matrix, axis1=1, axis2=2) - 1) / 2)
+    return (
+        twice / 2 * (angle / np.where(sine > 1e-9, sine, 1.0))[:, None]
+        + np.where((sine <= 1e-9) & (angle > 1), angle, 0.0)[:, None] * np.eye(3)[0]
+    )
+
+
+def _matrix(angles: np.ndarray) -> np.ndarray:
+    """(S, 3, 3) Rz(yaw) Ry(pitch) Rx(roll), body to table, of roll, pitch, yaw (S, 3) rad."""
+    axes = np.eye(3)
+    roll, pitch, yaw = (_exp(angles[:, i : i + 1] * axes[i]) for i in range(3))
+    return yaw @ pitch @ roll

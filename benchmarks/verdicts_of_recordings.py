@@ -264,11 +264,13 @@ def main() -> None:
         args.json.write_text(json.dumps(results, indent=1), encoding="utf-8")
     print("Verdict, exit code.  Held-out closure in degrees rms; of an array, the median over its units of what each misses by itself.\n")
     print(markdown(HEADER, [row_of(result) for result in results]))
-    print(f"\n{len(results)} recordings; {sum(not apart(result) for result in results)} on which all commands agree.\n")
+    kinds = Counter(kind for result in results for kind in apart(result))
+    print(f"\n{len(results)} recordings; {sum(not apart(result) for result in results)} on which all commands agree.")
+    print("".join(f"\n- {times} times: {kind}" for kind, times in kinds.most_common()))
     for result in results:
-        for command, words in result["said"].items():
-            if result[command][0] not in (0, 1):
-                print(f"- {result['recording']}, {command}: {words}")
+        refusals = {words: command for command, words in result["said"].items() if result[command][0] not in (0, 1)}
+        print("".join(f"\n- {result['recording']}, {command}: {words}" for words, command in refusals.items()), end="")
+    print()
 
 
 if __name__ == "__main__":

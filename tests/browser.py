@@ -5,17 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import shutil
 from pathlib import Path
 
 from processes import DEVNULL, PATIENCE_S, started
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+from tinygc.reporting.html.paper import browser_path
 
-
-def browser_path() -> str | None:
-    """The first Chromium there is."""
-    return next((path for name in NAMES if (path := shutil.which(name))), None)
+__all__ = ["Browser", "browser_path"]
 
 
 class Browser:

@@ -27,6 +27,8 @@ def test_it_is_one_well_formed_file_without_a_script(text):
     assert "default-src 'none'" in text
     assert len(text) < 1_500_000
     assert not re.search(r"\b(nan|inf|None)\b", " ".join(parser.words))
+    read_aloud = [" ".join(part.split()) for part in re.split(r"<[^>]*>", re.sub(r"(?s)<(style|svg|pre|code).*?</\1>", "|", text))]
+    assert [found[0] for part in read_aloud for found in re.finditer(r"\b([a-z]\w+(?:[ ,]+\w+){0,4}) \1\b", part)] == []
 
 
 def test_it_has_every_part(text):
@@ -49,6 +51,32 @@ def test_it_has_every_part(text):
     assert "Estimated non-white noise of this recording" in text
     assert "noise.bias_wander" in text
     assert "not observable here" in text  # of 2 s stills no bias instability can be had
+
+
+def test_the_first_sheet_of_paper_stands_alone(simulated, tmp_path):
+    """What, when, by whom, in which conditions, E and B; and each sheet says whose it is, though a serial number may hold anything."""
+    folder = shutil.copytree(simulated(), tmp_path / "s")
+    config = (folder / "session.toml").read_text()
+    evil = re.sub(r'serial = ".*"', lambda _: r'serial = "</style>\"}x{"', config)
+    (folder / "session.toml").write_text(evil + '\n[notes]\noperator = "Mara"\ndate = "2026-03-04"\n')
+    text = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")
+    parsed(text)
+    assert text.count("</style>") == text.count("<style>")
+    front = text[text.index('<div class="front">') : text.index('<section id="session"')]
+    for words in ("2026-03-04", "Mara", "latitude", "TinyGC", "scale factor error", "misalignment", "bias"):
+        assert words in front, words
+    assert front.count("±") >= 12
+    sheets = re.search(r"@page\{@top-left\{content:\"(.*?)\"\}@top-right\{content:\"(.*?)\"\}", text)
+    left, right = (re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), words) for words in sheets.groups())
+    assert '</style>"}x{' in left
+    assert right == "recorded 2026-03-04"
+
+
+def test_a_pdf_without_a_browser_is_refused_before_the_work(simulated, tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("tinygc.reporting.html.paper.NAMES", ("no-such-browser",))
+    assert calibrate.main(["report", str(simulated()), "--out", str(tmp_path / "r.html"), "--pdf", *QUICK]) == 2
+    assert capfd.readouterr().err.startswith("calibrate: --pdf needs Chromium, and none is found")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_its_figures_are_those_of_fit(simulated, tmp_path):

@@ -1,7 +1,10 @@
 """The report in a real browser: nothing is fetched, nothing fails, every picture is drawn and can be read, wide and narrow."""
 
+import shutil
 from itertools import pairwise
 
+import numpy as np
+import processes
 import pytest
 from browser import Browser, browser_path
 from html_pages import WHOLE, report_of
@@ -72,6 +75,23 @@ def test_it_prints_on_white_and_in_full(browser, page):
     browser.ask("Emulation.setEmulatedMedia", {"media": "print", "features": features})
     assert browser.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--page')") == "#ffffff"
     assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
-    printed = browser.ask("Page.printToPDF")["data"]
-    assert len(printed) > 50_000
+    assert browser.evaluate("getComputedStyle(document.querySelector('.front')).display") == "block"
+    assert browser.evaluate("getComputedStyle(document.querySelector('svg .solid, svg .area, svg .dot')).printColorAdjust") == "exact"
     browser.ask("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    assert browser.evaluate("getComputedStyle(document.querySelector('.front')).display") == "none"
+
+
+def test_a_pdf_is_made_by_one_command_and_no_page_but_the_last_is_mostly_empty(simulated, tmp_path):
+    page = report_of(simulated(), tmp_path / "r.html", *WHOLE, "--pdf")
+    assert page.with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("not installed: pdftoppm")
+    processes.run(["pdftoppm", "-r", "20", "-gray", page.with_suffix(".pdf"), tmp_path / "p"], check=True)
+    sheets = sorted(tmp_path.glob("p-*.pgm"))
+    assert 5 <= len(sheets) <= 20
+    for sheet in sheets[:-1]:
+        data = sheet.read_bytes()
+        width, height = map(int, data.split(maxsplit=4)[1:3])
+        rows = np.flatnonzero((np.frombuffer(data[-width * height :], np.uint8).reshape(height, width) < 200).any(axis=1))
+        body = rows[(rows > 0.08 * height) & (rows < 0.92 * height)]  # without the lines on every sheet
+        assert body.max() > 0.55 * height, sheet.name

@@ -21,6 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=path_read, help="session folder; of several, each gets a report of its own")
     command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
     command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
+    command.add_argument("--pdf", action="store_true", help="print it as well, to a PDF beside it; needs Chromium")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
     add_fit_arguments(command)
@@ -42,20 +43,25 @@ def _report(args: argparse.Namespace) -> Done:
     from tinygc.reporting.html.evidence import gather
     from tinygc.reporting.html.markup import tilt_rms
     from tinygc.reporting.html.page import save, summary
+    from tinygc.reporting.html.paper import print_pdf, require_browser
     from tinygc.reporting.terminal import progress_bar
 
     path = args.out or args.folder / "report.html"
     try_file(args, path)
+    if args.pdf:
+        require_browser()
+        try_file(args, path.with_suffix(".pdf"))
     with progress_bar(args.quiet) as progress:
         evidence = gather(args.folder, fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
     save(evidence, path)
+    files = [path, *([print_pdf(path, path.with_suffix(".pdf"))] if args.pdf else [])]
     decision = evidence.decision
     output(args).print(f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
     for met, reason in decision.reasons:
         output(args).print(f"  {'met' if met else 'not met'}: {reason}")
     for doubt in decision.doubts:
         output(args).print(f"  in doubt: {doubt}")
-    output(args).print(f"written: {path}", soft_wrap=True)
+    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
     table, code = summary(evidence) | defaults_json(args), 0
     if args.limit is not None and not decision.passed:

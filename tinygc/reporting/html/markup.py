@@ -105,6 +105,7 @@ def _environment() -> Environment:
     environment.globals |= {"wide": WIDE, "narrow": NARROW}
     environment.tests["finite"] = isfinite
     environment.filters |= {number.__name__: number for number in (fixed, significant, degrees, probability)}
+    environment.filters["css"] = css_text
     environment.filters["sentence"] = lambda words: f"{words[:1].upper()}{words[1:]}."
     return environment
 
@@ -136,6 +137,11 @@ def small(text: str) -> str:
 def escape(text: object) -> str:
     """Text as HTML, with markup and control characters escaped."""
     return _escape(printable(str(text)), quote=True)
+
+
+def css_text(text: str) -> str:
+    """Text for a string of a style sheet, where HTML's escapes do not count: every other sign is a number, with the space that ends it."""
+    return _html("".join(sign if sign.isascii() and sign.isalnum() else f"\\{ord(sign):x} " for sign in printable(text)))
 
 
 def paragraph(html: str, kind: str = "") -> str:

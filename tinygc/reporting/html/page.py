@@ -13,6 +13,7 @@ from tinygc.estimation.choice import run_figures
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render, tilt_rms
 from tinygc.reporting.html.sections import modules
+from tinygc.reporting.html.sections.front import recorded
 
 # The report for other programs: ``tinygc-report/1``.
 
@@ -68,13 +69,17 @@ def summary(evidence: ReportData) -> dict:
 def page(evidence: ReportData) -> str:
     """The report as one HTML document."""
     sections = [made for part in modules() if (made := part.section(evidence)) is not None]
-    title = f"Calibration report: {evidence.fit.session.name}"
-    return document(title, render("head.html", e=evidence), sections, render("foot.html", e=evidence))
+    title, sensor = f"Calibration report: {evidence.fit.session.name}", evidence.fit.session.config.sensor
+    date, _ = recorded(evidence)
+    running = (f"{sensor.model} · {sensor.serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
+    return document(title, render("head.html", e=evidence), sections, render("foot.html", e=evidence), running)
 
 
-def document(title: str, head: str, sections: Sequence[Section], foot: str) -> str:
-    """HTML document of sections with a list of contents; head and foot are HTML, title is text."""
-    return render("page.html", title=title, head=head, sections=sections, foot=foot) + "\n"
+def document(title: str, head: str, sections: Sequence[Section], foot: str, running: tuple[str, str] = ("", "")) -> str:
+    """HTML document of sections with a list of contents; head and foot are HTML, title is text; running: text at the top of each sheet of
+    paper, left and right."""
+    places = {"top-left": running[0], "top-right": running[1], "bottom-left": title}
+    return render("page.html", title=title, head=head, sections=sections, foot=foot, running=places) + "\n"
 
 
 def save(evidence: ReportData, path: Path) -> Path:

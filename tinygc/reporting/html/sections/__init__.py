@@ -10,6 +10,7 @@ from session.io.annexes import SERVICES, find
 #: module names in this folder, or the service of an annex; its section is omitted if the annex is
 SECTIONS = (
     "answer",
+    "front",
     "recording",
     "methods",
     "closure_per_segment",

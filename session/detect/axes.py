@@ -8,10 +8,11 @@ from itertools import pairwise, permutations, product
 
 import numpy as np
 
-from session.detect.findings import Finding
+from session.detect.findings import Axes, Correction, Finding
 from session.detect.segments import GAP_PERIODS, Ends
 from session.detect.stills import Still, references
 from session.io.config import Config, Sensor
+from session.io.logfile import Log
 from session.io.samples import Samples
 from session.io.sensors.profile import Profile
 from session.io.units import DEG, NS
@@ -229,12 +230,14 @@ CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalig
 ST_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
 
 
-def check_axes(where: str, samples: Samples, between: Sequence[Ends], config: Config, raw: bool) -> list[Finding]:
+def check_axes(log: Log, samples: Samples, between: Sequence[Ends], config: Config) -> list[Finding]:
     """The movement of gravity that the accelerometer shows must be the one that the gyro's rates make.
 
     48 signed orders of the gyro's axes are tried, each with the scale that suits it best.  Another than x, y, z must leave less
-    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  between: the stills of each turn.
+    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  samples: of the log, with the
+    specific force in right units; between: the stills of each turn.
     """
+    where = log.path.name
     found = agreement(samples, [], between)
     if found is None:
         says = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
@@ -248,7 +251,7 @@ def check_axes(where: str, samples: Samples, between: Sequence[Ends], config: Co
         do = "are gyro and accelerometer of one board, with one clock? are samples lost, does the gyro clip?"
         says += ", whatever the order, signs and scale of the gyro's axes"
         return [Finding("warning", where, "gyro against gravity", says, do)]
-    return [_axes_finding(where, found, turns), _scale_finding(where, found, turns, config, raw)]
+    return [_axes_finding(where, found, turns), _scale_finding(log, found, turns, config)]
 
 
 def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
@@ -256,7 +259,7 @@ def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
     if found.misfit < CLEARLY * found.identity_misfit:
         says = f"{axes_in_words(found.axes)}: explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to "
         says += f"{1 - found.identity_misfit:.0%} ({turns})"
-        return Finding("error", where, "axes", says, _axes_advice(found.axes))
+        return Finding("error", where, "axes", says, _axes_advice(found.axes), _axes_corrections(found.axes))
     return Finding("ok", where, "axes", f"the gyro explains gravity's movement to {1 - found.identity_misfit:.0%}{ends} ({turns})")
 
 
@@ -290,23 +293,75 @@ def _axes_advice(axes: np.ndarray) -> str:
     """
     if np.linalg.det(axes) < 0:
         return "correct the columns or their signs where the log is written; a rotation of the board cannot do this"
+    return f"correct the columns where the log is written; or it is the accelerometer: {_of_accelerometer(axes)[1]}"
+
+
+def _of_accelerometer(axes: np.ndarray) -> tuple[np.ndarray, str]:
+    """The accelerometer's axes (3, 3) that look like the gyro's, and what is wrong with its columns."""
     other = max((axes.T, -axes.T), key=np.trace)
-    text = axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
-    return f"correct the columns where the log is written; or it is the accelerometer: {text}"
+    return other, axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
 
 
-def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config, raw: bool) -> Finding:
+def _axes_corrections(axes: np.ndarray) -> tuple[Correction, ...]:
+    """Of the gyro; or of the accelerometer, where a turned one looks alike."""
+    gyro = Correction(axes_in_words(axes), "gyro", axes=_rows(axes))
+    if np.linalg.det(axes) < 0:
+        return (gyro,)
+    other, says = _of_accelerometer(axes)
+    return gyro, Correction(says, "accel", axes=_rows(other))
+
+
+def _rows(axes: np.ndarray) -> Axes:
+    return tuple((int(x), int(y), int(z)) for x, y, z in axes)
+
+
+def _scale_finding(log: Log, found: AxesAgreement, turns: str, config: Config) -> Finding:
     """The factor that the rates need, against the factors of the usual mistakes."""
+    where = log.path.name
     k, bar = found.scale, max(SCALE_OK, found.scale_std)
     says = f"gravity requires rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
     if abs(k - 1) <= bar:
         return Finding("ok", where, "gyro scale", says)
-    mistakes = _mistakes(config.sensor, raw)
+    mistakes, within = _mistakes(config.sensor, log.raw), max(NAMED_WITHIN, found.scale_std)
     nearest = min(mistakes, key=lambda factor: abs(np.log(k / factor)))
-    if abs(np.log(k / nearest)) <= max(NAMED_WITHIN, found.scale_std):
-        return Finding("error", where, "gyro scale", says, mistakes[nearest])
+    if abs(np.log(k / nearest)) <= within:
+        causes = [_scale_correction(factor, config.sensor, log.raw) for factor in mistakes if abs(np.log(k / factor)) <= within]
+        counted = [_counted_at(nearest, config.sensor)] if log.counted else []
+        return Finding("error", where, "gyro scale", says, mistakes[nearest], tuple(each for each in [*causes, *counted] if each))
+    profile, rate_hz = config.sensor.profile, config.sensor.odr_hz / k
+    near = profile.nearest_hz(rate_hz) if log.counted and profile is not None else None
     level = "error" if abs(np.log(k)) > np.log(1.2) else "warning"
-    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?")
+    causes = () if near is None or abs(near / rate_hz - 1) > within else (_counted_at(config.sensor.odr_hz / near, config.sensor),)
+    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?", causes)
+
+
+def _scale_correction(factor: float, sensor: Sensor, raw: bool) -> Correction | None:
+    """What undoes a usual mistake by its factor; None where no setting of the sensor can."""
+    full_scale = factor * sensor.gyro_fs_dps
+    power = float(np.log2(factor)).is_integer()
+    if raw:
+        profile = sensor.profile
+        if not power or (profile is not None and profile.gyro is not None and full_scale not in profile.gyro):
+            return None
+        settings = [("gyro_fs_dps", full_scale)]
+        if sensor.gyro_mdps_per_lsb is not None:
+            settings.append(("gyro_mdps_per_lsb", factor * sensor.gyro_mdps_per_lsb))
+        return Correction(f"gyro_fs_dps is {full_scale:g}, not {sensor.gyro_fs_dps:g}", settings=tuple(settings))
+    if power:
+        says = f"the rates are {1 / factor:g} times the true ones: the full scale is {full_scale:g} dps, not {sensor.gyro_fs_dps:g}"
+        return Correction(says, "gyro", factor, settings=(("gyro_fs_dps", full_scale),))
+    if factor in (DEG, 1 / DEG):
+        have, said = ("deg/s", "rad/s") if factor == DEG else ("rad/s", "deg/s")
+        return Correction(f"the rates are in {have}, and are read as {said}", "gyro", factor)
+    return Correction(f"the rates are {1 / factor:.5g} times the true ones", "gyro", factor)
+
+
+def _counted_at(factor: float, sensor: Sensor) -> Correction:
+    """Samples that were counted at a wrong rate turn as far as others with a wrong full scale."""
+    rate_hz = sensor.odr_hz / factor
+    return Correction(
+        f"the samples were counted at {sensor.odr_hz:g} Hz, and came at {rate_hz:g}", "time", factor, settings=(("odr_hz", rate_hz),)
+    )
 
 
 def _mistakes(sensor: Sensor, raw: bool) -> dict[float, str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
-from session.detect.findings import Finding, axes_text
+from session.detect.findings import Correction, Finding, axes_text
 from session.detect.segments import GAP_PERIODS, Ends, pace_of, why_broken
 from session.detect.stills import Noise, Still, noise_floor
 from session.io.config import Sensor
@@ -44,7 +44,8 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
         stated = log.number(key)
         if stated is not None and abs(stated / declared - 1) > 1e-6:
             says = f"the log says {key}={stated:g}, session.toml {declared:g}"
-            findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
+            right = Correction(f"{key} is {stated:g}, as the log says, not {declared:g}", settings=((key, stated),))
+            findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml", (right,)))
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
         says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
-from session.detect.findings import Finding, xyz_text
+from session.detect.findings import Correction, Finding, xyz_text
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
 from session.io.config import Config, Sensor
@@ -172,13 +172,15 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     return candidates[best], lengths[best]
 
 
-def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool = False) -> list[Finding]:
+def check_gravity(
+    where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool = False, raw: bool = False
+) -> list[Finding]:
     """Length of gravity in the stills against the site's, and its spread over attitudes.
 
     The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the
     pre-calibration leaves: a spread of s turns the measured vertical by about s/g, to be held against what the gyro's own
     noise adds to a segment (angle random walk x sqrt(duration)).  A closure_run
-    rests in one attitude by protocol, so no others are expected.
+    rests in one attitude by protocol, so no others are expected.  raw: whether the log holds registers.
     """
     if not stills:
         return []
@@ -195,7 +197,9 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
             do = "an uncalibrated accelerometer may be so far off; rest it on all sides, and it is calibrated"
         findings = [Finding("warning", where, "gravity", says, do)]
     else:
-        return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
+        factor, length = accel_unit_factor(stills, config)
+        causes = _unit_corrections(factor, length, config, raw)
+        return [Finding("error", where, "gravity", says, _unit_advice(factor, length, config), causes)]
     spread = float(lengths.std())
     tilt = spread / lengths.mean()
     floor = noise_floor(noise, config.protocol.segment_s)
@@ -220,6 +224,25 @@ def _attitudes_text(stills: list[Still], attitudes: int) -> str:
     sine = np.linalg.norm(np.cross(down, middle), axis=1)
     widest = 2 * float(np.arctan2(sine, down @ middle).max())
     return f"{len(stills)} stills that are all one attitude (within {widest / DEG:.2g} deg)"
+
+
+def _unit_corrections(factor: float, length: float, config: Config, raw: bool) -> tuple[Correction, ...]:
+    """What makes gravity right, where a usual mistake does."""
+    sensor = config.sensor
+    if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
+        return ()
+    if factor in (G, 1 / G):
+        have, said = ("g", "m/s²") if factor == G else ("m/s²", "g")
+        return () if raw else (Correction(f"the specific force is in {have}, and is read as {said}", "accel", factor),)
+    if factor in (1e3, 1e-3):
+        return () if raw else (Correction(f"the specific force is {1 / factor:g} times what it should be", "accel", factor),)
+    full_scale = factor * sensor.accel_fs_g
+    says, settings = f"accel_fs_g is {full_scale:g}, not {sensor.accel_fs_g:g}", [("accel_fs_g", full_scale)]
+    if sensor.profile is not None and sensor.profile.accel is not None and full_scale not in sensor.profile.accel:
+        return ()
+    if raw and sensor.accel_mg_per_lsb is not None:
+        settings.append(("accel_mg_per_lsb", factor * sensor.accel_mg_per_lsb))
+    return (Correction(says, "" if raw else "accel", 1.0 if raw else factor, settings=tuple(settings)),)
 
 
 def _unit_advice(factor: float, length: float, config: Config) -> str:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.detect.findings import Finding
+from session.detect.findings import Correction, Finding
 from session.detect.segments import Ends, pace_of
 from session.detect.stills import Noise
 from session.io.config import Config, Sensor
@@ -60,11 +60,20 @@ def _against_declared(where: str, true_hz: float, sensor: Sensor) -> Finding:
     otherwise = "or the stamps are not the device's time: then every rate is wrong by this much"
     if profile is None or near is None:
         says += "; the stamps are used, and how far this sensor's clock may be off is not known"
-        return Finding("warning", where, "sample rate", says, f"correct odr_hz; {otherwise}")
+        return Finding("warning", where, "sample rate", says, f"correct odr_hz; {otherwise}", _rates(true_hz, sensor, true_hz))
     fits = f"the sensor has {near:g} Hz: correct odr_hz" if abs(true_hz / near - 1) < ODR_WRONG else "no rate of the sensor fits"
     if profile.clock_within is not None:
         says += f"; parts differ by {100 * profile.clock_within.value:g} % at most"
-    return Finding("error", where, "sample rate", says, f"{fits}; {otherwise}")
+    return Finding("error", where, "sample rate", says, f"{fits}; {otherwise}", _rates(true_hz, sensor, near))
+
+
+def _rates(true_hz: float, sensor: Sensor, rate_hz: float) -> tuple[Correction, ...]:
+    """A rate that is declared wrongly, as this one, or stamps that are."""
+    ratio = true_hz / sensor.odr_hz
+    declared = Correction(f"the data rate is {rate_hz:.5g} Hz, not {sensor.odr_hz:g}", settings=(("odr_hz", float(f"{rate_hz:.5g}")),))
+    fits = sensor.profile is None or abs(true_hz / rate_hz - 1) < ODR_WRONG
+    stamps = Correction(f"time runs {max(ratio, 1 / ratio):.4g} times too {'fast' if ratio > 1 else 'slowly'}", "time", ratio)
+    return (declared, stamps) if fits else (stamps,)
 
 
 def _counted(log: Log, sensor: Sensor) -> Finding | None:
@@ -102,7 +111,8 @@ def _wrong_unit(where: str, true_hz: float, sensor: Sensor, factor: float) -> Fi
     times = round(factor if fast else 1 / factor)
     says = f"{true_hz:.6g} Hz by the stamps, {sensor.odr_hz:g} Hz declared: time runs {times} times too {'fast' if fast else 'slowly'}"
     do = f"{(FASTER if fast else SLOWER)[times]}? correct the name of the time column (t_ns, t_us, t_s), or --time-unit of replay"
-    return Finding("error", where, "time unit", says, do)
+    named = (FASTER if fast else SLOWER)[times]
+    return Finding("error", where, "time unit", says, do, (Correction(f"the time column is in another unit: {named}", "time", factor),))
 
 
 def check_warming(log: Log) -> list[Finding]:

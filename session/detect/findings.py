@@ -11,13 +11,33 @@ from session.io.texts import printable
 LEVELS = ("ok", "note", "warning", "error")
 
 
+#: rows of a signed permutation of axes
+Axes = tuple[tuple[int, int, int], ...]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A cause that explains a finding, and what undoes it in a log or in session.toml.
+
+    says: the cause; kind: ``gyro``, ``accel`` or ``time``, whose columns change, or nothing; factor: of what is read from them; axes: rows
+    of a signed permutation, true = factor * axes @ read, or None; settings: keys of ``[sensor]`` with their right values.  Where these
+    change what is read (registers), the columns stay.
+    """
+
+    says: str
+    kind: str = ""
+    factor: float = 1.0
+    axes: Axes | None = None
+    settings: tuple[tuple[str, float], ...] = ()
+
+
 @dataclass(frozen=True)
 class Finding:
     """One result of one check.
 
     level: ``ok`` within its bar, ``note`` worth knowing, ``warning`` costs accuracy, ``error`` makes the calibration wrong;
     where: the file, or the folder's part; what: the check's short name; says: the measured number with its bar;
-    do: what to do about it, or nothing.
+    do: what to do about it, or nothing; corrections: the causes that explain it, each with what undoes it; none where it is not known.
     """
 
     level: str
@@ -25,6 +45,7 @@ class Finding:
     what: str
     says: str
     do: str = ""
+    corrections: tuple[Correction, ...] = ()
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:

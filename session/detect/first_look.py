@@ -126,7 +126,7 @@ def first_look(
         *check_repeated_gravity(log, noise),
         *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor),
-        *check_gravity(where, good, config, noise, closure_run=log in session.closures),
+        *check_gravity(where, good, config, noise, closure_run=log in session.closures, raw=log.raw),
         *_axes_below(ceiling, turns, turns.log.samples.with_accel(force), config),
         *check_undersampling(turns.log, turns.used, noise, config),
         *check_impacts(where, turns.log.samples.with_accel(force), turns.used),
@@ -137,7 +137,7 @@ def _axes_below(ceiling: Ceiling | None, turns: LogTurns, samples: Samples, conf
     """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
     log, between = turns.log, turns.examined
     clean = clean_turns(ceiling, between)
-    findings = check_axes(log.path.name, samples, clean if len(clean) >= FEWEST_SEGMENTS else between, config, log.raw)
+    findings = check_axes(log, samples, clean if len(clean) >= FEWEST_SEGMENTS else between, config)
     spoilt = ceiling is not None and len(clean) < min(len(between), FEWEST_SEGMENTS) and worst(findings) != "ok"
     return [ceiling_finding(log, config.sensor, ceiling, between)] if spoilt and ceiling is not None else findings
 

@@ -9,8 +9,11 @@ import numpy as np
 
 from session.detect.findings import LEVELS, Finding, worst
 from session.io.texts import command_line, printable
+from session.replay.repair import Repaired, can_be_repaired
+from tinygc.estimation.before_after import RecordingClosure
 from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
 from tinygc.estimation.listing import ListedSession
+from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 # The first look in the terminal: worst findings first; the verdict and the next step come last, where the reader looks.
@@ -31,8 +34,38 @@ def findings_table(findings: list[Finding]) -> Table:
 def next_line(folder: Path, findings: list[Finding]) -> Text:
     """Suggest the next step."""
     if worst(findings) == "error":
+        repaired = command_line("check", folder, "--repair", "OUT")
+        by_itself = Text("next: the cause of an error is known; a corrected copy is written by\n").append(one_line(f"  {repaired}"))
+        if can_be_repaired(findings):
+            return by_itself
         return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder)}"))
     return Text("next:\n").append(one_line(f"  {command_line('fit', folder)}"))
+
+
+def repair_report(done: Repaired, before: RecordingClosure, after: RecordingClosure) -> Group:
+    """What was corrected in a copy of a session, and what the recording closes to before and after."""
+    parts: list[RenderableType] = []
+    for change in done.changes:
+        said = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])
+        parts.append(one_line(f"corrected: {change.cause.says} ({said})"))
+    table = plain_table("Closure of the recording itself, degrees", "", "before", "after", right=True)
+
+    def row(title: str, values: list[str]) -> None:
+        table.add_row(title, *values)
+
+    both = (before, after)
+    row("turns that can be used", [NONE if each.why else str(each.turns) for each in both])
+    for name in ("raw_bias_removed", "least_squares"):
+        row(f"{METHODS[name].title}, tilt held out", [degrees_text(each.tilt_deg.get(name)) for each in both])
+    for file in after.runs_deg or before.runs_deg:
+        for name in ("raw_bias_removed", "least_squares"):
+            row(f"{file}, {METHODS[name].title}, RMSE", [degrees_text(each.runs_deg.get(file, {}).get(name)) for each in both])
+    row("least squares multiplies the rates by", [" ".join(f"{value:.3f}" for value in each.scale) or NONE for each in both])
+    parts.append(table)
+    parts += [one_line(f"{when}: {each.why}") for when, each in zip(("before", "after"), both, strict=True) if each.why]
+    folder = done.folder
+    parts += [one_line(f"written: {folder} (repaired.json says from which files)"), verdict_line(list(done.findings))]
+    return Group(*parts, next_line(folder, list(done.findings)))
 
 
 def unit_lines(findings: list[Finding]) -> list[Text]:

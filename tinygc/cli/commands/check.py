@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import path_read
+from session.io.errors import CalibrationError
+from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.results import complain, output, verdict, write_json
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
@@ -14,10 +15,18 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or an array's")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
+    command.add_argument(
+        "--repair", type=folder_written, metavar="OUT", help="write the corrected copy of a session whose errors have a known cause"
+    )
+    command.add_argument("--cause", type=int, metavar="N", help="with --repair: which of several causes that explain an error alike")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print a first examination of a session."""
+    """Print a first examination of a session, or write its corrected copy."""
+    if args.repair is not None:
+        return _repair(args)
+    if args.cause is not None:
+        raise CalibrationError("--cause names one of several causes for --repair; add --repair OUT")
     from session.detect.findings import worst
     from tinygc.library.sessions import check
     from tinygc.reporting.tables import findings_table, next_line, unit_lines, verdict_line
@@ -41,3 +50,18 @@ def run(args: argparse.Namespace) -> int:
             complain(errors[0].line + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
         return 2
     return 1 if args.strict and worst(findings) == "warning" else 0
+
+
+def _repair(args: argparse.Namespace) -> int:
+    """Write the corrected copy of a session, and show what it closes to before and after."""
+    from session.replay.repair import repair
+    from tinygc.estimation.before_after import closure_of
+    from tinygc.reporting.tables import repair_report, verdict_line
+
+    done = repair(args.folder, args.repair, args.cause)
+    before, after = closure_of(done.source), closure_of(done.folder)
+    output(args).print(repair_report(done, before, after))
+    verdict(args, verdict_line(list(done.findings)))
+    closure = {"before": before.to_json(), "after": after.to_json()}
+    write_json(args.json, {**done.to_json(), "closure": closure, "findings": [finding.to_json() for finding in done.findings]})
+    return 2 if any(finding.level == "error" for finding in done.findings) else 0

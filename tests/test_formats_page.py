@@ -130,6 +130,14 @@ def test_check(folder, tmp_path):
     assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/2")
 
 
+def test_a_repair(tmp_path):
+    toml = SESSION_TOML.replace("= 500", "= 250")
+    folder = write_session(tmp_path / "s", Table().tumble(9, seed=5).samples(), toml=toml)
+    write_session(folder, Table().rest(3).turn(180, (0, 0, 1)).turn(-180, (0, 0, 1)).rest(3).samples(), "closure0001.csv", toml)
+    assert_on_page(told("check", folder, "--repair", tmp_path / "copy", tmp_path / "x.json"), "tinygc-repair/1")
+    assert_on_page(json.loads((tmp_path / "copy" / "repaired.json").read_text()), "tinygc-repair/1")
+
+
 def test_fit_and_every_file_that_it_leaves(folder):
     table = json.loads((folder.parent / "fit.json").read_text(encoding="utf-8"))
     assert_on_page(table, "tinygc-fit/2")

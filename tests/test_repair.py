@@ -5,6 +5,7 @@ import hashlib
 import json
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -127,6 +128,19 @@ def test_samples_counted_at_a_wrong_rate_are_no_more_likely_than_a_wrong_full_sc
     log.write_text("# stamps=counted\n" + log.read_text())
     with pytest.raises(CalibrationError, match=r"2 causes explain gyro scale alike: 1: the rates .* 2: the samples were counted at"):
         repair(spoilt, tmp_path / "copy")
+
+
+def test_samples_counted_at_another_rate_of_the_sensor_are_put_on_its_clock(tmp_path):
+    truth = Table().tumble(9, rest_s=1.5, seed=5).samples(odr_hz=125.0)
+    counted = replace(truth, t_ns=truth.t_ns * 5 // 4)
+    spoilt = written(tmp_path / "spoilt", counted, SESSION_TOML.replace("ASM330LHH", "MPU-9250").replace("208.0", "100.0"))
+    log = spoilt / "log0001.csv"
+    log.write_text("# stamps=counted\n" + log.read_text())
+    (change,) = repair(spoilt, tmp_path / "copy").changes
+    assert change.cause.says == "the samples were counted at 100 Hz, and came at 125"
+    session = tinygc.read_session(tmp_path / "copy")
+    assert session.config.sensor.odr_hz == 125
+    np.testing.assert_array_equal(session.logs[0].samples.t_ns, truth.t_ns)
 
 
 @pytest.mark.parametrize(

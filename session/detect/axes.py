@@ -331,8 +331,9 @@ def _scale_finding(log: Log, found: AxesAgreement, turns: str, config: Config) -
     profile, rate_hz = config.sensor.profile, config.sensor.odr_hz / k
     near = profile.nearest_hz(rate_hz) if log.counted and profile is not None else None
     level = "error" if abs(np.log(k)) > np.log(1.2) else "warning"
-    causes = () if near is None or abs(near / rate_hz - 1) > within else (_counted_at(config.sensor.odr_hz / near, config.sensor),)
-    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?", causes)
+    explained = near is not None and abs(near / rate_hz - 1) <= within
+    rates = (_counted_at(config.sensor.odr_hz / near, config.sensor),) if near is not None and explained else ()
+    return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?", rates)
 
 
 def _scale_correction(factor: float, sensor: Sensor, raw: bool) -> Correction | None:

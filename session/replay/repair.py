@@ -11,10 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from session import VERSION
-from session.detect.findings import Correction, Finding
+from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
 from session.io.config import read_config
 from session.io.errors import DataError, FormatError
@@ -209,6 +207,7 @@ def _note(folder: Path, done: Repaired) -> None:
     path.write_text(dumps(document), encoding="utf-8")
 
 
+AS_LOGGED: Axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 #: a comment of a log that states a setting
 STATED = r"\b({})=\S+"
 #: the largest number of a register of 16 bits, which has no smallest one's opposite
@@ -221,8 +220,8 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
     write: Callable[[list[str]], list[str]] | None = None
     with contextlib.ExitStack() as stack:
         lines, binary = stack.enter_context(Lines(source)), stack.enter_context(path.open("wb"))
-        if path.suffix.lower() == ".gz":
-            binary = stack.enter_context(gzip.GzipFile("", "wb", fileobj=binary, mtime=0))
+        packed = path.suffix.lower() == ".gz"
+        file = stack.enter_context(gzip.GzipFile("", "wb", fileobj=binary, mtime=0)) if packed else binary
         count = 0
         while some := lines.take():
             for text in some:
@@ -238,7 +237,7 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
                     elif len(cells) == count:
                         with contextlib.suppress(ValueError):  # a last line that was cut off
                             text = ",".join(write(cells))
-                binary.write(f"{text}\n".encode())
+                file.write(f"{text}\n".encode())
 
 
 def _columns(names: list[str], cause: Correction, first: list[str]) -> tuple[list[str], Callable[[list[str]], list[str]]]:
@@ -258,8 +257,8 @@ def _columns(names: list[str], cause: Correction, first: list[str]) -> tuple[lis
         factor, unit = cause.factor, _renamed(cause.kind, suffix.removeprefix("_"), cause.factor)
         if unit is not None:
             suffix, factor = f"_{unit}", 1.0
-        for row, axis in zip(cause.axes or np.eye(3, dtype=int).tolist(), "xyz", strict=True):
-            (logged,) = np.flatnonzero(row)
+        for row, axis in zip(cause.axes or AS_LOGGED, "xyz", strict=True):
+            logged = next(i for i in range(3) if row[i])
             at = at_axis["xyz"[logged]]
             names[at] = f"{letter}{axis}{suffix}"
             if factor * row[logged] != 1.0:

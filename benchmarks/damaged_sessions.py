@@ -41,9 +41,7 @@ def combined_sigma(result) -> np.ndarray | None:
 
 def doubts_of(result) -> list[str]:
     """What a fit says against itself, in short: the verdict by the report's rule, misfit, and what it noticed."""
-    from tinygc.reporting.html.evidence import adopt, decide
-
-    decision = decide(adopt(result, None), [run.file for run in result.runs], None, result.against_raw, result.accelerometer)
+    decision = result.verdict()
     found = [] if decision.answer == "pass" else [decision.answer]
     if result.goodness.p_value < MISMATCH_P or result.widened > 1:
         found.append("misfit")

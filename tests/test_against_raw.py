@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from test_report_decision import Adopted, decide
+from test_report_decision import JudgedFit, decide
 
 import calibrate
 import tinygc
@@ -77,9 +77,7 @@ def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_ou
 
 @pytest.mark.parametrize("limit_deg", [None, 5.0])
 def test_no_limit_makes_a_pass_of_what_is_worse_than_raw(limit_deg):
-    known = dict.fromkeys(Adopted.__dataclass_fields__) | {"numbers": list(range(40)), "floor_rms": 0.9 * DEG, "closure_p": 0.5}
-    known |= {"angles": np.full((40, 2), DEG / np.sqrt(2)), "vector": np.zeros(12), "run_errors": [], "run_p": [], "run_losses": []}
-    adopted = Adopted(**known)
+    adopted = JudgedFit(np.full((40, 2), DEG / np.sqrt(2)), list(range(40)), np.zeros(12), 0.9 * DEG, 0.5, None, [], [], [])
     assert decide(adopted, [], limit_deg, AgainstRaw("raw", 1.1, {})).answer == "pass"
     worse = decide(adopted, [], limit_deg, AgainstRaw("raw", 0.9, {}))
     assert worse.answer == "fail"

@@ -228,7 +228,7 @@ def test_the_page_of_a_check_says_all_of_it_and_files_need_no_truth_section(tmp_
 
 def test_fit_and_explain_put_it_into_their_json(tmp_path, capsys):
     folder = write(tmp_path, Wrong(late_s=0.00406, frame="enu", turns=12))
-    words = ["fit", str(folder), "--methods", "least_squares", "--json", str(tmp_path / "fit.json")]
+    words = ["fit", str(folder), "--methods", "least_squares", "--verbose", "--json", str(tmp_path / "fit.json")]
     assert calibrate.main(words) == 0
     told = json.loads((tmp_path / "fit.json").read_text())["truth"]
     assert told["source"] == {"offset": "found", "frame": "found", "sense": "assumed", "order": "assumed", "mounting": "assumed"}

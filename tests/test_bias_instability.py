@@ -66,7 +66,7 @@ def test_the_sigmas_follow_it_and_the_closure_does_not(simulated, run, tmp_path)
         shutil.copytree(simulated(), folder)
         text = (folder / "session.toml").read_text().replace("[accelerometer]", line + "[accelerometer]")
         (folder / "session.toml").write_text(text.replace('"ASM330LHH"', UNNAMED) if name == "other" else text)
-        code, out, _ = run("fit", folder, "--methods", "least_squares", "--json", tmp_path / f"{name}.json")
+        code, out, _ = run("fit", folder, "--methods", "least_squares", "--verbose", "--json", tmp_path / f"{name}.json")
         assert code == 0
         words = {"typical": "3 °/h, typical of ASM330LHH", "given": "30 °/h, given", "other": ESTIMATED}[name]
         assert words in " ".join(out.split())

@@ -107,7 +107,7 @@ def two_days(tmp_path_factory):
     for name, turns, bias, seed in (("first", 20, (0.5, -0.3, 0.6), 1), ("second", 8, (0.62, -0.35, 0.51), 2)):
         write_session(parent / name, Table().tumble(turns, seed=seed).samples(bias_dps=bias, seed=seed))
     words = ["--methods", "least_squares,tinygc,tinygc_denoised", "--bias", "ends", "--quiet"]
-    assert calibrate.main(["fit", str(parent / "first"), *words]) == 0
+    calibrate.main(["fit", str(parent / "first"), *words])  # its verdict is another test's
     return parent
 
 

@@ -26,7 +26,7 @@ def command_line(*arguments, shell="", **environment):
 def test_an_encoding_without_our_signs_is_no_error(folder):
     done = command_line("fit", folder, "--methods", "least_squares", "--folds", "2", PYTHONIOENCODING="ascii")
     assert done.returncode == 0, done.stderr
-    assert b"held out" in done.stdout
+    assert b"Closure error" in done.stdout
     assert done.stdout.isascii()
 
 
@@ -142,7 +142,7 @@ def test_same_input_same_seed_same_numbers(run, folder):
 def test_limit_is_exit_code_1_and_says_which_figure_failed(run, folder):
     code, out, err = run("fit", folder, *QUICK, "--limit", "1e-6")
     assert (code, out, err.count("\n")) == (1, "", 1)
-    for words in ("--limit 1e-06", "best held-out tilt is ", "(least_squares)", "closure0001.csv.gz's best RMSE is "):
+    for words in ("--limit 1e-06", "segments, held out, rms of tilt: 0.0", "closure0001.csv.gz, RMSE: 0.0"):
         assert words in err
     assert run("fit", folder, *QUICK, "--limit", "45") == (0, "", "")
 
@@ -173,9 +173,9 @@ def test_simulate_makes_a_session_that_fit_reads(run, tmp_path):
 
 
 def test_report_names_methods_floor_and_parameters(run, folder):
-    code, out, _ = run("fit", folder, "--methods", "raw,least_squares")
+    code, out, _ = run("fit", folder, "--methods", "raw,least_squares", "--verbose")
     assert code == 0
-    for words in ("10 segments", "least squares", "noise floor", "closure0001.csv.gz", "scale factor error, ppm", "±", "models:"):
+    for words in ("10 segments", "least squares", "noise floor", "closure0001.csv.gz", "scale factor error, ppm", "±", "files:"):
         assert words in out
 
 
@@ -187,7 +187,7 @@ def test_piped_output_is_plain_text_and_progress_is_apart(folder):
     assert "\x1b" not in done.stdout + done.stderr
     assert "reading log0001.csv" in done.stderr
     assert "reading" not in done.stdout
-    assert "held out" in done.stdout
+    assert "Closure error, degrees" in done.stdout
 
 
 def test_a_reader_that_has_gone_is_no_error(folder):

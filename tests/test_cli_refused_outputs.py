@@ -36,7 +36,7 @@ def test_a_session_that_may_only_be_read_is_fitted_with_out(run, folder, monkeyp
     out = tmp_path / "results" / "first"
     code, said, _ = run("fit", folder, "--methods", "raw,least_squares", "--out", out)
     assert code == 0
-    assert f"models: {out}" in said
+    assert f"files: {out}" in said
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json", "model_raw.json"]
     assert set(json.loads((out / "fit.json").read_text())["methods"]) == {"raw", "least_squares"}

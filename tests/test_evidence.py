@@ -8,8 +8,9 @@ from explained_sessions import both, g_sensitive, lagging, warm
 from simulated_twins import make_twin_of
 
 from tinygc.effects import catalogue
-from tinygc.explanation.evidence import Evidence, Guess, candidates
+from tinygc.explanation.evidence import Evidence, Guess
 from tinygc.explanation.search import probabilities, rivals_of, search, without_idle
+from tinygc.noise.candidates import candidates
 from tinygc.noise.components import STILL_RATE, TURN, WANDER
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")

@@ -8,9 +8,9 @@ from simulated_twins import make_twin_of
 
 from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.evidence import candidates
 from tinygc.explanation.search import slow_candidates, unknown_candidates
 from tinygc.explanation.truth_names import wander
+from tinygc.noise.candidates import candidates
 from tinygc.noise.twin import State, Twin
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")

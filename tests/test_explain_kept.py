@@ -14,9 +14,10 @@ from tinygc.effects import catalogue
 from tinygc.explanation import evidence as of_evidence
 from tinygc.explanation import search
 from tinygc.explanation.decision import improvement_p
-from tinygc.explanation.evidence import Evidence, candidates
+from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.search import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz, promises
 from tinygc.noise import thinned
+from tinygc.noise.candidates import candidates
 from tinygc.noise.components import HELD
 from tinygc.noise.thinned import StillMeans
 from tinygc.noise.twin import Twin

@@ -151,7 +151,7 @@ def test_an_option_that_is_none_is_refused(run, tmp_path):
 
 
 def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
-    code, out, _ = run("fit", drifting, "--methods", "least_squares", "--out", tmp_path / "fit", "--json", tmp_path / "x.json")
+    code, out, _ = run("fit", drifting, "--methods", "least_squares", "--verbose", "--out", tmp_path / "fit", "--json", tmp_path / "x.json")
     said = " ".join(out.split())
     assert code == 0
     assert "Non-white noise included in the sigmas" in said

@@ -214,7 +214,7 @@ def test_apply_and_the_header_of_its_log(folder, tmp_path):
         assert_on_page(table, "tinygc-apply/1")
         header = (tmp_path / f"{unit}.csv").read_text(encoding="utf-8").split("\n")[0]
         rates = ",".join(f"g{axis}_{unit}" for axis in "xyz")
-        assert header == f"t_ns,{rates},ax_mps2,ay_mps2,az_mps2,temp_c"
+        assert header == f"t_ns,{rates},ax_mps2,ay_mps2,az_mps2,temp_c,gyro_calibrated,accel_calibrated"
         assert rates in section("Logs")
     assert "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c" in section("Logs")
 

@@ -11,6 +11,7 @@ from html_pages import QUICK, WHOLE, parsed, report_of
 
 import calibrate
 from session.io.config import BoardGiven
+from session.io.texts import degrees, fixed
 from session.io.units import DEG
 from tinygc.reporting.html import markup
 from tinygc.reporting.html.sections.provenance import board_text
@@ -87,11 +88,12 @@ def test_its_figures_are_those_of_fit(simulated, tmp_path):
     assert report["closure"]["holdout_tilt_rms_deg"] == pytest.approx(fit["methods"]["least_squares"]["holdout"]["tilt_rms_deg"], rel=1e-12)
     assert report["closure"]["runs"][0]["rmse_deg"] == pytest.approx(fit["closure_runs"][0]["least_squares"]["rmse_deg"])
     page = out.read_text(encoding="utf-8")
-    assert markup.degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
+    assert degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
     for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
         largest = max(other["expanded_uncertainty"] or 0 for other in report["parameters"] if other["parameter"] == entry["parameter"])
-        value, expanded = (markup.fixed(entry[which], markup.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
-        assert f"{value} <small>± {expanded}</small>" in page
+        value, expanded = (fixed(entry[which], markup.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
+        further = "" if entry["by_one_effect"] is None else f" ± {fixed(entry['by_one_effect'], markup.decimals_for(largest))}"
+        assert f"{value} <small>± {expanded}{further}</small>" in page
     for digest in report["inputs"].values():
         assert digest in page
 
@@ -151,7 +153,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     assert there["K"] / DEG == pytest.approx(K, abs=0.02)
 
 
-@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass, with doubts"), ("0.0001", 1, "Fail")])
+@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "PASS, with doubts"), ("0.0001", 1, "FAIL")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     out = tmp_path / "r.html"
     assert calibrate.main(["report", str(simulated()), "--out", str(out), *QUICK, "--limit", limit]) == code

@@ -17,8 +17,9 @@ from tinygc.explanation.decision import (
     left_out,
     per_segment,
 )
-from tinygc.explanation.evidence import Evidence, scanned
+from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.search import promises
+from tinygc.noise.candidates import scanned
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import claim_slice
 

@@ -14,7 +14,8 @@ from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.reporting.html.evidence import Adopted, decide, gather
+from tinygc.estimation.verdict import JudgedFit, decide
+from tinygc.reporting.html.evidence import gather
 from tinygc.reporting.html.page import page
 from tinygc.reporting.html.sections import accelerometer
 
@@ -102,10 +103,8 @@ def test_what_is_not_observed_is_said_on_card_table_and_decision(evidence):
     ],
 )
 def test_the_decision_reckons_with_the_accelerometer(found, limit, answer, words):
-    angles = np.full((40, 2), 1e-4)
-    known = dict.fromkeys(Adopted.__dataclass_fields__) | {"angles": angles, "numbers": list(range(40)), "floor_rms": 1e-4}
-    known |= {"closure_p": 0.5, "closure_freedom": 4, "vector": np.zeros(12), "run_errors": [], "run_p": [], "run_losses": []}
-    decision = decide(Adopted(**known), [], limit, accelerometer=found)
+    judged = JudgedFit(np.full((40, 2), 1e-4), list(range(40)), np.zeros(12), 1e-4, 0.5, 4, [], [], [])
+    decision = decide(judged, [], limit, accelerometer=found)
     assert decision.answer == answer
     assert any(words in doubt for doubt in decision.doubts) if words else not decision.doubts
 

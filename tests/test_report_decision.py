@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import calibrate
-from tinygc.reporting.html.evidence import Adopted, decide
+from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.verdict import JudgedFit, decide
 
 
 @pytest.mark.parametrize(
@@ -24,12 +25,9 @@ from tinygc.reporting.html.evidence import Adopted, decide
 )
 def test_a_pass_needs_segments_and_a_closure_near_its_floor(segments, angles_rad, limit, answer):
     angles = np.full((segments, 2), angles_rad * 1e-4 / np.sqrt(2))
-    known = dict.fromkeys(Adopted.__dataclass_fields__) | {"angles": angles, "numbers": list(range(segments)), "floor_rms": 1e-4}
-    adopted = Adopted(
-        **known | {"closure_p": 0.5, "closure_freedom": 4, "vector": np.zeros(12), "run_errors": [], "run_p": [], "run_losses": []}
-    )
-    assert adopted.times_floor == pytest.approx(angles_rad)
-    decision = decide(adopted, [], limit)
+    judged = JudgedFit(angles, list(range(segments)), np.zeros(12), 1e-4, 0.5, 4, [], [], [])
+    assert tilt_rms(angles) / judged.floor_rms == pytest.approx(angles_rad)
+    decision = decide(judged, [], limit)
     assert decision.answer == answer
     assert bool(decision.doubts) == (answer in ("not decided", "doubtful pass") or segments < 13)
     assert decision.passed == (answer != "fail")  # the exit code knows no doubt
@@ -51,8 +49,8 @@ def test_few_segments_far_above_the_floor_are_no_pass(simulated, tmp_path, capsy
     assert report["closure"]["degrees_of_freedom"] == 4
     words = re.sub("<[^>]*>", " ", out.read_text(encoding="utf-8"))
     for text in (printed, words):
-        assert "Not decided" in text
+        assert "NOT DECIDED" in text
         assert "8 segments for 12 parameters" in text.replace("\n", " ")
         assert "4 degrees of freedom" in text
     assert "a little" not in words
-    assert "Pass" not in words
+    assert "PASS" not in words

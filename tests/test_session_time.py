@@ -136,7 +136,8 @@ def fitted(tmp_path_factory):
     options = {"segments": 20, "seed": 5, "odr_hz": 104.0}
     folder = write_session(SimulationOptions(**options, closure_s=15.0), at / "drifting", distort=drifting)
     words = ["fit", str(folder), "--physics", "gyro.bias_drift", "--methods", "least_squares", "--quiet"]
-    assert calibrate.main([*words, "--json", str(at / "fit.json")]) == 0
+    # The linear model, which the held-out segments do not refute, fails in the closure run.
+    assert calibrate.main([*words, "--json", str(at / "fit.json")]) == 1
     other = write_session(SimulationOptions(**options | {"seed": 6}, closure_s=0.0), at / "other")
     return folder, other, json.loads((at / "fit.json").read_text())
 
@@ -205,9 +206,9 @@ def test_another_fit_leaves_no_stale_model(fitted, tmp_path):
     folder, _, _ = fitted
     out = tmp_path / "fit"
     words = ["fit", str(folder), "--methods", "least_squares", "--quiet", "--out", str(out), "--physics"]
-    assert calibrate.main([*words, "gyro.bias_drift"]) == 0
+    assert calibrate.main([*words, "gyro.bias_drift"]) == 1
     assert (out / "model_physics_at_end.json").exists()
-    assert calibrate.main([*words, "gyro.g_sensitivity"]) == 0
+    assert calibrate.main([*words, "gyro.g_sensitivity"]) == 1
     assert not (out / "model_physics_at_end.json").exists()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations, product
 
@@ -128,8 +128,11 @@ def _lag(turns: Turns) -> float:
 
 def _cut(samples: Samples, between: Sequence[Ends], size: int) -> Turns | None:
     parts = [part for a, b in between if (part := _blocks(samples, a, b, size)) is not None]
-    if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
-        return None
+    parts = [part for part in parts if _tilt_path(part[1]) >= LEAST_TILT_RAD]
+    return _padded(parts) if sum(_tilt_path(down) for _, down, _, _ in parts) >= LEAST_PATH_RAD else None
+
+
+def _padded(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]) -> Turns:
     longest = max(len(angle) for angle, _, _, _ in parts)
 
     def pad(values: np.ndarray, fill: float) -> np.ndarray:
@@ -161,8 +164,6 @@ def _blocks(samples: Samples, first: Still, last: Still, size: int) -> tuple[np.
         return None
     length = np.linalg.norm(force, axis=1, keepdims=True)
     down = np.where(np.abs(length / gravity - 1) < FORCE_RATIO, -force / np.maximum(length, 1e-9), np.nan)
-    if _tilt_path(down) < LEAST_TILT_RAD:
-        return None
     begin, end = (-end / np.linalg.norm(end) for end in ends)
     return angle, down, begin, end
 
@@ -204,6 +205,13 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
     A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
     """
+    *_, down = _carried(turns, factors)
+    sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
+    return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
+
+
+def _carried(turns: Turns, factors: np.ndarray) -> Iterator[np.ndarray]:
+    """Gravity's direction (F, S, 3) after each block, carried by the rates from the first still."""
     x, y, z = (np.broadcast_to(part, (len(factors), len(turns))) for part in turns.first.T)
     for k in range(turns.angle.shape[1]):
         angle = np.einsum("fij,sj->ifs", factors, turns.angle[:, k])
@@ -214,9 +222,7 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
         along = (ax * x + ay * y + az * z) * (1 - cos)
         cross = ay * z - az * y, az * x - ax * z, ax * y - ay * x
         x, y, z = (cos * d + along * a - sin * c for d, a, c in zip((x, y, z), (ax, ay, az), cross, strict=True))
-    down = np.stack([x, y, z], axis=-1)
-    sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
-    return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
+        yield np.stack([x, y, z], axis=-1)
 
 
 # Checks of the gyroscope against gravity: axes and signs, then the sensitivity.
@@ -252,6 +258,31 @@ def check_axes(log: Log, samples: Samples, between: Sequence[Ends], config: Conf
         says += ", whatever the order, signs and scale of the gyro's axes"
         return [Finding("warning", where, "gyro against gravity", says, do)]
     return [_axes_finding(where, found, turns), _scale_finding(log, found, turns, config)]
+
+
+#: share of what the rates say that gravity moves at least: an accelerometer that follows is off by some per cent
+FOLLOWS = 0.1
+
+
+def check_gravity_moves(where: str, samples: Samples, between: Sequence[Ends]) -> list[Finding]:
+    """Gravity must move in the sensor where the rates turn it: against an accelerometer that stays level any gyroscope closes, with a scale
+    factor of nothing.  between: the stills of each turn."""
+    size = max(1, round(BLOCKS_S[0] / samples.period_s))
+    parts = [part for a, b in between if (part := _blocks(samples, a, b, size)) is not None]
+    if not parts:
+        return []
+    turns = _padded(parts)
+    cosines = np.array([(down[0] * turns.first).sum(axis=-1) for down in _carried(turns, np.eye(3)[None])])
+    by_rates = np.arccos(np.clip(cosines.min(axis=0), -1, 1))
+    seen = np.einsum("sbi,si->sb", turns.down, turns.first)
+    moved = np.arccos(np.clip(np.nanmin(np.column_stack([seen, np.ones(len(turns))]), axis=1), -1, 1))
+    tilted = by_rates > LEAST_TILT_RAD
+    stays = tilted & (moved < FOLLOWS * by_rates)
+    if 2 * stays.sum() <= tilted.sum():
+        return []
+    turned = f"{stays.sum()} of {tilted.sum()} turns in which the rates tilt it by {np.median(by_rates[stays]) / DEG:.0f} deg"
+    do = "does the accelerometer answer at all, and is it on the board that was turned? else the rates are far too large"
+    return [Finding("error", where, "gravity moves", f"stays within {np.max(moved[stays]) / DEG:.2g} deg in {turned}", do)]
 
 
 def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:

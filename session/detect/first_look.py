@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.detect.axes import check_axes
+from session.detect.axes import check_axes, check_gravity_moves
 from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import (
     Ceiling,
@@ -136,6 +136,8 @@ def first_look(
 def _axes_below(ceiling: Ceiling | None, turns: LogTurns, samples: Samples, config: Config) -> list[Finding]:
     """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
     log, between = turns.log, turns.examined
+    if stays := check_gravity_moves(log.path.name, samples, between):
+        return stays
     clean = clean_turns(ceiling, between)
     findings = check_axes(log, samples, clean if len(clean) >= FEWEST_SEGMENTS else between, config)
     spoilt = ceiling is not None and len(clean) < min(len(between), FEWEST_SEGMENTS) and worst(findings) != "ok"

@@ -1,4 +1,4 @@
-"""Text that leaves the tool: names, serial numbers and notes made fit for terminals, comments, JSON and commands."""
+"""Text that leaves the tool: names, serial numbers and notes made fit for terminals, comments, JSON and commands; numbers for reading."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import os
 import re
 import shlex
 import sys
+from math import floor, isfinite, log10
 from os import fspath
+
+from session.io.units import DEG
 
 # Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
 # stay text, and on one line.  One function for each place: a terminal or a message, a comment in code, a file in UTF-8, a command to copy.
@@ -95,3 +98,46 @@ def _in_shell(character: str) -> str:
 # Who gave a board's samples, as its frames, the logs' comments and session.toml call it.
 
 STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
+
+
+# Numbers for reading: only significant digits, a true minus sign, thin spaces between thousands.
+
+NONE = "–"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Number with a fixed count of decimals."""
+    if not isfinite(value):
+        return NONE
+    text = f"{value:,.{max(decimals, 0)}f}".replace(",", "\u202f").replace("-", "−")
+    return text.removeprefix("−") if not any(digit in "123456789" for digit in text) else text
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """Number with a given count of significant digits, never as a power of ten."""
+    if not isfinite(value) or value == 0:
+        return "0" if value == 0 else NONE
+    return fixed(value, digits - 1 - floor(log10(abs(value)) + 1e-12))
+
+
+def degrees(angle_rad: float) -> str:
+    """Angle in degrees, with the sign ``°``."""
+    return f"{significant(angle_rad / DEG)}°"
+
+
+def probability(p: float) -> str:
+    """Text ``p = 0.31``, or a bound."""
+    if not isfinite(p):
+        return f"p {NONE}"
+    if p < 1e-99:
+        return "p < 10⁻⁹⁹"
+    if p >= 1e-3:
+        return f"p = {significant(p, 2)}"
+    return f"p = {power_of_ten(p)}"
+
+
+def power_of_ten(value: float) -> str:
+    """Text such as ``3 × 10⁻⁷``."""
+    exponent = floor(log10(value))
+    superscript = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{value / 10**exponent:.0f} × 10{superscript}"

@@ -100,6 +100,21 @@ def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tupl
     return float(solution[5]), float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[5, 5] * excess))
 
 
+def unseen_covariance(earth: EarthRate, latitude_deg: float | None) -> np.ndarray:
+    """(3, 3) (rad/s)^2 covariance, in table axes, of the horizontal rate that ``earth`` leaves out because its heading is uncertain.
+
+    The horizontal rate has a known length.  ``rate_t`` is the mean over the heading's posterior, so what is left has the variance
+    length^2 - |mean|^2: across the mean where the heading is estimated, the same in all directions where it is unknown.
+    """
+    if latitude_deg is None or earth.source in ("none", "given"):
+        return np.zeros((3, 3))
+    left = max(_north(latitude_deg) ** 2 - float(earth.rate_t[:2] @ earth.rate_t[:2]), 0.0)
+    if earth.source == "unknown":
+        return np.diag([left / 2, left / 2, 0.0])
+    across = np.array([-earth.rate_t[1], earth.rate_t[0], 0.0]) / np.linalg.norm(earth.rate_t[:2])
+    return left * np.outer(across, across)
+
+
 def contradicts(estimate: EarthRate, given: EarthRate) -> bool:
     """Whether the heading estimated from the stills differs significantly, by more than three sigmas, from the given one."""
     if estimate.source != "estimated" or estimate.heading_rad is None or given.heading_rad is None:

@@ -15,7 +15,7 @@ from session.io.samples import Samples
 from session.io.units import DEG, NS
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate, vertical_only
+from tinygc.attitude.earth import EarthRate, unseen_covariance, vertical_only
 from tinygc.closure.floor import gyro_variance, still_tilt_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
@@ -24,6 +24,8 @@ from tinygc.models.model import Model
 
 #: stillness integrated at either end, to allow for the detector's delay
 MARGIN_S = 0.1
+#: s between session and run where the run's clock began anew: longer than the bias remembers anything (``floor.TIMES_S``)
+LONG_AFTER_S = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,9 @@ class ClosureRun:
     """One run ready to be integrated.
 
     file; duration_s of the movement; batch of one segment with three known angles; floor_rad (3,): one sigma from noise alone; earth:
-    whether the horizontal part of the Earth's rate is included; samples of the whole log; rows of the batch in it; began_s: session time
-    at the log's start; yaw_carried: whether its yaw continues that at the end of the last log.
+    whether the horizontal part of the Earth's rate is included; heading_covariance (3, 3) rad^2: of what its uncertain heading leaves;
+    samples of the whole log; rows of the batch in it; began_s: session time at the log's start, long after the session where the clocks do
+    not tell (``time_known``); yaw_carried: whether its yaw continues that at the end of the last log.
     """
 
     file: str
@@ -40,9 +43,11 @@ class ClosureRun:
     batch: Batch
     floor_rad: np.ndarray
     earth: EarthRate
+    heading_covariance: np.ndarray
     samples: Samples
     rows: slice
     began_s: float
+    time_known: bool
     yaw_carried: bool
 
     def errors(self, model: Model, integrator: str = "exact") -> np.ndarray:
@@ -103,6 +108,7 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
     variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
     variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
+    pause_s = float(samples.t_ns[0] - problem.logs[-1].samples.t_ns[-1]) * NS
     for bridge in (each for each in log.bridges if rows.start <= each.row < rows.stop):
         variance += rotation.matrix(attitudes[0, bridge.row - rows.start]) ** 2 @ bridge.sigma_rad**2
     return ClosureRun(
@@ -111,10 +117,12 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
         batch=batch,
         floor_rad=np.sqrt(variance),
         earth=earth,
+        heading_covariance=unseen_covariance(earth, session.config.site.latitude_deg) * float(part.dt_s.sum()) ** 2,
         samples=samples,
         rows=rows,
         yaw_carried=carried,
-        began_s=float(problem.began_s[-1]),
+        began_s=float(problem.began_s[-1]) + (pause_s if pause_s >= 0 else LONG_AFTER_S),
+        time_known=pause_s >= 0,
     )
 
 

@@ -41,6 +41,16 @@ def closure_figures(angles: np.ndarray) -> ClosureFigures:
     }
 
 
+def tilt_rms(angles: np.ndarray) -> float:
+    """Root mean square tilt of error angles (S, 2 or 3), rad."""
+    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
+
+
+def rmse(error: np.ndarray) -> float:
+    """Root mean square over roll, pitch, yaw, rad."""
+    return float(np.sqrt(np.mean(error**2)))
+
+
 def run_figures(errors: np.ndarray) -> dict[str, float]:
     """Return the figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
     roll, pitch, yaw = (float(error) / DEG for error in errors)

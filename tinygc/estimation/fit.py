@@ -32,6 +32,8 @@ from tinygc.estimation.stated_noise import (
     stated_joint_shared,
     stated_noise,
 )
+from tinygc.estimation.systematic import systematic_of
+from tinygc.estimation.verdict import require_plausible
 from tinygc.models.linear import LinearModel
 
 #: callback with the current task, the number of steps done, and their total
@@ -107,6 +109,8 @@ def fit_session(
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
     found, widened, covariance, accelerometer = _stated(level, model, noise, options)
+    require_plausible(model, covariance, problem.session.folder)
+    systematic = None if noise is None else systematic_of(level, model, noise, widened, options.still_rates)
     joint = shared = None
     if noise is not None and level.joint is not None:
         joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
@@ -130,6 +134,7 @@ def fit_session(
         linear=linear,
         covariance=covariance,
         widened=widened,
+        allowed=systematic,
         accelerometer_covariance=accelerometer,
         joint_covariance=joint,
         joint_shared=shared,

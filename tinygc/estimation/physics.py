@@ -13,9 +13,9 @@ import numpy as np
 from session.io.config import NominalRate
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
-from tinygc.effects import AppliedEffect
+from tinygc.effects import AppliedEffect, Conditions
 from tinygc.estimation.options import FitOptions, MethodFit
-from tinygc.models.linear import NAMES
+from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import LINEAR, State, Twin, claim_slice
@@ -43,8 +43,32 @@ class PhysicsFit:
     lost_s: tuple[np.ndarray, ...] = ()
 
 
+#: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters
+RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
 #: function that fits named physics; its arguments are the problem, the fit's options, its closure runs, and a progress callback
 FitPhysics = Callable[[Problem, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
+
+
+def errors_with_physics(claims: Sequence[AppliedEffect], known: Conditions, earth_t: np.ndarray) -> RunErrors:
+    """Return the function that gives a closure run's errors (3,) rad under a trial vector (12 + P,): the linear model, then these effects.
+
+    known: reference conditions of the effects; earth_t (3,) rad/s: correction of the Earth's rate that was fitted with them.
+    """
+
+    def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
+        rate = run.rates(model_at(trial, claims, known))
+        return run.with_earth(earth_t, rate).errors_at(rate)
+
+    return errors
+
+
+def model_at(trial: np.ndarray, claims: Sequence[AppliedEffect], known: Conditions) -> PhysicsModel:
+    """Return the model with physics for a trial vector (12 + P,): the linear model, then theta of each effect."""
+    at, changed = PARAMETERS, []
+    for claim in claims:
+        changed.append(AppliedEffect(claim.effect, trial[at : at + len(claim.theta)]))
+        at += len(claim.theta)
+    return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
 
 
 def rate_covariance(found: Refit, nominal: NominalRate | None) -> np.ndarray:

@@ -24,12 +24,16 @@ from tinygc import models
 from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
-from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above, goodness
 from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
+from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.stated_noise import StatedNoise
+from tinygc.estimation.systematic import Systematic
+from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good
+from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 
 if TYPE_CHECKING:
@@ -93,7 +97,8 @@ class FitResult:
     taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
     jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
-    requested method cannot run on this session, by name.
+    requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
+    None where the noise is not estimated.
     """
 
     problem: Problem
@@ -119,6 +124,7 @@ class FitResult:
     joint_shared: np.ndarray | None = None
     lot: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
+    allowed: Systematic | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
@@ -135,6 +141,11 @@ class FitResult:
         return self.problem.session
 
     @property
+    def systematic(self) -> np.ndarray | None:
+        """(12,) how far any one effect of the catalogue, of a size that the recording still allows, moves each parameter; else None."""
+        return None if self.allowed is None else self.allowed.sigma
+
+    @property
     def nominal_rate(self) -> NominalRate | None:
         """The data rate that stands for a clock: the scale common to all axes is no better known.  None where stamps are measured."""
         return self.session.nominal_rate
@@ -144,6 +155,50 @@ class FitResult:
         """The model to use, and why."""
         problems = {name: self.physics.problem if self.physics and name in PHYSICS else self.problem for name in self.methods}
         return model_to_use(self.methods, self.against_raw, {name: [s.number for s in p.used] for name, p in problems.items()})
+
+    @cached_property
+    def judged(self) -> JudgedFit:
+        """The figures that the verdict looks at: those of named physics where that is the model to use, else of least squares."""
+        physics, name = self.physics, self.use.method
+        if physics is not None and name in PHYSICS:
+            state = physics.fit.state
+            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.nominal_rate)
+            errors = errors_with_physics(physics.model.claims, physics.model.known, state.earth_t)
+            problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
+            left = len(physics.fit.r) - physics.fit.J.shape[1]
+            closure_p = chi_square_above(physics.fit.chi_square, max(left, 1))
+        else:
+            model = self.linear.model
+            assert isinstance(model, LinearModel)
+            problem, held_out, vector, covariance = self.problem, self.linear.held_out, model.vector, self.covariance
+            closure_p, freedom = self.goodness.p_value, self.goodness.freedom
+
+            def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
+                return run.errors(LinearModel.from_vector(trial), self.options.integrator)
+
+        return JudgedFit(
+            angles=held_out,
+            numbers=[segment.number for segment in problem.used],
+            vector=vector,
+            floor_rms=problem.floor.tilt_rms,
+            closure_p=closure_p,
+            closure_freedom=freedom,
+            run_errors=[errors(vector, run) for run in self.runs],
+            run_p=run_p_values(self.problem, self.runs, vector, covariance, errors),
+            run_losses=[""] * len(self.runs),
+        )
+
+    @property
+    def doubts(self) -> list[str]:
+        """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
+        nominal, linear = self.nominal_rate, self.linear.model
+        assert isinstance(linear, LinearModel)
+        known = [] if nominal is None else [f"data rate {nominal.words}: the scale common to all axes is no better known"]
+        return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
+
+    def verdict(self, limit_deg: float | None = None) -> Acceptance:
+        """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
+        return decide(self.judged, [run.file for run in self.runs], limit_deg, self.against_raw, self.accelerometer, self.doubts)
 
     @property
     def file_to_use(self) -> str | None:
@@ -232,6 +287,7 @@ def to_json(result: FitResult) -> dict:
         },
         "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),
+        "systematic": None if result.allowed is None else result.allowed.to_json(),
         "bias_from": result.bias_from.to_json(),
         "lot": None if result.lot is None else result.lot.to_json(),
         "known_turns": known_turns_json(result),
@@ -255,6 +311,7 @@ def to_json(result: FitResult) -> dict:
         "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
         "use": {**result.use.to_json(), "model": result.file_to_use},
         "against_raw": result.against_raw.to_json(),
+        "verdict": result.verdict().to_json(),
         "closure_runs": [
             {
                 "file": run.file,
@@ -449,7 +506,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             more["unobserved"] = fit.notes.get("unobserved", [])
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:
-            from tinygc.estimation.physics import covariance_at_end, covariance_table, rate_covariance
+            from tinygc.estimation.physics import covariance_at_end, covariance_table
 
             covariance = rate_covariance(result.physics.fit, result.nominal_rate)
             more |= covariance_table(result.physics.model.claims, covariance)

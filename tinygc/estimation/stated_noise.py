@@ -201,6 +201,14 @@ def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still
     return rows, np.concatenate([joint.beforehand, through @ joint.beforehand])
 
 
+def stated_response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """Return the response (12, n) of the gyroscope's parameters to errors of the stacked channels, also through a jointly estimated
+    accelerometer."""
+    if problem.joint is None:
+        return _response(problem, model, noise, still_rates)
+    return _joint_parts(problem, model, noise, still_rates)[0][GYROSCOPE]
+
+
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:
     """Return the goodness of fit of the closure with all noise that has a cause; and the variance inflation, 1 or more, with all noise.
 

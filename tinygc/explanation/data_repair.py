@@ -24,9 +24,10 @@ from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis, candidates
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, bridged, crossing, proposed
 from tinygc.explanation.search import search
+from tinygc.noise.candidates import candidates
 from tinygc.noise.components import first_noise, undersampling
 from tinygc.noise.refit import design
 from tinygc.noise.twin import Twin

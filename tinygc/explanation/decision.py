@@ -17,7 +17,7 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import Claim
-from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, candidates, left_of, orthonormal, scanned, selection_of
+from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
 from tinygc.explanation.search import (
     NAMELESS,
     STAND_IN,
@@ -32,6 +32,7 @@ from tinygc.explanation.search import (
     unknown_candidates,
 )
 from tinygc.models import linear
+from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
 from tinygc.noise.refit import Refit, prior_sigmas, refit
 from tinygc.noise.twin import Twin, claim_slice

@@ -12,7 +12,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.special import fdtrc
 
-from tinygc.effects import Effect, catalogue
+from tinygc.effects import Effect
+from tinygc.noise.candidates import scanned
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import SessionNoise, Whiteners, first_noise
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
@@ -159,37 +160,7 @@ def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) 
     return u[:, s > unseen]
 
 
-# The candidates of a recording, and the best value of a scanned shape.
-
-#: values over which a shape is scanned; it is refined between them.  More would make the work grow with the square of the session's length
-#: (benchmarks/explain_speed.py)
-MOST_TIMES = 60
-
-
-def candidates(twin: Twin) -> list[Effect]:
-    """Candidate effects for this recording; an effect with a scanned shape gives one candidate for each value."""
-    has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
-    found = []
-    for effect in catalogue().values():
-        if effect.kind in ("register", "motion") or ("temperature" in effect.inputs and not has_temp):
-            continue
-        if effect.kind == "earth" and twin.problem.earth.source != "none":
-            continue
-        found += effect.variants(scanned(twin, effect))
-    return found
-
-
-def scanned(twin: Twin, effect: Effect) -> np.ndarray:
-    """(K,) trial values of an effect's scanned shape, SI: its own grid, or the middles of the turns."""
-    if effect.scan is None or effect.scan.grid is None:
-        return segment_times(twin)
-    return np.asarray(effect.scan.grid(twin.movements), dtype=float)
-
-
-def segment_times(twin: Twin) -> np.ndarray:
-    """Middle of each turn except the first and the last, s of the session; a long session uses every n-th turn."""
-    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
-    return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
+# The best value of a scanned shape.
 
 
 def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int, replay: Replay | None = None) -> Selection[int]:

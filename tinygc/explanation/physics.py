@@ -18,11 +18,12 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import FOLD_STEPS, decide, fold_rows, folds_of
-from tinygc.explanation.evidence import Evidence, candidates
+from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.truth_engine import without_wrong_moments
 from tinygc.explanation.truth_names import TruthTwin, beside_clock, name_beside_truth
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin

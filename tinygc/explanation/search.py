@@ -14,7 +14,8 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
-from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, candidates, least_gain, left_of, orthonormal, sharpened
+from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, least_gain, left_of, orthonormal, sharpened
+from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import TOGETHER, Whitener

@@ -16,10 +16,11 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, catalogue, largest
 from tinygc.explanation.decision import FOLD_STEPS, Naming, decided, fold_rows, folds_of
-from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, candidates, selection_of
+from tinygc.explanation.evidence import PRIOR_ODDS, Evidence, Hypothesis, selection_of
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.models.linear import PARAMETERS
+from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import WANDER
 from tinygc.noise.refit import Refit, refit

@@ -32,7 +32,9 @@ from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figure
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
+from tinygc.estimation.verdict import Acceptance
 from tinygc.models.linear import NAMES
+from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report
 from tinygc.reporting.terminal import Group, as_html, as_text
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
@@ -252,13 +254,17 @@ class Fit:
             raise FitError(f"least_squares was not fitted; take one of models: {', '.join(self.models)}")
         return self.models["least_squares"]
 
+    def verdict(self, limit_deg: float | None = None) -> Acceptance:
+        """PASS, NOT DECIDED or FAIL (``word``), with its ``headline``, ``rule``, ``reasons`` and ``doubts``."""
+        return self.result.verdict(limit_deg)
+
     @property
     def page(self) -> Group:
-        """The command's output as a rich renderable."""
-        return fit_report(self.result)
+        """What ``fit --verbose`` prints, as a rich renderable."""
+        return Group(verdict_text(self.verdict()), fit_report(self.result))
 
     def summary(self) -> str:
-        """The command's output as plain text: closure by method, closure runs, parameters with their sigmas, remarks."""
+        """What ``fit --verbose`` prints: verdict, closure by method, closure runs, parameters with their sigmas, remarks."""
         return as_text(self.page)
 
     def _repr_html_(self) -> str:

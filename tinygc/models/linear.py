@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -94,7 +95,8 @@ COVERAGE_FACTOR = 2.0
 class Quantity:
     """A reported quantity: word, component (x, xy, …), unit; value and its expanded uncertainty (k = 2) in that unit.
 
-    observed: whether the session determines it; at_most: an upper limit if not, or NaN; note: a remark for the reader.
+    observed: whether the session determines it; at_most: an upper limit if not, or NaN; note: a remark for the reader; moved: how far one
+    effect that is not in the model may have moved it, in its unit (k = 1), or NaN.
     """
 
     word: str
@@ -105,6 +107,7 @@ class Quantity:
     observed: bool = True
     at_most: float = float("nan")
     note: str = ""
+    moved: float = float("nan")
 
 
 #: word, components, unit, unit in SI
@@ -142,9 +145,18 @@ def field_jacobian(vector: np.ndarray) -> np.ndarray:
     return np.stack([(field_vector(vector + step) - field_vector(vector - step)) / 2e-6 for step in steps], axis=1)
 
 
-def field_quantities(vector: np.ndarray, covariance: np.ndarray, unobserved: tuple[str, ...] = ()) -> list[Quantity]:
-    """18 quantities of a linear model (12,) with its covariance (12, 12); unobserved: names of the unobserved parameters."""
+def field_quantities(
+    vector: np.ndarray,
+    covariance: np.ndarray,
+    unobserved: tuple[str, ...] = (),
+    moved: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> list[Quantity]:
+    """18 quantities of a linear model (12,) with its covariance (12, 12).
+
+    unobserved: names of the unobserved parameters; moved: how far one effect may have moved quantities with a derivative (Q, 12).
+    """
     values, jacobian = field_vector(vector), field_jacobian(vector)
+    further = np.full(len(values), np.nan) if moved is None else moved(jacobian)
     sigma = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
     hidden = [i for i, name in enumerate(NAMES) if name in unobserved]
     quantities, at = [], 0
@@ -152,6 +164,7 @@ def field_quantities(vector: np.ndarray, covariance: np.ndarray, unobserved: tup
         for component in components:
             shown = not (np.abs(jacobian[at, hidden]) > DEPENDS).any()
             value, expanded = values[at] / si, COVERAGE_FACTOR * sigma[at] / si
-            quantities.append(Quantity(word, component, unit, float(value), float(expanded), bool(shown)))
+            moves = float(further[at] / si)
+            quantities.append(Quantity(word, component, unit, float(value), float(expanded), bool(shown), moved=moves))
             at += 1
     return quantities

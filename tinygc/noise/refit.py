@@ -191,11 +191,16 @@ def design(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened columns (n, p) of all parameters, and their sensitivity: that of the state, or a known one of a nearby state."""
     sensitivity = twin.sensitivity(state, rates) if sensitivity is None else sensitivity
+    parts = [twin.effect_columns(claim.effect, state, sensitivity, rates).stacked() for claim in state.claims]
+    return whiten(np.concatenate([calibration_columns(twin, state, sensitivity), *parts], axis=1)), sensitivity
+
+
+def calibration_columns(twin: Twin, state: State, sensitivity: np.ndarray) -> np.ndarray:
+    """Columns (n, 15) of what every recording has: the linear model, the horizontal Earth rate, gravity's length."""
     earth = twin.earth_columns()
     horizontal = Channels(*(part @ state.axes.T for part in (earth.closure, earth.still, earth.length)))
-    parts = [twin.linear_columns(sensitivity), horizontal, twin.gravity_columns()]
-    parts += [twin.effect_columns(claim.effect, state, sensitivity, rates) for claim in state.claims]
-    return whiten(np.concatenate([part.stacked() for part in parts], axis=1)), sensitivity
+    parts = (twin.linear_columns(sensitivity), horizontal, twin.gravity_columns())
+    return np.concatenate([part.stacked() for part in parts], axis=1)
 
 
 def prior_sigmas(twin: Twin, effects: list[Effect]) -> np.ndarray:

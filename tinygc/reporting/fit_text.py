@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -184,29 +182,10 @@ def fit_report(result: FitResult) -> Group:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
-    parts.append(_parameters(result))
+    parts.append(parameters_table(result))
     if result.accelerometer.mode != "given":
         parts.append(accelerometer_table(result.accelerometer, "Accelerometer, estimated with them: value ± one sigma"))
-    return Group(*parts, *remarks(result), use_line(result))
-
-
-def use_line(result: FitResult) -> Text:
-    """State which of the models to use, and why."""
-    if result.file_to_use is None:
-        return one_line(f"Use none of the models: {result.use.why}.", "bold red")
-    return one_line(f"Use {result.file_to_use} ({TITLES[result.use.method or '']}): {result.use.why}.", "bold green")
-
-
-def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
-    """Suggest what to run next; effects: folders of effects given to the fit, which the next command needs, too."""
-    folder = result.session.folder
-    if result.file_to_use is None:
-        return Text("next: record more turns, to more attitudes; look for errors with\n").append(
-            one_line(f"  {command_line('check', folder)}")
-        )
-    unexplained = result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual)
-    given = [word for path in effects for word in ("--effects", path)]
-    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *given)}"))
+    return Group(*parts, *remarks(result), Text(f"{result.use.why[0].upper()}{result.use.why[1:]}."))
 
 
 def _headline(result: FitResult) -> Text:
@@ -316,22 +295,30 @@ def _closure_runs(result: FitResult) -> Table:
     return table
 
 
-def _parameters(result: FitResult) -> Table:
+def parameters_table(result: FitResult) -> Table:
     """Sensor errors by least squares, in the terms and signs of the report (``field_parameters``)."""
     hidden = tuple(result.linear.notes.get("unobserved", ()))
-    quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden)
+    moved = None if result.allowed is None else result.allowed.of
+    quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
     by_name = {(q.word, q.component): q for q in quantities}
     table = plain_table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
+    table.padding = (0, 1, 0, 0)
 
     def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
         table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
 
     row("scale factor error, ppm", 0, [("scale factor error", axis) for axis in "xyz"])
     for axis in "xyz":
-        row(f"misalignment, {axis} to …, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
-    row("bias, dps", 5, [("bias", axis) for axis in "xyz"])
-    table.caption = "the model files store the correction ω = E m + B; E is the inverse of the sensor's matrix, B = −E bias"
-    table.caption_justify = "left"
+        row(f"misalignment of {axis}, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
+    if result.allowed is not None:
+        most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
+        table.caption = (
+            f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
+            f"bias {most[2]:.4f} dps"
+        )
+        table.caption_justify = "left"
+    sigma = min(by_name["bias", axis].expanded / COVERAGE_FACTOR for axis in "xyz")
+    row("bias, dps", int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 5)), [("bias", axis) for axis in "xyz"])
     return table
 
 

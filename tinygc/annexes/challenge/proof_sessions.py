@@ -24,10 +24,11 @@ from tinygc.explanation.claims import named_claims, readable
 from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import Naming, prove
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import scanned, selection_of, sharpened
+from tinygc.explanation.evidence import selection_of, sharpened
 from tinygc.explanation.search import NamedEffect
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
+from tinygc.noise.candidates import scanned
 from tinygc.noise.channels import in_gauge, turn_gravity, within_stills
 from tinygc.noise.components import first_noise, known_whitener
 from tinygc.noise.refit import Refit, Replay, refit

@@ -40,8 +40,9 @@ from tinygc.annexes.discovery.words import constant_of, equation, splits, what
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import readable
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import Hypothesis, candidates
+from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import STAND_IN, exchanged, search, slow_candidates, without_idle
+from tinygc.noise.candidates import candidates
 from tinygc.noise.twin import Twin, claim_slice
 
 # The result of a search: the accepted laws and their possible alternatives.

@@ -18,8 +18,9 @@ from tinygc.closure.residual import Batch, closure_angles
 from tinygc.effects import AppliedEffect, Effect, catalogue
 from tinygc.explanation.claims import readable
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, WIDE, candidates, component_names, linear_estimate, without_claim
+from tinygc.explanation.evidence import PRIOR_ODDS, SCALES, WIDE, component_names, linear_estimate, without_claim
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
+from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener

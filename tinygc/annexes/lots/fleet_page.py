@@ -10,12 +10,13 @@ import numpy as np
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_text_whole
+from session.io.texts import significant
 from session.io.units import DEG, MG
 from tinygc.annexes.lots.fleet_row import VALUES
 from tinygc.annexes.lots.fleet_summary import SHARES, Distribution, Summary
 from tinygc.models.linear import BIAS
 from tinygc.reporting.html.chart import Axis, Chart
-from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, significant, table
+from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, table
 from tinygc.reporting.html.page import document
 
 #: columns of closures, with their titles

@@ -9,13 +9,14 @@ import numpy as np
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_text_whole
+from session.io.texts import NONE, fixed, probability, significant
 from tinygc.annexes.lots.capability import ControlChart
 from tinygc.annexes.lots.gauge import ACCEPTABLE, MARGINAL
 from tinygc.annexes.lots.lot import SENSOR_ERRORS, SensorError
 from tinygc.annexes.lots.report import LotReport
 from tinygc.annexes.lots.text import LEAST_PPM, MARKED_P, decimals, drift_words, effect_words, ppm
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.html.markup import NONE, Section, escape, figure, fixed, key, paragraph, probability, significant, table
+from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
 
 # Control charts as SVG: units by production order with their limits, and the moving average below.

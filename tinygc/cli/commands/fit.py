@@ -25,7 +25,7 @@ DEFAULTS = {"limit": "limits.closure_deg"}
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
+    limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this"
     command.add_argument("folder", type=path_read, help="session folder, or one of an array; several are fitted one by one")
     more = "further folders; with --temperature, of the same sensor"
     command.add_argument("more", type=path_read, nargs="*", metavar="folder", help=more)
@@ -36,6 +36,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
+    command.add_argument("--strict", action="store_true", help="exit 1 where the verdict is NOT DECIDED, too")
+    command.add_argument("--verbose", action="store_true", help="print all methods, noise components, alternatives and remarks")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,7 +69,8 @@ def _fit(args: argparse.Namespace) -> Done:
         )
     from tinygc.estimation.adamw import forget
     from tinygc.library.sessions import fit
-    from tinygc.reporting.fit_text import next_line
+    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
+    from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
 
     physics = None if args.physics is None else _physics(args.physics)
@@ -76,21 +79,26 @@ def _fit(args: argparse.Namespace) -> Done:
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
-    table = result.to_json() | defaults_json(args)
+    decision, use = result.verdict(args.limit), result.result.use
+    table = result.to_json() | {"verdict": decision.to_json(args.limit)} | defaults_json(args)
     # Save the results first: a failing terminal must not lose them.
     folder = result.save(args.out)
     forget(checkpoints)
-    output(args).print(result.page)
-    output(args).print(f"models: {folder}", soft_wrap=True)
-    output(args).print(next_line(result.result, args.effects), soft_wrap=True)
-    above = [] if args.limit is None else _above(table, args.limit)
-    if above:
-        complain(f"above {limit_text(args)}: {'; '.join(above)}")
-    if failed := result.result.against_raw.failed:
+    console = output(args)
+    if args.verbose:
+        console.print(verdict_text(decision))
+        console.print(fit_report(result.result))
+    else:
+        console.print(fit_screen(result.result, decision), width=COLUMNS)
+    console.print(files_line(result.result, folder, decision), soft_wrap=True)
+    console.print(next_line(result.result, decision, args.effects), soft_wrap=True)
+    if result.result.against_raw.failed:
         complain(result.result.against_raw.words)
-    use = result.result.use
-    says = f"use {result.result.file_to_use}" if use.method else f"use none: {use.why}"
-    return _done(1 if above or failed else 0, table, use.method or use.best, says)
+    elif not decision.passed:
+        missed = "; ".join(text for met, text in decision.reasons if not met)
+        complain(f"above {limit_text(args)}: {missed}" if args.limit is not None else decision.headline)
+    code = 1 if not decision.passed or (args.strict and decision.answer == "not decided") else 0
+    return _done(code, table, use.method or use.best, decision.word)
 
 
 def _has_only_rests(folder: Path) -> bool:

@@ -23,6 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
     command.add_argument("--pdf", action="store_true", help="print it as well, to a PDF beside it; needs Chromium")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
+    command.add_argument("--strict", action="store_true", help="exit 1 where the verdict is NOT DECIDED, too")
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
     add_fit_arguments(command)
 
@@ -40,8 +41,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace) -> Done:
     from session.io.units import DEG
+    from tinygc.estimation.choice import tilt_rms
     from tinygc.reporting.html.evidence import gather
-    from tinygc.reporting.html.markup import tilt_rms
     from tinygc.reporting.html.page import save, summary
     from tinygc.reporting.html.paper import print_pdf, require_browser
     from tinygc.reporting.terminal import progress_bar
@@ -56,13 +57,14 @@ def _report(args: argparse.Namespace) -> Done:
     save(evidence, path)
     files = [path, *([print_pdf(path, path.with_suffix(".pdf"))] if args.pdf else [])]
     decision = evidence.decision
-    output(args).print(f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
+    output(args).print(decision.headline)
+    output(args).print(decision.rule, style="dim")
     for met, reason in decision.reasons:
         output(args).print(f"  {'met' if met else 'not met'}: {reason}")
     for doubt in decision.doubts:
         output(args).print(f"  in doubt: {doubt}")
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
-    verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
+    verdict(args, decision.headline)
     table, code = summary(evidence) | defaults_json(args), 0
     if args.limit is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
@@ -70,6 +72,9 @@ def _report(args: argparse.Namespace) -> Done:
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")
         code = 1
-    figures, word = table["closure"], decision.word if decision.passed else "FAIL"
+    elif not decision.passed or (args.strict and decision.answer == "not decided"):
+        complain(decision.headline)
+        code = 1
+    figures, word = table["closure"], decision.word
     runs = tuple(run["rmse_deg"] for run in figures["runs"])
     return Done(code, table, word, figures["holdout_tilt_rms_deg"], figures["floor_rms_deg"], runs)

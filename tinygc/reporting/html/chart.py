@@ -10,7 +10,8 @@ from math import ceil, floor, log10
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tinygc.reporting.html.markup import escape, fixed
+from session.io.texts import fixed
+from tinygc.reporting.html.markup import escape
 
 # Charts as inline SVG, small and without scripts; the page's style sheet sets colours by class (``k-…``) and the font size.
 #

@@ -11,39 +11,35 @@ from typing import Any
 
 import numpy as np
 
-from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
-from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.io.annexes import find
 from session.io.config import Accelerometer
 from session.io.folder import file_key, hash_of_log, input_hashes
+from session.io.texts import significant
 from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
 from tinygc import models
 from tinygc.closure.build import build_problem
-from tinygc.closure.floor import AllanCurve, allan_curve, angle_random_walk, bias_instability, wander_covariance
-from tinygc.closure.joint import REFUTED_P
+from tinygc.closure.floor import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
-from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.choice import AgainstRaw
+from tinygc.estimation.choice import tilt_rms
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.physics import covariance_at_end, loss_words, rate_covariance, rows_of_rates
+from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
 from tinygc.estimation.results import AT_END, FitResult, versions
+from tinygc.estimation.verdict import Acceptance, decide, run_p_values
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_evidence import TruthExplanation
-from tinygc.models.linear import BIAS, COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
-from tinygc.reporting.html.markup import degrees, probability, significant, tilt_rms
 
 # Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #
@@ -198,7 +194,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         covariance=covariance,
         claims=(),
         **_runs(fit, vector, covariance, errors),
-        quantities=field_quantities(vector, covariance, unobserved),
+        quantities=field_quantities(vector, covariance, unobserved, None if fit.allowed is None else fit.allowed.of),
         accelerometer=fit.session.config.accelerometer,
     )
 
@@ -209,20 +205,10 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     known = conditions(explanation.mended.problem)
     vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.nominal_rate)
 
-    def model(trial: np.ndarray) -> PhysicsModel:
-        at, changed = PARAMETERS, []
-        for claim in claims:
-            changed.append(AppliedEffect(claim.effect, trial[at : at + len(claim.theta)]))
-            at += len(claim.theta)
-        return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
-
-    def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
-        rate = run.rates(model(trial))
-        return run.with_earth(found.state.earth_t, rate).errors_at(rate)
-
+    errors = errors_with_physics(claims, known, found.state.earth_t)
     return Adopted(
         name=PHYSICS,
-        model=model(vector),
+        model=model_at(vector, claims, known),
         angles=explanation.proof.after,
         numbers=explanation.proof.after_numbers,
         floor_rms=explanation.proof.floor_rms,
@@ -238,38 +224,12 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
 
 
 def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
-    """Error of each closure run, and its p-value from noise, from the parameters' uncertainty, and from bias drift since the
-    session."""
-    from scipy.stats import chi2
-
-    found, p = [], []
-    sigma = np.sqrt(np.diag(covariance))
-    counted = {log.path.name for log in fit.session.closures if fit.session.rate_of(log) is not None}
-    for run in fit.runs:
-        error = errors(vector, run)
-        known = covariance
-        if fit.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in a run counted at it
-            known = covariance - fit.nominal_rate.covariance(vector)
-        slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
-        drift = slope[:, BIAS] * np.sqrt(_wander_since(fit, run))
-        expected = np.diag(run.floor_rad**2) + slope @ known @ slope.T + drift @ drift.T
-        found.append(error)
-        p.append(float(chi2.sf(error @ np.linalg.solve(expected, error), 3)))
-    return {"run_errors": found, "run_p": p, "run_losses": [loss_words(lost_in(run)) for run in fit.runs]}
-
-
-def _wander_since(fit: FitResult, run: ClosureRun) -> float:
-    """Variance, (rad/s)^2, of the bias in the run less its mean in the session."""
-    moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
-    spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
-    wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
-    contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
-    return float(contrast @ wander @ contrast)
-
-
-def agrees(p_value: float) -> bool:
-    """Whether noise explains the residual."""
-    return p_value >= MISMATCH_P
+    """Error of each closure run, its p-value, and a sentence where samples seem lost in it."""
+    return {
+        "run_errors": [errors(vector, run) for run in fit.runs],
+        "run_p": run_p_values(fit.problem, fit.runs, vector, covariance, errors),
+        "run_losses": [loss_words(lost_in(run)) for run in fit.runs],
+    }
 
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:
@@ -285,110 +245,6 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
         assert isinstance(adopted.model, PhysicsModel)  # by construction in ``_with_physics``
         more |= covariance_at_end(adopted.model, adopted.covariance)
     return models.to_dict(adopted.in_use, **more)
-
-
-# Pass or fail, and the rule applied.
-#
-# With a limit: neither the held-out closure of the segments nor the error of any closure run, with the reported calibration, may
-# exceed it.  Without a limit: both must agree with noise (p at least 0.01).  Held-out closure must also be near its floor on enough
-# segments: with few segments a fit follows almost anything.  Nor is the result decided if the session does not observe the
-# accelerometer's own parameters: an error common to all references biases E without any effect on closure.  In either case a
-# calibration fails if held-out segments close worse with it than with the raw rates.
-
-#: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
-NEAR_FLOOR = 2.0
-
-
-@dataclass(frozen=True)
-class Acceptance:
-    """Verdict on a calibration.
-
-    passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
-    each reason why a pass is weak evidence; by_limit: whether a limit was given.
-    """
-
-    passed: bool
-    rule: str
-    reasons: list[tuple[bool, str]]
-    doubts: list[str]
-    by_limit: bool
-
-    @property
-    def answer(self) -> str:
-        """One of pass, doubtful pass, not decided, fail.  A given limit decides; doubts are stated with the result."""
-        if not self.passed:
-            return "fail"
-        return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
-
-    @property
-    def word(self) -> str:
-        """The answer in words for the user."""
-        return {"pass": "Pass", "doubtful pass": "Pass, with doubts", "not decided": "Not decided", "fail": "Fail"}[self.answer]
-
-
-def decide(
-    adopted: Adopted,
-    files: list[str],
-    limit_deg: float | None,
-    raw: AgainstRaw | None = None,
-    accelerometer: AccelerometerFit | None = None,
-) -> Acceptance:
-    """Decide whether the calibration passes.
-
-    files names the closure runs; raw: comparison with the raw rates; accelerometer that gives the references.
-    """
-    if limit_deg is not None:
-        reasons = [_against("segments, held out, rms of tilt", tilt_rms(adopted.angles), limit_deg)]
-        reasons += [_against(f"{file}, RMSE", rmse(error), limit_deg) for file, error in zip(files, adopted.run_errors, strict=True)]
-        rule = f"Limit {significant(limit_deg, 3)}° asked for: held-out closure of the segments and RMSE of each closure run at most that."
-    else:
-        degrees_of = "" if adopted.closure_freedom is None else f", {adopted.closure_freedom} degrees of freedom"
-        reasons = [_by_chance(f"closure of the fitted segments{degrees_of}", adopted.closure_p)]
-        reasons += [_by_chance(file, p) for file, p in zip(files, adopted.run_p, strict=True)]
-        rule = (
-            f"No limit given: what is left must be what noise allows, p at least {MISMATCH_P:g}; and to be decided, held-out closure "
-            f"at most {NEAR_FLOOR:g} times the floor, of at least {ENOUGH_SEGMENTS} segments."
-        )
-    reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *adopted.run_losses], strict=True)]
-    if raw is not None and raw.condemns(tilt_rms(adopted.angles) / DEG):
-        words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
-        reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
-        rule += " Worse than the raw rates is a fail in any case."
-    return Acceptance(all(met for met, _ in reasons), rule, reasons, _doubts(adopted, accelerometer), limit_deg is not None)
-
-
-def _doubts(adopted: Adopted, accelerometer: AccelerometerFit | None) -> list[str]:
-    """Reasons why a pass is weak evidence.  An accelerometer's error is common to all references, so closure does not show it."""
-    doubts = []
-    if len(adopted.numbers) < ENOUGH_SEGMENTS:
-        doubts.append(f"{adopted.in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
-    if adopted.times_floor > NEAR_FLOOR:
-        doubts.append(f"held-out closure is {significant(adopted.times_floor)} times what noise alone leaves ({adopted.in_numbers})")
-    if accelerometer is None:
-        return doubts
-    if accelerometer.unobserved:
-        none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
-        left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
-        doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
-    if accelerometer.mode == "prior" and accelerometer.p_value is not None and accelerometer.p_value < REFUTED_P:
-        doubts.append(
-            f"accelerometer: the given calibration was kept as a prior, and no longer holds ({probability(accelerometer.p_value)})"
-        )
-    return doubts
-
-
-def rmse(error: np.ndarray) -> float:
-    """Root mean square over roll, pitch, yaw, rad."""
-    return float(np.sqrt(np.mean(error**2)))
-
-
-def _against(what: str, figure_rad: float, limit_deg: float) -> tuple[bool, str]:
-    met = bool(figure_rad / DEG <= limit_deg)
-    return met, f"{what}: {degrees(figure_rad)}, {'within' if met else 'above'} {significant(limit_deg, 3)}°"
-
-
-def _by_chance(what: str, p: float) -> tuple[bool, str]:
-    return agrees(p), f"{what}: {probability(p)}, " + ("noise explains it" if agrees(p) else "more than noise allows")
 
 
 # Data of a report: the fit, the explanation, and further measurements.
@@ -476,7 +332,7 @@ def gather(
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer),
+        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, fit.doubts),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

@@ -9,32 +9,12 @@ from html import escape as _escape
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from session.io.texts import printable
-from session.io.units import DEG
+from session.io.texts import degrees, fixed, printable, probability, significant
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Numbers for reading: only significant digits, a true minus sign, thin spaces between thousands.
-
-NONE = "–"
-
-
-def fixed(value: float, decimals: int) -> str:
-    """Number with a fixed count of decimals."""
-    if not isfinite(value):
-        return NONE
-    text = f"{value:,.{max(decimals, 0)}f}".replace(",", "\u202f").replace("-", "−")
-    return text.removeprefix("−") if not any(digit in "123456789" for digit in text) else text
-
-
-def significant(value: float, digits: int = 3) -> str:
-    """Number with a given count of significant digits, never as a power of ten."""
-    if not isfinite(value) or value == 0:
-        return "0" if value == 0 else NONE
-    return fixed(value, digits - 1 - floor(log10(abs(value)) + 1e-12))
+# Numbers for reading are in ``session/io/texts.py``; these choose their decimals.
 
 
 def decimals_for(expanded: float) -> int:
@@ -45,34 +25,6 @@ def decimals_for(expanded: float) -> int:
 def aligned_decimals(floor_deg: float) -> int:
     """Decimals for a column of closures in degrees: one digit more than two significant digits of the floor."""
     return decimals_for(floor_deg) + 1
-
-
-def degrees(angle_rad: float) -> str:
-    """Angle in degrees, with the sign ``°``."""
-    return f"{significant(angle_rad / DEG)}°"
-
-
-def tilt_rms(angles: np.ndarray) -> float:
-    """Root mean square tilt of error angles (S, 2 or 3), rad."""
-    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
-
-
-def probability(p: float) -> str:
-    """Text ``p = 0.31``, or a bound."""
-    if not isfinite(p):
-        return f"p {NONE}"
-    if p < 1e-99:
-        return "p < 10⁻⁹⁹"
-    if p >= 1e-3:
-        return f"p = {significant(p, 2)}"
-    return f"p = {power_of_ten(p)}"
-
-
-def power_of_ten(value: float) -> str:
-    """Text such as ``3 × 10⁻⁷``."""
-    exponent = floor(log10(value))
-    superscript = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return f"{value / 10**exponent:.0f} × 10{superscript}"
 
 
 # Markup is in ``templates``, which escape their values.  These functions call the templates' macros for pages that annexes build.

@@ -9,9 +9,9 @@ from pathlib import Path
 from session.io.files import result_folder
 from session.io.results import write_text_whole
 from session.io.units import DEG
-from tinygc.estimation.choice import run_figures
+from tinygc.estimation.choice import run_figures, tilt_rms
 from tinygc.reporting.html.evidence import ReportData
-from tinygc.reporting.html.markup import Section, render, tilt_rms
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections import modules
 from tinygc.reporting.html.sections.front import recorded
 
@@ -52,6 +52,7 @@ def summary(evidence: ReportData) -> dict:
                 "value": q.value if q.observed else None,
                 "expanded_uncertainty": q.expanded if q.observed else None,
                 "coverage_factor": 2,
+                "by_one_effect": 2 * q.moved if q.observed and isfinite(q.moved) else None,
                 "at_most": q.at_most if isfinite(q.at_most) else None,
             }
             for q in evidence.quantities

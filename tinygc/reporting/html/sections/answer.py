@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from session.io.texts import degrees
 from session.io.units import DEG
+from tinygc.estimation.choice import rmse, tilt_rms
+from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.reporting.html.chart import drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees, misses_of, rmse, spread_text
-from tinygc.reporting.html.markup import Section, degrees, render, tilt_rms
+from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text
+from tinygc.reporting.html.markup import Section, render
 
 
 def section(evidence: ReportData) -> Section:

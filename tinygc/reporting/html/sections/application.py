@@ -7,11 +7,12 @@ from base64 import b64encode
 import numpy as np
 
 from session.io.results import json_text
+from session.io.texts import fixed
 from session.io.units import DEG
 from tinygc.deploy.calibration import Calibration
 from tinygc.models.physics import PhysicsModel
 from tinygc.reporting.html.evidence import ReportData, model_table
-from tinygc.reporting.html.markup import Section, fixed, render
+from tinygc.reporting.html.markup import Section, render
 
 #: measured rates as test input, dps
 TRY_DPS = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0], [12.5, -250.0, 87.25]])

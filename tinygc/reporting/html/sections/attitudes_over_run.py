@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import fixed
 from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.runs import ClosureRun
+from tinygc.estimation.choice import rmse
 from tinygc.models.linear import bias_only
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData, rmse
-from tinygc.reporting.html.markup import Section, aligned_decimals, fixed, render, small
+from tinygc.reporting.html.evidence import ReportData
+from tinygc.reporting.html.markup import Section, aligned_decimals, render, small
 
 DENOISED = "tinygc_denoised"
 

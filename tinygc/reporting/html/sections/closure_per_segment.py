@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import degrees, significant
 from session.io.units import DEG
 from tinygc.closure.residual import closure_angles
+from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.models.linear import bias_only
 from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
-from tinygc.reporting.html.evidence import NEAR_FLOOR, ReportData, agrees
-from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
+from tinygc.reporting.html.evidence import ReportData
+from tinygc.reporting.html.markup import Section, render
 
 #: share of errors in two directions that lie within one, two, three sigmas
 RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import fixed
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.evidence import ReportData
-from tinygc.reporting.html.markup import Section, fixed, render
+from tinygc.reporting.html.markup import Section, render
 
 #: the independent ones of the field's 18 quantities: scale factors, misalignments, biases
 INDEPENDENT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17)

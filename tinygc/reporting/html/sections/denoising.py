@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import degrees, significant
 from session.io.units import DEG
 from tinygc.closure.problem import Problem
+from tinygc.estimation.choice import tilt_rms
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import ReportData, density
-from tinygc.reporting.html.markup import Section, degrees, render, significant, tilt_rms
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.noise import still_pieces
 
 NAME = "tinygc_denoised"

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 
+from session.io.texts import fixed, significant
 from session.io.units import DEG
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
+from tinygc.estimation.choice import tilt_rms
 from tinygc.explanation.claims import VERDICTS, Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -25,13 +27,7 @@ from tinygc.explanation.result import (
 from tinygc.reporting.explanation_text import parameter_lines, seconds_words, variable_words
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.evidence import ReportData
-from tinygc.reporting.html.markup import (
-    Section,
-    fixed,
-    render,
-    significant,
-    tilt_rms,
-)
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.pictures.values import (
     AxisLaws,
     added_in_stills,
@@ -52,7 +48,7 @@ WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parame
 
 def section(evidence: ReportData) -> Section | None:
     """Section on the explanation; None if explain was not run."""
-    from tinygc.explanation.evidence import candidates
+    from tinygc.noise.candidates import candidates
 
     e = evidence.explanation
     if e is None:

@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
+from session.io.texts import NONE, degrees, fixed, significant
 from session.io.units import DEG
-from tinygc.estimation.choice import closure_figures
+from tinygc.estimation.choice import closure_figures, rmse, tilt_rms
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData, rmse
-from tinygc.reporting.html.markup import (
-    NONE,
-    Section,
-    aligned_decimals,
-    degrees,
-    fixed,
-    render,
-    significant,
-    tilt_rms,
-)
+from tinygc.reporting.html.evidence import ReportData
+from tinygc.reporting.html.markup import Section, aligned_decimals, render
 
 
 def section(evidence: ReportData) -> Section:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.io.texts import significant
 from session.io.units import DEG, DEG_PER_HOUR
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.evidence import ReportData, density
-from tinygc.reporting.html.markup import Section, render, significant
+from tinygc.reporting.html.markup import Section, render
 
 
 def section(evidence: ReportData) -> Section | None:

@@ -6,12 +6,13 @@ import numpy as np
 
 from session.detect.segments import Segment
 from session.io.samples import Samples
+from session.io.texts import fixed, significant
 from session.io.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
 from tinygc.reporting.html.evidence import ReportData
-from tinygc.reporting.html.markup import Section, fixed, render, significant
+from tinygc.reporting.html.markup import Section, render
 
 #: columns of the picture over time, two per pixel of the wide version
 COLUMNS = 1600

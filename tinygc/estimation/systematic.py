@@ -1,0 +1,85 @@
+"""How far one effect that nobody modelled may have moved the parameters, beside what noise did.
+
+A calibration that leaves out an effect absorbs part of it: E by far more than the closure shows, since a scale that follows an effect
+closes the turns that it was fitted to.  For each effect of the catalogue, alone, with parameters theta:
+
+    residuals     r = -X theta + J p + noise           X, J: columns of the effect and of the calibration
+    theta         given r, and a wide prior of the effect's plausible size: mean m, covariance V (Gauss)
+    parameters    moved by -L X theta                   L: response of least squares to the channels' errors
+    expected      square of that movement: L X (V + m m') X' L'
+
+The noise is that of the fit, with its inflation: where something is missing, the recording allows larger effects.  An effect with a scanned
+shape, such as the time of a step, is the mean over its values, each by its evidence.  Each parameter states the largest movement by any one
+effect.  What no residual shows, such as a common clock rate, has its own term (``NominalRate``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinygc.closure.least_squares import solve_lower
+from tinygc.closure.problem import Problem
+from tinygc.estimation.stated_noise import StatedNoise, stated_response
+from tinygc.models.linear import NAMES, LinearModel
+from tinygc.noise.candidates import candidates
+from tinygc.noise.refit import calibration_columns, prior_sigmas
+
+
+@dataclass(frozen=True, eq=False)
+class Systematic:
+    """Movements of the 12 parameters (1, rad/s) by one effect that the recording still allows: by_effect: id -> (12, 12) mean of their
+    squares and products."""
+
+    by_effect: dict[str, np.ndarray]
+
+    def of(self, slope: np.ndarray) -> np.ndarray:
+        """(Q,) the largest movement, by one effect, of quantities with this derivative (Q, 12) by the parameters."""
+        return np.sqrt(np.max([np.einsum("qi,ij,qj->q", slope, square, slope) for square in self.by_effect.values()], axis=0))
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(12,) the largest movement of each parameter."""
+        return self.of(np.eye(len(NAMES)))
+
+    def to_json(self) -> dict:
+        """Return ``systematic`` of ``tinygc-fit/2``."""
+        ids = list(self.by_effect)
+        most = np.argmax([np.diag(square) for square in self.by_effect.values()], axis=0)
+        return {"parameters": list(NAMES), "sigma": self.sigma.tolist(), "effects": [ids[number] for number in most]}
+
+
+def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, widened: float, still_rates: bool) -> Systematic:
+    """Move the parameters by each effect of the catalogue; problem and model as fitted, widened: variance inflation of the fit."""
+    twin = noise.twin
+    start = twin.start()
+    rates = twin.rates(start)
+    sensitivity = twin.sensitivity(start, rates)
+    factor = np.linalg.cholesky(widened * noise.covariance)
+    J = solve_lower(factor, calibration_columns(twin, start, sensitivity) * prior_sigmas(twin, []))
+    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    effects = candidates(twin)
+    columns = [twin.effect_columns(effect, start, sensitivity, rates).stacked() for effect in effects]
+    edges = np.cumsum([0, *(each.shape[1] for each in columns)])
+    stacked = np.concatenate(columns, axis=1)
+    white = solve_lower(factor, np.column_stack([stacked, twin.residuals(start, rates).stacked()]))
+    left = white - J @ (inverse @ (J.T @ white))  # what the calibration, within its prior, cannot absorb
+    moves = stated_response(problem, model, noise, still_rates) @ stacked
+    found: dict[str, list[tuple[float, np.ndarray]]] = {}
+    for effect, begin, end in zip(effects, edges[:-1], edges[1:], strict=True):
+        own = slice(begin, end)
+        information = white[:, own].T @ left[:, own] + np.eye(end - begin) / effect.parameter.plausible**2
+        covariance = np.linalg.inv(information)
+        mean = -covariance @ (left[:, own].T @ white[:, -1])
+        square = moves[:, own] @ (covariance + np.outer(mean, mean)) @ moves[:, own].T
+        # Evidence beside no effect: exp(mean' information mean / 2) / sqrt(det(prior covariance information)).
+        _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
+        found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
+    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()})
+
+
+def _mean_by_evidence(values: list[tuple[float, np.ndarray]]) -> np.ndarray:
+    """Mean of squares (12, 12), each weighted by its evidence, given as a logarithm."""
+    weight = np.exp(np.array([evidence for evidence, _ in values]) - max(evidence for evidence, _ in values))
+    return np.average([square for _, square in values], axis=0, weights=weight)

@@ -1,0 +1,273 @@
+"""PASS, NOT DECIDED or FAIL: the verdict on a calibration, by the one rule that ``fit``, ``report`` and ``fleet`` apply.
+
+With a limit, neither the held-out closure of the segments nor the error of any closure run may exceed it.  Without a limit, both must agree
+with noise (p at least 0.01).  Either way a calibration fails if held-out segments close worse with it than with the raw rates.
+
+A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
+closure far below its floor means that noise or references are not what they are taken for.  An error that is common to all references, or a
+data rate that nobody measured, biases E without any effect on closure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
+from session.detect.check_stills import ENOUGH_SEGMENTS
+from session.io.errors import FitError
+from session.io.texts import command_line, degrees, probability, significant
+from session.io.units import DEG
+from tinygc.closure.floor import wander_covariance
+from tinygc.closure.joint import REFUTED_P
+from tinygc.closure.problem import Problem
+from tinygc.closure.runs import ClosureRun
+from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.choice import AgainstRaw, rmse, tilt_rms
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
+
+#: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
+NEAR_FLOOR = 2.0
+#: probability that noise leaves as little as the fitted segments do; below it the noise or the references are not what they seem
+TOO_GOOD_P = 1e-4
+#: answers in words; a given limit decides, and doubts are stated with the result
+WORDS = {"pass": "PASS", "doubtful pass": "PASS, with doubts", "not decided": "NOT DECIDED", "fail": "FAIL"}
+
+
+class Candidate(Protocol):
+    """A calibration to judge: see ``JudgedFit``, which is one."""
+
+    @property
+    def angles(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def numbers(self) -> list[int]: ...  # noqa: D102
+    @property
+    def vector(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def floor_rms(self) -> float: ...  # noqa: D102
+    @property
+    def closure_p(self) -> float: ...  # noqa: D102
+    @property
+    def closure_freedom(self) -> int | None: ...  # noqa: D102
+    @property
+    def run_errors(self) -> list[np.ndarray]: ...  # noqa: D102
+    @property
+    def run_p(self) -> list[float]: ...  # noqa: D102
+    @property
+    def run_losses(self) -> list[str]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedFit:
+    """The figures of a calibration that a verdict looks at.
+
+    angles (S, d) rad held out, of the segments with these numbers; vector of its parameters; floor_rms rad of tilt that noise alone leaves;
+    closure_p: p-value of the closure on fitted segments, with its degrees of freedom (None: with more data than these segments); of each
+    closure run the errors (3,) rad, the p-value, and a sentence where samples seem lost.
+    """
+
+    angles: np.ndarray
+    numbers: list[int]
+    vector: np.ndarray
+    floor_rms: float
+    closure_p: float
+    closure_freedom: int | None
+    run_errors: list[np.ndarray]
+    run_p: list[float]
+    run_losses: list[str]
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """Verdict on a calibration.
+
+    passed; rule, one sentence; reasons, a sentence for each figure and whether it meets the rule; doubts, a sentence for
+    each reason why a pass is weak evidence; by_limit: whether a limit was given; closure: what closes to what, as a sentence.
+    """
+
+    passed: bool
+    rule: str
+    reasons: list[tuple[bool, str]]
+    doubts: list[str]
+    by_limit: bool
+    closure: str = ""
+
+    @property
+    def answer(self) -> str:
+        """One of pass, doubtful pass, not decided, fail.  A given limit decides; doubts are stated with the result."""
+        if not self.passed:
+            return "fail"
+        return "pass" if not self.doubts else "doubtful pass" if self.by_limit else "not decided"
+
+    @property
+    def word(self) -> str:
+        """The answer in words for the user."""
+        return WORDS[self.answer]
+
+    def to_json(self, limit_deg: float | None = None) -> dict:
+        """Return ``verdict`` of ``tinygc-fit/2``."""
+        reasons = [{"met": met, "reason": text} for met, text in self.reasons]
+        return {"answer": self.answer, "headline": self.headline, "rule": self.rule, "limit_deg": limit_deg} | {
+            "reasons": reasons,
+            "doubts": self.doubts,
+        }
+
+    @property
+    def headline(self) -> str:
+        """The answer and its reason, in one line."""
+        missed = [text for met, text in self.reasons if not met]
+        return f"{self.word}: {'; '.join(missed) or (self.doubts[0] if self.doubts else self.closure)}"
+
+
+def decide(
+    candidate: Candidate,
+    files: Sequence[str],
+    limit_deg: float | None,
+    raw: AgainstRaw | None = None,
+    accelerometer: AccelerometerFit | None = None,
+    doubts: Sequence[str] = (),
+) -> Acceptance:
+    """Decide whether the calibration passes.
+
+    files: the names of the closure runs; raw: comparison with the raw rates; accelerometer that gives the references; doubts: further
+    reasons for which a pass is weak evidence.
+    """
+    tilt, times = tilt_rms(candidate.angles), tilt_rms(candidate.angles) / candidate.floor_rms
+    held_out = f"segments, held out, rms of tilt: {degrees(tilt)}"
+    if limit_deg is not None:
+        reasons = [_against(held_out, tilt, limit_deg)]
+        runs = zip(files, candidate.run_errors, strict=True)
+        reasons += [_against(f"{file}, RMSE: {degrees(rmse(error))}", rmse(error), limit_deg) for file, error in runs]
+        rule = f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that."
+    else:
+        freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
+        reasons = [_by_chance(f"closure of the fitted segments{freedom}", candidate.closure_p, f"{significant(times, 2)} × its noise")]
+        for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
+            reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p))
+        rule = (
+            f"No limit given: noise must explain what is left, p at least {MISMATCH_P:g}; to be decided, held-out closure of at least "
+            f"{ENOUGH_SEGMENTS} segments at most {NEAR_FLOOR:g} times the floor."
+        )
+    reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
+    if raw is not None and raw.condemns(tilt / DEG):
+        reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
+        rule += " Worse than the raw rates is a fail in any case."
+    closure = f"held out {degrees(tilt)} ({significant(times, 2)} × noise, {len(candidate.numbers)} segments)"
+    if len(files):
+        which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
+        closure += which + degrees(max(map(rmse, candidate.run_errors)))
+    found = [*_doubts(candidate, times, accelerometer), *doubts]
+    return Acceptance(all(met for met, _ in reasons), rule, reasons, found, limit_deg is not None, closure)
+
+
+def _doubts(candidate: Candidate, times_floor: float, accelerometer: AccelerometerFit | None) -> list[str]:
+    """Reasons why a pass is weak evidence.  An accelerometer's error is common to all references, so closure does not show it."""
+    doubts, in_numbers = [], f"{len(candidate.numbers)} segments for {len(candidate.vector)} parameters"
+    if len(candidate.numbers) < ENOUGH_SEGMENTS:
+        doubts.append(f"{in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
+    if times_floor > NEAR_FLOOR:
+        doubts.append(f"held-out closure is {significant(times_floor)} times what noise alone leaves ({in_numbers})")
+    if accelerometer is None:
+        return doubts
+    if accelerometer.unobserved:
+        none = len(accelerometer.unobserved) == ACCELEROMETER_PARAMETERS
+        left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
+        doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
+    if accelerometer.mode == "prior" and accelerometer.p_value is not None and accelerometer.p_value < REFUTED_P:
+        doubts.append(
+            f"accelerometer: the given calibration was kept as a prior, and no longer holds ({probability(accelerometer.p_value)})"
+        )
+    return doubts
+
+
+def _against(what: str, figure_rad: float, limit_deg: float) -> tuple[bool, str]:
+    met = bool(figure_rad / DEG <= limit_deg)
+    return met, f"{what}, {'within' if met else 'above'} {significant(limit_deg, 3)}°"
+
+
+def _by_chance(what: str, p: float, size: str = "") -> tuple[bool, str]:
+    met = agrees(p)
+    return met, f"{what}: {probability(p)}, " + ("noise explains it" if met else f"more than noise allows{size and f' ({size})'}")
+
+
+def agrees(p_value: float) -> bool:
+    """Whether noise explains the residual."""
+    return p_value >= MISMATCH_P
+
+
+def too_good(white_p: float) -> list[str]:
+    """Doubt about a closure below what white noise alone leaves; white_p: p-value of the closure against that noise."""
+    if 1 - white_p >= TOO_GOOD_P:
+        return []
+    return [
+        "the fitted segments close better than the noise at rest allows: it is not the noise of the turns, or rates and references are "
+        "not independent"
+    ]
+
+
+# A calibration that no gyroscope can have, whatever its residuals.
+
+#: factor by which no gyroscope's sensitivity is off: data sheets allow 1 to 10 %, and the next usual mistake is a factor of 1.15 or 2
+GAIN_WITHIN = 1.25
+#: sigmas beyond that factor
+CLEARLY = 3.0
+
+
+def require_plausible(model: LinearModel, covariance: np.ndarray, folder: Path) -> None:
+    """Refuse a calibration whose E stretches or shrinks the rates along some direction as no gyroscope's errors do.
+
+    covariance (12, 12) of ``model.vector``: what the session hardly determines is not refused.  Raises FitError.
+    """
+    left, gains, right = np.linalg.svd(model.E)
+    for gain, u, v in zip(gains, left.T, right, strict=True):
+        slope = np.outer(u, v).ravel()  # of a singular value by the elements of E
+        sigma = float(np.sqrt(slope @ covariance[MATRIX, MATRIX] @ slope))
+        beyond = max(gain - GAIN_WITHIN, 1 / GAIN_WITHIN - gain)
+        if not beyond <= CLEARLY * sigma:
+            raise FitError(
+                f"{folder}: no gyroscope has this calibration: it multiplies rates about ({', '.join(f'{x:.2f}' for x in v)}) by "
+                f"{significant(gain)}, expected {1 / GAIN_WITHIN:g} to {GAIN_WITHIN:g}; rates or gravity are not what session.toml says: "
+                f"look at {command_line('check', folder)}"
+            )
+
+
+# Closure runs against everything that is known to be uncertain in them.
+
+
+def run_p_values(
+    problem: Problem,
+    runs: Sequence[ClosureRun],
+    vector: np.ndarray,
+    covariance: np.ndarray,
+    errors: Callable[[np.ndarray, ClosureRun], np.ndarray],
+) -> list[float]:
+    """P-value of each closure run's error: noise, the parameters' uncertainty, the Earth's unknown heading, bias drift since the session.
+
+    vector (P,), covariance (P, P) of the calibration, the 12 linear parameters first; errors: roll, pitch, yaw (3,) rad of a run under a
+    trial vector.
+    """
+    found, sigma, session = [], np.sqrt(np.diag(covariance)), problem.session
+    counted = {log.path.name for log in session.closures if session.rate_of(log) is not None}
+    for run in runs:
+        error, known = errors(vector, run), covariance
+        if session.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in such a run
+            known = covariance - session.nominal_rate.covariance(vector)
+        slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
+        drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
+        expected = np.diag(run.floor_rad**2) + run.heading_covariance + slope @ known @ slope.T + drift @ drift.T
+        found.append(chi_square_above(float(error @ np.linalg.solve(expected, error)), 3))
+    return found
+
+
+def _wander_since(problem: Problem, run: ClosureRun) -> float:
+    """Variance, (rad/s)^2, of the bias in the run less its mean in the session."""
+    moments = np.r_[run.began_s + run.duration_s / 2, problem.middle_s]
+    spans = np.r_[run.duration_s, problem.batch.duration_s]
+    wander = wander_covariance(moments, spans, instability_rps=problem.instability.rps)
+    contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
+    return float(contrast @ wander @ contrast)

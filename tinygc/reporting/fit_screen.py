@@ -1,0 +1,116 @@
+"""The first screen of a fit: verdict, closure of each method, sensor errors, the numbers to copy, what to do next.
+
+It fits 80 columns and 32 lines; ``fit --verbose`` and the report have the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from session.io.texts import command_line
+from session.io.units import DEG
+from tinygc.estimation.choice import RAW, closure_figures, rmse, run_figures
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.verdict import Acceptance
+from tinygc.reporting.fit_text import TITLES, linear_of, parameters_table
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+
+#: columns of the screen
+COLUMNS = 80
+#: methods that only ``--verbose`` shows: the weaker one of the raw rates, and one whose purpose is another than closure
+VERBOSE = ("raw_bias_removed", "tinygc_denoised")
+STYLES = {"pass": "bold green", "doubtful pass": "bold yellow", "not decided": "bold yellow", "fail": "bold red"}
+
+
+def fit_screen(result: FitResult, decision: Acceptance) -> Group:
+    """Verdict, closure, sensor errors and the correction of a fit."""
+    parts: list[RenderableType] = [verdict_text(decision), _closure(result), parameters_table(result), _correction(result)]
+    return Group(*parts, *_remarks(result))
+
+
+def verdict_text(decision: Acceptance) -> Text:
+    """The verdict with its reason, and the rule in small print."""
+    text = one_line(decision.headline, STYLES[decision.answer])
+    more = [f"in doubt: {doubt}" for doubt in decision.doubts if doubt not in decision.headline]
+    for line in (decision.rule, *more):
+        text.append("\n").append(one_line(line, "dim"))
+    return text
+
+
+def _closure(result: FitResult) -> Table:
+    """Closure errors of the methods: held-out segments, and closure runs (several: the median and the worst RMSE)."""
+    several = len(result.runs) > 1
+    own = ("median", "worst") if several else ("roll", "pitch", "yaw", "RMSE") if result.runs else ()
+    if not result.runs:
+        title = "Closure error of held-out segments, degrees rms"
+    else:
+        what = f"{len(result.runs)} closure runs, RMSE" if several else f"closure run of {result.runs[0].duration_s:.0f} s"
+        title = f"Closure error, degrees: held-out segments; {what}"
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("", overflow="fold")
+    for column in ("roll", "pitch", "yaw", "tilt", *own):
+        table.add_column(column, justify="right", no_wrap=True)
+
+    def add(title: str, segments: Sequence[float | None], run: Sequence[float], style: str = "") -> None:
+        table.add_row(title, *("–" if value is None else f"{value:.4f}" for value in (*segments, *run)), style=style)
+
+    keys = ("roll", "pitch", "yaw", "tilt")
+    for name, fit in result.methods.items():
+        if name in VERBOSE:
+            continue
+        figures = closure_figures(fit.held_out)
+        errors = [found[name] for found in result.run_errors]
+        used = "bold" if name == result.use.method else "dim" if name in RAW else ""
+        add(TITLES[name], [figures[f"{key}_rms_deg"] for key in keys], _run_cells(errors, several), used)  # type: ignore[literal-required]
+    floors = [run.floor_rad for run in result.runs]
+    add("noise floor", [None, None, None, result.problem.floor.tilt_rms / DEG], _run_cells(floors, several), "dim")
+    return table
+
+
+def _run_cells(errors: list[np.ndarray], several: bool) -> list[float]:
+    if several:
+        each = [rmse(error) / DEG for error in errors]
+        return [float(np.median(each)), max(each)]
+    return [value for error in errors for value in run_figures(error).values()]
+
+
+def _correction(result: FitResult) -> Text:
+    """E and B of least squares, to copy."""
+    model = linear_of(result.linear)
+    rows = ["[" + ", ".join(f"{value:.7f}" for value in row) + "]" for row in model.E]
+    text = Text(f"omega = E m + B, rad/s\n  E = [{rows[0]},\n       {rows[1]},\n       {rows[2]}]\n")
+    return text.append(f"  B = [{', '.join(f'{value:.7f}' for value in model.B)}]")
+
+
+def _remarks(result: FitResult) -> list[Text]:
+    """What costs accuracy, in one line; ``--verbose`` has it in full."""
+    said = list(dict.fromkeys(f"{w.where}: {w.what}" for w in result.warnings if w.level == "warning"))
+    said += [f"{TITLES[name]}: {why}" for name, why in result.not_run.items()]
+    if left_out := sum(not segment.accepted for segment in result.problem.segments):
+        said.append(f"{left_out} segment{'s' * (left_out > 1)} left out")
+    return [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
+
+
+def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
+    """Name the model's file, and whether to use it."""
+    if result.file_to_use is None:
+        return one_line(f"files: {folder}; use none of the models: {result.use.why}", "bold red")
+    if decision.answer in ("pass", "doubtful pass"):
+        return one_line(f"use {folder / result.file_to_use}", "bold green")
+    return one_line(f"files: {folder} (the best model: {result.file_to_use})")
+
+
+def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] = ()) -> Text:
+    """Suggest what to run next; effects: folders of effects given to the fit, which the next command needs, too."""
+    folder = result.session.folder
+    if result.file_to_use is None:
+        return Text("next: record more turns, to more attitudes; look for errors with\n").append(
+            one_line(f"  {command_line('check', folder)}")
+        )
+    noise = result.noise is not None and result.noise.noise.unusual
+    unexplained = result.goodness.excess > 1 or noise or not decision.passed
+    given = [word for path in effects for word in ("--effects", path)]
+    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *given)}"))

@@ -239,6 +239,11 @@ class NominalRate:
         """The rate, that it is nominal, and how far it may be off."""
         return f"{self.hz:g} Hz, nominal, not measured: ± {100 * self.sigma:.2g} % ({self.source})"
 
+    @property
+    def doubt(self) -> str:
+        """Why a calibration is not decided where its clock is this rate."""
+        return f"data rate {self.words}: the scale of all axes is no better known"
+
     def covariance(self, rates: np.ndarray) -> np.ndarray:
         """(P, P) of parameters (P,) that are rates per unit or rates, and so scale with the clock: d rates / d e = -rates."""
         return self.sigma**2 * np.outer(rates, rates)

@@ -69,7 +69,7 @@ def remarks(result: FitResult) -> list[Text]:
     """Remarks, one per line, as far as they apply."""
     said = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
     if result.nominal_rate is not None:
-        said.append(one_line(f"Data rate {result.nominal_rate.words}.  The scale of all axes is no better known.", "yellow"))
+        said.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
     said += _noise_words(result)
     if result.session.alignment is not None:
         said.append(one_line(f"Truth: {truth_words(result.session.alignment)}."))

@@ -390,9 +390,7 @@ class Reader:
                 self.comments |= file.comments
                 if file.note and file.note not in self.notes:
                     self.notes.append(file.note)
-                rows = self._wanted(lines[skip:])
-                self._watch(rows)
-                piece = self._piece(rows, number + skip, last=not following)
+                piece = self._piece(self._mine(lines[skip:]), number + skip, last=not following)
                 if piece is not None:
                     self._require_time(piece, number + skip)
                     yield piece
@@ -442,6 +440,12 @@ class Reader:
         if layout.standard:
             return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
         return DAY_NS if layout.clock else COUNTER * layout.time_ns
+
+    def _mine(self, lines: list[str]) -> list[str]:
+        """The lines, with blanks in the place of rows that are not wanted.  FormatError for rows of another kind or sensor."""
+        kept = self._wanted(lines)
+        self._watch(kept)
+        return kept
 
     def _piece(self, lines: list[str], number: int, last: bool) -> Piece | None:
         if self._commas:

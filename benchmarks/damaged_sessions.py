@@ -40,9 +40,9 @@ def combined_sigma(result) -> np.ndarray | None:
 
 
 def doubts_of(result) -> list[str]:
-    """What a fit says against itself, in short: the verdict by the report's rule, misfit, and what it noticed."""
-    decision = result.verdict()
-    found = [] if decision.answer == "pass" else [decision.answer]
+    """What a fit says against itself, in short: its verdict, misfit, and what it noticed."""
+    answer = result.verdict().answer
+    found = [] if answer == "pass" else [answer]
     if result.goodness.p_value < MISMATCH_P or result.widened > 1:
         found.append("misfit")
     if result.noise is not None and result.noise.noise.unusual:

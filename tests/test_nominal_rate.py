@@ -157,6 +157,12 @@ def test_the_common_scale_carries_the_rates_uncertainty(fitted, counted):
     assert np.all(np.abs(np.diag(off)) > 20 * np.sqrt(np.diag(known.covariance))[[0, 4, 8]])  # which nothing else would have told
 
 
+def test_a_nominal_rate_is_at_best_not_decided(fitted):
+    decision = fitted.verdict()
+    assert decision.answer == "not decided"
+    assert fitted.nominal_rate.doubt in decision.doubts
+
+
 def test_fit_and_report_say_that_the_rate_is_nominal(counted, run):
     _, said, _ = run("fit", counted, "--methods", "least_squares")
     assert "nominal, not measured" in " ".join(said.split())

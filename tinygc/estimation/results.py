@@ -193,8 +193,7 @@ class FitResult:
         """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
         nominal, linear = self.nominal_rate, self.linear.model
         assert isinstance(linear, LinearModel)
-        known = [] if nominal is None else [f"data rate {nominal.words}: the scale common to all axes is no better known"]
-        return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
+        return ([] if nominal is None else [nominal.doubt]) + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""

@@ -209,5 +209,8 @@ def test_what_the_coach_says_is_what_it_reckoned_with(monkeypatch):
     advice = coach(Session)
     assert asked[0] is Lies.accel_mean
     assert advice.words == turn.words
-    assert advice.movements == tuple(RequestedTurn(tuple(part.axis), part.angle_rad) for part in turn.parts)
+    assert advice.movements == tuple(
+        RequestedTurn(tuple(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True)
+    )
+    assert all(part.words in words for part, words in zip(turn.parts, turn.steps, strict=True))
     assert advice.up == (0.0, 0.0, 1.0)

@@ -4,7 +4,8 @@ import numpy as np
 from conftest import DEG, Table
 from guided_streams import guide_of, offline, play, said, with_hand
 
-from session.bench.messages import Kind
+from session.bench.messages import Advice, Kind, Stage
+from session.bench.rawfile import Mark, RecordingDecision, decision_of
 from session.io.samples import Samples
 
 
@@ -80,3 +81,38 @@ def test_a_turn_that_nears_the_full_scale_is_said_to():
     now = guide.instruction
     assert not now.good
     assert "> 425 dps: slower, or it clips" in now.why
+
+
+TWICE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(90, (0, 1, 0), 3).rest(2.5)
+SIGMAS = (("scale of x", 3.25), ("bias of x", 0.5))
+
+
+def test_turns_without_their_targets_are_not_done():
+    guide = guide_of(2)
+    guide.advise(Advice("turn on", "it helps", missing=("scale of x",), sigmas=SIGMAS))
+    changes = play(guide, TWICE.samples())
+    assert guide.stage is Stage.DONE  # what was asked for has been recorded
+    assert said(changes, Kind.DONE) == ["ended, 1 of 2 targets are met: 2 segments"]
+    assert guide.instruction.do == "the turns are made, the targets are not: 1 of 2 targets are met"
+    assert not guide.instruction.good
+
+
+def test_enough_is_said_and_the_operator_finishes():
+    guide = guide_of(9)
+    assert not guide.enough
+    guide.advise(Advice("", "there", reached=True, sigmas=SIGMAS[1:]))
+    play(guide, TWICE.samples())
+    assert guide.stage is Stage.TURN
+    assert guide.instruction.do == "enough: finish now"
+    changes = guide.decided(decision_of(Mark(0, 0, RecordingDecision("finish").text)))
+    assert said(changes, Kind.DONE) == ["done: 2 segments, finished by the operator"]
+    assert guide.stage is Stage.DONE
+
+
+def test_a_cable_that_was_pulled_is_plugged_in_again_and_one_that_never_was_is_connected():
+    guide = guide_of(9)
+    guide.waits(Stage.FIND_PORT, "no port")
+    assert guide.instruction.do == "connect the board"
+    play(guide, TWICE.samples())
+    guide.waits(Stage.FIND_PORT, "device disconnected")
+    assert guide.instruction.do == "plug it in, it goes on by itself"

@@ -9,7 +9,7 @@ from browser import Browser, browser_path
 from coached_hand import CoachedHand
 from processes import until
 
-from session.bench.messages import Stage
+from session.bench.messages import Advice, Stage
 from session.bench.operator import OperatorCommand
 from session.bench.page.server import PageServer
 
@@ -21,12 +21,16 @@ SPILLED = """[...document.querySelectorAll('main *')].filter(e => {
   const box = e.getBoundingClientRect(), own = getComputedStyle(e);
   return box.width && (box.right > innerWidth + 1 || box.left < -1 || (own.display !== 'inline' && e.scrollWidth > e.clientWidth + 2));
 }).map(e => `${e.tagName} ${e.id} ${e.className} ${e.textContent.slice(0, 40)}`)"""
-COLOURS = """['board', 'sphere'].map(id => { const c = document.getElementById(id);
+COLOURS = """['board', 'sphere'].filter(id => document.getElementById(id).clientWidth).map(id => { const c = document.getElementById(id);
   return new Set(new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size })"""
 #: whether anything is drawn in the outermost pixels of a picture: it would be cut
-CUT = """['board', 'sphere'].filter(id => { const c = document.getElementById(id), g = c.getContext('2d'), w = c.width, h = c.height;
+CUT = """['board', 'sphere'].filter(id => document.getElementById(id).clientWidth).filter(id => {
+  const c = document.getElementById(id), g = c.getContext('2d'), w = c.width, h = c.height;
   return [[0, 0, w, 1], [0, h - 1, w, 1], [0, 0, 1, h], [w - 1, 0, 1, h]].some(box => g.getImageData(...box).data.some(part => part)) })"""
-SIZES = [(1280, 900), (390, 844)]
+#: what is read from two metres
+FAR = ("do", "why", "left", "count", "stage")
+#: a laptop, a telephone upright and on its side, a screen on the wall, a tablet
+SIZES = [(1280, 900), (390, 844), (844, 390), (1920, 1080), (768, 1024)]
 MOMENTS = [
     lambda guide: guide.stage is Stage.HOLD_STILL and (guide.instruction.part or 0) > 0.6,
     lambda guide: guide.accepted == 2 and guide.stage is Stage.TURN and not guide.turn.moving,
@@ -79,6 +83,41 @@ def look(browser: Browser, size: tuple[int, int], dark: bool) -> None:
     awaited(browser, "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
 
 
+def asked(guide) -> str:
+    """What the page says to do: of several rotations the one that comes now."""
+    now, advice = guide.instruction, guide.asked_for.advice
+    if guide.stage is not Stage.TURN or advice is None or len(advice.movements) < 2 or now.do != advice.words:
+        return now.do
+    first = np.degrees(abs(advice.movements[0].angle_rad))
+    number = int(np.degrees(guide.turn.path_rad) > 0.85 * first)
+    return f"{number + 1} of 2: {advice.movements[number].words}"
+
+
+def test_a_pulled_cable_greys_the_board_and_says_what_to_do(browser, server):
+    hand = CoachedHand(server, segments=4)
+    guide = hand.until(lambda guide: guide.accepted == 1)
+    browser.open(server.address, *SIZES[0], still=True)
+    shown(browser, "getComputedStyle(document.getElementById('board')).opacity === '1'")
+    guide.waits(Stage.FIND_PORT, "/dev/ttyACM0: device disconnected")
+    hand.page.show(guide)
+    shown(browser, "document.getElementById('do').textContent === 'plug it in, it goes on by itself'")
+    assert browser.evaluate("getComputedStyle(document.getElementById('board')).filter") == "grayscale(1)"
+
+
+def test_enough_is_said_and_the_page_finishes(browser, server):
+    hand = CoachedHand(server, segments=4)
+    guide = hand.until(lambda guide: guide.accepted == 1 and guide.stage is Stage.TURN)
+    guide.advise(Advice("", "every parameter has reached its target", reached=True, sigmas=(("bias of x", 0.9),)))
+    hand.page.show(guide)
+    browser.open(server.address, *SIZES[0], still=True)
+    shown(browser, "document.getElementById('do').textContent === 'enough: finish now'")
+    server.wishes.begin()
+    browser.evaluate("document.getElementById('finish').click()")
+    heard = []
+    until(lambda: heard.extend(server.wishes()) or heard, lambda: awaited(browser, "new Promise(r => setTimeout(r, 20))"), "the wish")
+    assert heard == [(OperatorCommand.FINISH, "")]
+
+
 def test_the_page_follows_a_session_without_an_error_and_all_of_it_is_seen(browser, server):
     hand = CoachedHand(server, segments=4)
     browser.open(server.address, *SIZES[0], still=True)
@@ -86,7 +125,7 @@ def test_the_page_follows_a_session_without_an_error_and_all_of_it_is_seen(brows
         guide = hand.until(moment)
         if guide.stage is Stage.DONE:
             server.publish("end", {"words": "The files are closed.", "command": "calibrate.py report data/session2", "report": "offered"})
-        said = guide.instruction.do.replace("'", "\\'")
+        said = asked(guide).replace("'", "\\'")
         shown(browser, f"document.getElementById('do').textContent === '{said}'")
         shown(browser, f"document.getElementById('count').textContent.startsWith('{guide.accepted} of')")
         for size in SIZES:
@@ -97,11 +136,14 @@ def test_the_page_follows_a_session_without_an_error_and_all_of_it_is_seen(brows
                 assert browser.evaluate("document.documentElement.scrollWidth") <= size[0], where
                 assert browser.evaluate(CUT) == [], where
                 assert min(browser.evaluate(COLOURS)) > 20, where
-                letters = browser.evaluate("parseFloat(getComputedStyle(document.getElementById('do')).fontSize)")
-                assert letters >= (40 if size[0] == 1280 else 25), where  # CSS px; 40 are 10.6 mm, read from two metres
+                letters = {
+                    name: browser.evaluate(f"parseFloat(getComputedStyle(document.getElementById('{name}')).fontSize)") for name in FAR
+                }
+                assert letters["do"] >= (40 if size[0] in (1280, 1920) else 25), where  # CSS px; 40 are 10.6 mm, read from two metres
+                assert size[0] != 1920 or min(letters.values()) >= 40, letters
                 background = browser.evaluate("getComputedStyle(document.body).backgroundColor")
                 assert (background == "rgb(255, 255, 255)") is not dark, where
-            if size[0] == 1280:  # nobody scrolls with a table in their hands
+            if size[0] in (1280, 844, 1920):  # nobody scrolls with a table in their hands
                 assert browser.evaluate("document.documentElement.scrollHeight") <= size[1], guide.stage
     assert browser.evaluate("document.getElementById('make').offsetWidth") > 0
     assert complaints(browser, server) == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import Protocol as Interface
 
@@ -52,6 +52,7 @@ PEAK_FULL_SCALE = 0.85
 ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
 HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
+FINISH_WORDS = "f finishes"
 STIR_DEG = 2.0  #: a smaller movement is no turn
 
 
@@ -72,6 +73,7 @@ class Guide:
         self.coached = False  #: whether advice is expected after each accepted segment
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
         self._before_s = 0.0  # duration of earlier logs
+        self.board_faults: Mapping[str, int] = {}  #: what the board has reported of itself, by name
         self.keys, self._remark = "", ""  # the screen's last line; the coach's remark on the whole session
         self.waits_for = ""  # what the port or the stream lacks
         self._messages: list[GuideMessage] = []
@@ -141,6 +143,8 @@ class Guide:
             self._say(Kind.STAGE, "it goes on")
         elif decision.word == "drop":
             self._drop(int(decision.rest) * 1000)
+        elif decision.word == "finish" and self.closure is None:
+            self._segments_done(f"{self.accepted} segments, finished by the operator")
         elif self.closure is not None:
             self.closure.decided(decision)
             self.turn.accepted_still()
@@ -152,6 +156,18 @@ class Guide:
     def wants(self) -> RecordingDecision | None:
         """What is to be done with the files."""
         return self.closure.wants if self.closure is not None and self.stage is Stage.CLOSURE else None
+
+    @property
+    def enough(self) -> bool:
+        """Whether every target is met while turns are still asked for: the operator may finish."""
+        return self.advice is not None and self.advice.reached and self.closure is None and self.stage is not Stage.DONE
+
+    @property
+    def short_of(self) -> str:
+        """How many targets are met, ``0 of 21``, where some are not; empty where all are, and without a coach."""
+        if self.advice is None or not self.advice.missing or not self.advice.sigmas:
+            return ""
+        return f"{sum(sigma <= 1 for _, sigma in self.advice.sigmas)} of {len(self.advice.sigmas)} targets are met"
 
     @property
     def accepted(self) -> int:
@@ -202,14 +218,18 @@ class Guide:
         """What to do now, and why the guide waits."""
         stage = self.stage
         if stage is Stage.FIND_PORT:
-            return Instruction(stage, "connect the board", self.waits_for or "no port is open yet", good=False)
+            pulled = self.here.now_s > 0 or self.log > 0
+            do = "plug it in, it goes on by itself" if pulled else "connect the board"
+            return Instruction(stage, do, self.waits_for or "no port is open yet", good=False)
         if stage is Stage.CHECK_STREAM:
             waits = self.waits_for or f"{min(self.here.unchecked_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
             return Instruction(stage, "wait: the stream is being checked", waits, good=False)
         if stage is Stage.PAUSED:
             return Instruction(stage, "paused: nothing is examined", "p goes on", good=False)
         if stage is Stage.DONE:
-            return Instruction(stage, "done: the table may be left", f"{self.accepted} segments accepted")
+            short = self.short_of
+            do = f"the turns are made, the targets are not: {short}" if short else "done: the table may be left"
+            return Instruction(stage, do, f"{self.accepted} segments accepted{'; go on with more turns' if short else ''}", good=not short)
         if stage is Stage.CLOSURE and self.closure is not None:
             return self.closure.instruction(self.turn)
         return self._turn_instruction() if stage is Stage.TURN else self._hold_instruction()
@@ -228,6 +248,8 @@ class Guide:
         turn, advice = self.turn, self.asked_for.advice
         if self.taken.turns and self.asked_for.awaited(self.here.now_s) and not turn.moving:
             return Instruction(self.stage, "one moment: the coach evaluates the last turn", "for some 2 s at most")
+        if self.enough and not turn.moving:
+            return Instruction(self.stage, "enough: finish now", f"every target is met; {FINISH_WORDS}, or turn on")
         do = advice.words if advice else ANY_TURN
         if not turn.moving:
             waits = f"waiting for the turn; segment {self.accepted + 1} of {self.segments}"
@@ -235,9 +257,9 @@ class Guide:
         full_scale_dps, peak_dps = self._sensor.gyro_fs_dps, turn.peak_rps / DEG
         turned = f"turned {turn.path_rad / DEG:.0f}° so far"
         if peak_dps > PEAK_FULL_SCALE * full_scale_dps:
-            too_fast = f"{turned}, but {peak_dps:.0f} > {PEAK_FULL_SCALE * full_scale_dps:.0f} dps: slower, or it clips"
-            return Instruction(self.stage, do, too_fast, good=False)
-        return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; then let go")
+            too_fast = f"but {peak_dps:.0f} > {PEAK_FULL_SCALE * full_scale_dps:.0f} dps: slower, or it clips"
+            return Instruction(self.stage, do, too_fast, good=False, far=turned)
+        return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; then let go", far=turned)
 
     def _begin_log(self) -> None:
         self.here = PresentLog()
@@ -356,7 +378,7 @@ class Guide:
 
     def _finish(self, why: str) -> None:
         self.stage = Stage.DONE
-        self._say(Kind.DONE, f"done: {why}")
+        self._say(Kind.DONE, f"ended, {self.short_of}: {why}" if self.short_of else f"done: {why}")
 
     def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
         self._messages.append(GuideMessage(kind, text, self.now_s, accepted))

@@ -8,6 +8,7 @@ recording repeats them.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -80,6 +81,7 @@ class BoardReporter:
     def __init__(self) -> None:
         self.board: BoardStatus | None = None
         self.faults: FaultCounts | None = None
+        self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name
         self._reports = 0
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
 
@@ -113,6 +115,7 @@ class BoardReporter:
     def _faults(self, message: FaultCounts) -> list[str]:
         before, self.faults = self.faults, message
         risen = message.since(before)
+        self.counted.update(risen)
         kinds = [name for name in risen if name not in COUNTED_APART]
         if not risen:
             return []
@@ -259,6 +262,7 @@ class GuidedRecording:
         self._live = False  # decisions of an earlier recording are not made again
         self._resuming = False  # until the port is open
         self.board = BoardReporter()
+        guide.board_faults = self.board.counted
         self._same = SensorIdentity()
         self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor

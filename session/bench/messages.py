@@ -49,6 +49,12 @@ class Instruction:
     remaining_s: float | None = None  #: of a countdown
     part: float | None = None  #: 0 to 1, the completed part of the countdown
     good: bool = True  #: whether only time is missing
+    far: str = ""  #: how far a turn has gone, where ``why`` speaks of it; a picture of the turn shows it itself
+
+    @property
+    def says(self) -> str:
+        """``far`` and ``why`` in a line."""
+        return f"{self.far}, {self.why}" if self.far else self.why
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +95,7 @@ class RequestedTurn:
 
     axis: tuple[float, float, float]  #: vertical or level before the movement
     angle_rad: float
+    words: str = ""  #: what to do, of this rotation alone
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,7 @@ class OperatorCommand(Enum):
     DROP = "d"
     NOTE = "n"
     HERE = "Enter"
+    FINISH = "f"
 
 
 class TypingLine:
@@ -141,7 +142,7 @@ class TypingLine:
                     commands.append((OperatorCommand.HERE, ""))
                 elif sign.lower() == OperatorCommand.NOTE.value:
                     self.note = ""
-                elif sign.lower() in (OperatorCommand.PAUSE.value, OperatorCommand.DROP.value):
+                elif sign.lower() in (OperatorCommand.PAUSE.value, OperatorCommand.DROP.value, OperatorCommand.FINISH.value):
                     commands.append((OperatorCommand(sign.lower()), ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
@@ -155,16 +156,16 @@ class TypingLine:
                 self.note += sign
         return commands
 
-    def words(self, closure: bool) -> str:
-        """The last line of the screen.  closure: whether the closure run is on."""
+    def words(self, closure: bool, enough: bool = False) -> str:
+        """The last line of the screen.  closure: whether the closure run is on; enough: whether the operator may finish."""
         if self.note is not None:
             return f"note: {self.note}_   (Enter keeps it, Esc does not)"
         last = "d the closure run again   Enter it is on its mark" if closure else "d drop the last turn"
-        return f"keys: p pause   {last}   n note"
+        return f"keys: p pause   {last}   n note{'   f finish' if enough else ''}"
 
 
 MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
-WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE}
+WORDS = {"pause": OperatorCommand.PAUSE, "drop": OperatorCommand.DROP, "here": OperatorCommand.HERE, "finish": OperatorCommand.FINISH}
 REPORT_WISH = "report"
 
 
@@ -198,7 +199,7 @@ class BrowserCommands:
         return taken
 
     def hear(self, body: bytes) -> HTTPStatus:
-        """Take ``pause``, ``drop``, ``here``, ``note TEXT`` or ``report``.
+        """Take ``pause``, ``drop``, ``here``, ``finish``, ``note TEXT`` or ``report``.
 
         BAD_REQUEST for anything else, SERVICE_UNAVAILABLE where no recording takes it.
         """
@@ -274,7 +275,7 @@ class OperatorInput:
             except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
-            self._guide.keys = self._typing.words(self._guide.closure is not None)
+            self._guide.keys = self._typing.words(self._guide.closure is not None, self._guide.enough)
 
     def _do(self, command: OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
@@ -286,6 +287,9 @@ class OperatorInput:
             guide.closure.on_the_mark()
         elif not begun or guide.stage is Stage.DONE:
             return
+        elif command is OperatorCommand.FINISH:
+            if guide.enough:
+                self.decide(RecordingDecision("finish"))
         elif command is OperatorCommand.PAUSE:
             self.decide(self.after_pause if guide.stage is Stage.PAUSED else RecordingDecision("pause"))
         elif command is OperatorCommand.DROP and guide.closure is not None:

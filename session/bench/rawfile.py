@@ -394,7 +394,7 @@ def said_cut(raw_path: Path) -> str:
 
 @dataclass(frozen=True)
 class RecordingDecision:
-    """word: begin, pause, keep, drop or note; rest: STEM, T_US, TEXT, or nothing; log: in a replay, the log that was growing."""
+    """word: begin, pause, keep, drop, finish or note; rest: STEM, T_US, TEXT, or nothing; log: in a replay, the log that was growing."""
 
     word: str
     rest: str = ""
@@ -410,7 +410,7 @@ def decision_of(mark: Mark) -> RecordingDecision | None:
     """The decision of a mark; None for another event, and for an invalid one."""
     word, _, rest = mark.event.partition(" ")
     is_stem, is_time = rest.isidentifier(), rest.isascii() and rest.isdigit()
-    valid = {"begin": is_stem, "keep": is_stem, "drop": is_time, "pause": True, "note": True}
+    valid = {"begin": is_stem, "keep": is_stem, "drop": is_time, "pause": True, "note": True, "finish": not rest}
     return RecordingDecision(word, rest) if valid.get(word, False) else None
 
 

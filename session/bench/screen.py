@@ -80,7 +80,7 @@ class PlainLines:
         now, wall_s = guide.instruction, time.monotonic()
         if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
             return
-        why = now.why if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
+        why = now.says if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
         self._said, self._said_s = now.do, wall_s
         self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
 
@@ -111,7 +111,7 @@ def _instruction(guide: Guide, title: str) -> Panel:
     else:
         bar.add_row(Text(""), Text(""))
     colour = COLOURS.get(now.stage, "yellow")
-    why = Text(now.why, style="" if now.good else "bold yellow")
+    why = Text(now.says, style="" if now.good else "bold yellow")
     return Panel(
         Group(Text(now.do.replace(", then at once ", ",\nthen at once "), style=f"bold {colour}"), bar, why),
         title=Text(title),

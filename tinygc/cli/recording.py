@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import ipaddress
+import re
 import subprocess
 import sys
 import tempfile
@@ -118,6 +119,7 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 # The recorded data, in lines and as JSON.
 
 MOST_NAMED = 3  #: most logs that are named
+NUMBERED = re.compile(r"(?P<stem>[a-z]+)(?P<number>[0-9]{4})\.csv")
 
 
 def so_far(guide: Guide, recorder: Recorder) -> str:
@@ -130,6 +132,31 @@ def so_far(guide: Guide, recorder: Recorder) -> str:
 def counted(guide: Guide, recorder: Recorder) -> str:
     """Count segments and samples."""
     return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
+
+
+def files_left(folder: Path) -> str:
+    """Name every file of the recording; of a row of numbered ones the first and the last."""
+    from session.io.names import has_recorded_name
+
+    names, rows = sorted(path.name for path in folder.iterdir() if has_recorded_name(path)), list[list[str]]()
+    for name in names:
+        before, this = NUMBERED.fullmatch(rows[-1][-1]) if rows else None, NUMBERED.fullmatch(name)
+        if before and this and before["stem"] == this["stem"] and int(before["number"]) + 1 == int(this["number"]):
+            rows[-1].append(name)
+        else:
+            rows.append([name])
+    return ", ".join(", ".join(row) if len(row) < 4 else f"{row[0]} to {row[-1]} ({len(row)} files)" for row in rows)
+
+
+def faults_of(guide: Guide) -> str:
+    """Name every fault of the board and of its stream, with how often it came; empty without any."""
+    from session.bench.screen import FAULTS
+
+    health = guide.health
+    counts = {name: health.troubles[kind] for kind, name in FAULTS} | {"gaps": health.gaps}
+    words = [f"{count} {name}" for name, count in counts.items() if count]
+    words += [f"the board counted {name} {count}×" for name, count in guide.board_faults.items() if count]
+    return ", ".join(words)
 
 
 def left_out(recorder: Recorder) -> Iterator[str]:

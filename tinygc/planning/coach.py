@@ -86,7 +86,7 @@ class Coach:
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
-        moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad) for part in turn.parts)
+        moves = tuple(RequestedTurn(_vector(part.axis), part.angle_rad, words) for part, words in zip(turn.parts, turn.steps, strict=True))
         return Advice(turn.words, reason, False, missing, moves, _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
 
     def _says(self, measured: np.ndarray) -> str:

@@ -156,6 +156,11 @@ class Turn:
         said = ", then at once ".join(part.words for part in self.parts)
         return f"{self.straightened.words}turn {said} ({sum(part.seconds for part in self.parts):.0f} s)"
 
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """Instructions for each part alone."""
+        return tuple(f"{self.straightened.words if part is self.parts[0] else ''}turn {part.words}" for part in self.parts)
+
     def carries(self, accel: np.ndarray) -> np.ndarray:
         """Return the reading after the turn of an accelerometer at rest that read accel (3,) before it."""
         return self.parts[-1].up * np.linalg.norm(accel)

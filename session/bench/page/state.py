@@ -152,10 +152,11 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
     now, health, wait = guide.instruction, guide.health, guide.wait
     forces = [guide.taken.coverage.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
     sigmas = guide.advice.sigmas if guide.advice is not None else ()
+    target = _target(guide, still)
     return {
         "stage": now.stage.value,
         "do": printable(now.do),
-        "why": printable(now.why),
+        "why": printable(now.why if target else now.says),
         "good": now.good,
         "remaining_s": now.remaining_s,
         "part": now.part,
@@ -164,7 +165,9 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
         "accepted": guide.accepted,
         "wanted": guide.segments,
         "rejected": guide.rejected,
-        "target": _target(guide, still),
+        "connected": guide.stage is not Stage.FIND_PORT,
+        "enough": guide.enough,
+        "target": target,
         "up": [_rounded(force / max(float(np.linalg.norm(force)), 1e-9), 3) for force in forces],
         "sigmas": [{"name": name, "of_target": round(min(sigma, 1e6), 3) if math.isfinite(sigma) else 1e6} for name, sigma in sigmas],
         "closure_deg": None if closure_deg is None else round(closure_deg, 3),
@@ -185,7 +188,8 @@ def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
     q, turns = still if advice.up is None else levelled(still, np.array(advice.up)), []
     for movement in advice.movements:
         axis = np.array(movement.axis)
-        turns.append({"from": _rounded(q, 4), "axis": _rounded(rotated(q, axis), 4), "angle_deg": round(movement.angle_rad / DEG, 1)})
+        angle_deg, words = round(movement.angle_rad / DEG, 1), printable(movement.words)
+        turns.append({"from": _rounded(q, 4), "axis": _rounded(rotated(q, axis), 4), "angle_deg": angle_deg, "words": words})
         q = multiply(q, exp(*(movement.angle_rad * axis).tolist()))
     return {"q": _rounded(q, 4), "turns": turns}
 

@@ -28,6 +28,8 @@ from tinygc.cli.recording import (
     bench,
     coach_of,
     counted,
+    faults_of,
+    files_left,
     left_out,
     lot_of,
     missing,
@@ -155,6 +157,8 @@ def _tell(
 
     console = output(args)
     console.print(f"{folder}: {so_far(guide, recorder)}", soft_wrap=True)
+    console.print(f"files: {files_left(folder)}", soft_wrap=True)
+    console.print(f"faults of the board: {faults_of(guide) or 'none'}", soft_wrap=True)
     for path in recorder.logs.put_aside:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
     for line in left_out(recorder):

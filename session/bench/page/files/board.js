@@ -20,7 +20,8 @@ let left = 0.5;
 export const turnTheView = () => { left += Math.PI / 4; };
 
 // goal: of path.js, or null; phase: where on the way to it the ghost is, 0 to 1; there: the board has come to it.
-export function drawBoard(pose, goal, phase, there) {
+// moving: the bar says how much is left, and a second angle would not help.
+export function drawBoard(pose, goal, phase, there, moving) {
   const { context, width, height } = begin(), scale = Math.min(width / 3.7, height / 3.6), middle = height * 0.49;
   const view = vector => seen(vector, left);
   const at = vector => {
@@ -37,9 +38,7 @@ export function drawBoard(pose, goal, phase, there) {
   if (arc) drawArc(scene, arc, true);
   if (ghost) drawLetters(scene, ghost, true);
   if (pose) drawLetters(scene, pose.q, false);
-  if (arc) {
-    drawLabel(scene, arc, goal, [width, height]);
-  }
+  if (arc && !moving) drawLabel(scene, arc, [width, height]);
 }
 
 function drawTable({ context, at }) {
@@ -117,10 +116,10 @@ function drawArc({ context, at, view, scale }, { points, axis }, front) {
 }
 
 // Outside, where the arrow is farthest from the middle.
-function drawLabel({ context, at, scale }, { points, angle_deg }, { total, number }, [width, height]) {
+function drawLabel({ context, at, scale }, { points, angle_deg }, [width, height]) {
   const [x0, y0] = at([0, 0, 0]), far = ([x, y]) => Math.hypot(x - x0, y - y0), few = points.length / 7;
   const [x, y] = points.slice(Math.floor(few), -Math.floor(few) || undefined).map(at).reduce((a, b) => (far(b) > far(a) ? b : a));
-  const text = `${Math.abs(Math.round(angle_deg))}°${total > 1 ? ` (${number + 1}/${total})` : ""}`, size = Math.max(22, scale * 0.22);
+  const text = `${Math.abs(Math.round(angle_deg))}°`, size = Math.max(22, scale * 0.22);
   const half = size * text.length * 0.3, inside = (value, edge, whole) => Math.max(edge, Math.min(whole - edge, value));
   const right = x + (x - x0) / far([x, y]) * (half + size * 0.6), low = y + (y - y0) / far([x, y]) * size * 1.2;
   word(context, text, [inside(right, half, width), inside(low, size * 0.7, height)], colour("wanted"), size);

@@ -20,7 +20,7 @@ export function showSigmas(sigmas) {
     const item = list.children[i] ?? list.appendChild(empty()), [label, number, bar] = item.children, reached = of_target <= 1;
     item.className = reached ? "" : "above";
     label.title = name;
-    label.textContent = name.replace(/misalignment of (.) towards (.)/, "$1 askew to $2");
+    label.textContent = name;
     number.textContent = reached ? `✓ ${of_target.toFixed(1)}×` : of_target >= 100 ? "not seen" : `${of_target.toFixed(1)}×`;
     bar.firstElementChild.style.width = `${lengthOf(of_target)}%`;
   });

@@ -22,27 +22,32 @@ function showPose() {
   write("rate", `${pose.peak_dps.toFixed(0)} of ${pose.full_scale_dps} dps${of > FAST ? ": slower!" : ""}`);
 }
 
-// The still's countdown, or how far the coach's turn has gone.
-function showBar() {
-  const whole = state.target?.turns.reduce((sum, { angle_deg }) => sum + Math.abs(angle_deg), 0), turns = state.part === null && whole;
+// The still's countdown, or how much of the coach's present turn is left.
+function showBar(goal, left, there) {
+  const turns = state.part === null && goal, whole = turns && Math.abs(goal.turn.angle_deg);
   part("still").className = turns ? "turns" : state.part === null ? "none" : "";
   part("still").setAttribute("aria-label", turns ? "turned" : "still");
-  share("still", turns ? state.turned_deg / whole : state.part ?? 0);
-  write("left", turns ? `${state.turned_deg.toFixed(0)}° of ${whole.toFixed(0)}°`
+  share("still", turns ? 1 - goal.left_deg / whole : state.part ?? 0);
+  write("left", there ? "✓ there: let go" : turns ? (state.moving ? `${left.toFixed(0)}° to go` : "")
     : state.remaining_s === null ? "" : `${state.remaining_s.toFixed(1)} s`);
 }
 
-function showState() {
+// One step at a time: of several turns the one that comes now.
+const stepOf = goal => (goal && goal.total > 1 && goal.turn.words ? `${goal.number + 1} of ${goal.total}: ${goal.turn.words}` : state.do);
+
+function showState(goal, left, there) {
   const broken = end?.report === "none";  // nothing is asked for any more: what came last is no instruction
   if (broken) state = { ...state, stage: "ended", do: "the recording has ended", why: "", target: null, part: null, remaining_s: null, good: true };
-  document.body.className = `${state.good ? "" : "bad"} ${state.stage === "done" ? "done" : ""}`;
-  write("stage", state.stage);
+  const unplugged = !state.connected && state.samples > 0;
+  document.body.className = [state.good ? "" : "bad", state.stage === "done" ? `over ${state.good ? "done" : ""}` : "", unplugged ? "unplugged" : ""].join(" ");
+  write("stage", unplugged ? "no board" : state.stage === "done" && !state.good ? "ended" : state.stage);
   write("count", `${state.accepted} of ${state.wanted} turns${state.rejected ? `, ${state.rejected} rejected` : ""}`);
   share("progress", state.accepted / state.wanted);
-  write("do", state.do);
-  part("do").classList.toggle("long", state.do.length > LONG);
+  const step = stepOf(goal);
+  write("do", step);
+  part("do").classList.toggle("long", step.length > LONG);
   write("why", state.why);
-  showBar();
+  showBar(goal, left, there);
   write("closure", state.closure_deg === null ? "–" : `${state.closure_deg.toFixed(2)}°`);
   write("stills", `${facesOf(state.up).length} of 6 faces, ${state.up.length} rests`);
   showSigmas(state.sigmas);
@@ -50,6 +55,7 @@ function showState() {
   const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.wait ? `: ${state.wait}` : ""}`;
   write("stream", `${state.odr_hz ?? "–"} Hz; ${state.samples} samples, ${state.lost} lost${warm}`);
   const over = end !== null || state.stage === "done";
+  part("finish").hidden = over || !state.enough;
   part("here").hidden = over || state.stage !== "closure run";
   part("pause").hidden = part("drop").hidden = part("note").hidden = over;
   write("pause", state.stage === "paused" ? "go on" : "pause", state.stage === "closure run" ? "p" : "space");
@@ -68,12 +74,11 @@ function draw(now) {
   if (now - drawn >= FRAME_MS || !moves) {
     drawn = now;
     if (pose) showPose();
-    if (state) showState();
     const goal = pose && state?.target ? goalOf(state.target.turns, state.turned_deg) : null, left = goal && toGo(goal, pose.q);
     const there = goal !== null && left < THERE_DEG && goal.number === goal.total - 1;
-    write("togo", there ? "✓ there: let go" : goal && state.moving ? `${left.toFixed(0)}° to go` : "");
+    if (state) showState(goal, left, there);
     part("wanted").hidden = !goal;
-    drawBoard(pose, goal, there ? 1 : phaseOf(now), there);
+    drawBoard(pose, goal, there ? 1 : phaseOf(now), there, state?.moving);
     drawSphere(state?.up ?? [], pose ? rotated(inverse(pose.q), [0, 0, 1]) : null);
   }
   if (moves) soon();
@@ -107,7 +112,7 @@ follow({
   listens: soundIsOn,
 });
 
-for (const name of ["here", "pause", "drop"]) part(name).addEventListener("click", () => wish(name));
+for (const name of ["here", "finish", "pause", "drop"]) part(name).addEventListener("click", () => wish(name));
 part("make").addEventListener("click", () => wish("report"));
 part("view").addEventListener("click", () => { turnTheView(); soon(); });
 part("note").addEventListener("submit", event => {

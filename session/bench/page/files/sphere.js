@@ -12,7 +12,9 @@ const begin = canvasOf("sphere");
 export const facesOf = up => Object.entries(FACES).filter(([, face]) => up.some(each => dot(each, face) > NEAR)).map(([name]) => name);
 
 export function drawSphere(up, now) {
-  const { context, width, height } = begin(), scale = Math.min(width, height) / 2.75, filled = facesOf(up);
+  const { context, width, height } = begin();
+  if (!height) return;  // a telephone on its side has no place for it
+  const half = Math.min(width, height) / 2, scale = Math.min(half / 1.375, (half - 14) / 1.2), filled = facesOf(up);
   const at = vector => {
     const [right, high] = seen(vector);
     return [width / 2 + scale * right, height / 2 - scale * high];

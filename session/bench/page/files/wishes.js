@@ -24,5 +24,6 @@ export function wishOf(key, stage, end) {
   if (key === "Enter") return forward === "pause" && stage !== "paused" ? null : forward;
   if (end || stage === "done") return null;
   if (key === "p" || key === "P") return "pause";
+  if (key === "f" || key === "F") return "finish";
   return BACK.includes(key) || key === "d" || key === "D" ? "drop" : null;
 }

@@ -89,7 +89,12 @@ def test_a_column_that_may_be_the_clock_is_named_and_not_passed_over(name, sampl
 
 @pytest.mark.parametrize(
     ("names", "columns"),
-    [("", lambda s: []), ("seq", lambda s: [np.arange(len(s))]), ("n,mx", lambda s: [np.arange(len(s)) + 9, np.sin(s.t_s)])],
+    [
+        ("", lambda s: []),
+        ("seq", lambda s: [np.arange(len(s))]),
+        ("n,mx", lambda s: [np.arange(len(s)) + 9, np.sin(s.t_s)]),
+        ("mx", lambda s: [8096 + ticks(s, 2.0)]),
+    ],
 )
 def test_what_is_no_clock_asks_for_the_rate(names, columns, samples, tmp_path):
     text = log_of(samples, names, *columns(samples))

@@ -205,7 +205,7 @@ def _candidate(rows: Sequence[Sequence[str]], column: int, names: Sequence[str])
     if steps.min() < 0 or seconds[-1] <= 0:
         return None
     usual = float(np.median(steps))
-    if not named and ((steps == 1).all() or np.abs(np.percentile(steps, (5, 95)) - usual).max() > STEADY_WITHIN * usual):
+    if not named and (usual <= 0 or (steps == 1).all() or np.abs(np.percentile(steps, (5, 95)) - usual).max() > STEADY_WITHIN * usual):
         return None  # it numbers the rows, or it is no clock
     return _Candidate(column, name, named or is_clock, "s" if is_clock else stated[-1] if stated else None, seconds)
 

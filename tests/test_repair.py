@@ -169,6 +169,18 @@ def test_no_file_is_written_over(samples, tmp_path, run):
     assert run("check", spoilt, "--cause", 1)[0] == 2
 
 
+@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
+def test_a_session_toml_stays_as_it_is_written_but_for_what_was_wrong(samples, tmp_path, ends):
+    toml = '# mine\nsensor.odr_hz = 104.0\nsensor.model = "unknown"\nsensor.gyro_fs_dps = 250 # sic\nsensor.accel_fs_g = 4\n'
+    toml = 'schema = "tinygc-session/1"\n' + toml + '[notes]\nrepaired = "by hand"\n'
+    spoilt = written(tmp_path / "spoilt", samples, gyro=0.5 / DEG)
+    (spoilt / "session.toml").write_bytes(toml.replace("\n", ends).encode())
+    repair(spoilt, tmp_path / "copy")
+    expected = toml.replace("250", "500").splitlines()
+    assert (tmp_path / "copy" / "session.toml").read_text().splitlines()[: len(expected)] == expected
+    assert tinygc.read_session(tmp_path / "copy").config.notes["repaired2"].startswith("the rates are 0.5 times the true ones")
+
+
 def test_closure_runs_rests_packed_logs_and_comments_follow(samples, tmp_path):
     """What could not be examined by itself is of the same logger; a log's own comment agrees with the setting."""
     spoilt = written(tmp_path / "spoilt", samples, gyro=0.5 / DEG)

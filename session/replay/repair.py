@@ -9,7 +9,10 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 from session import VERSION
 from session.detect.findings import Axes, Correction, Finding
@@ -180,31 +183,37 @@ def _apply(copy: Path, folder: Path, cause: Correction, what: str, findings: lis
     path = folder / "session.toml"
     times = {name.removesuffix(".gz"): cause.factor for name in files if cause.kind == "time"}
     if cause.settings or times:
-        path.write_text(_settings(read_text(path, MOST_TOML), cause, times), encoding="utf-8")
+        _edit(path, partial(_set, cause=cause, times=times))
     return Change(what, cause, files)
 
 
-def _settings(text: str, cause: Correction, times: dict[str, float]) -> str:
-    """The text of a session.toml with other settings of its sensor, and with the moments that it names on another clock."""
+def _edit(path: Path, change: Callable[[Any], None]) -> None:
+    """Change a session.toml, whatever its line ends; what is not touched stays as it is written."""
     from tomlkit import dumps, parse
 
-    document = parse(text)
+    document = parse(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"))
+    change(document)
+    path.write_text(dumps(document), encoding="utf-8")
+
+
+def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:
+    """Other settings of the sensor; moments that the file names, on another clock."""
     for key, value in cause.settings:
         document.setdefault("sensor", {})[key] = setting(value)
     for row in document.get("exclude", []):
         row["at_s"] = float(row["at_s"]) * times.get(str(row["log"]).removesuffix(".gz"), 1.0)
-    return dumps(document)
 
 
 def _note(folder: Path, done: Repaired) -> None:
-    """The provenance: a file of its own, and a note in session.toml, which the report shows."""
-    from tomlkit import dumps, parse
-
+    """The provenance: a file of its own, and a note in session.toml, which the report shows; a note that is there stays."""
     write_whole(folder / NAME, done.to_json())
-    path = folder / "session.toml"
-    document = parse(read_text(path, MOST_TOML))
-    document.setdefault("notes", {})["repaired"] = f"{'; '.join(change.cause.says for change in done.changes)} ({NAME})"
-    path.write_text(dumps(document), encoding="utf-8")
+    says = f"{'; '.join(change.cause.says for change in done.changes)} ({NAME})"
+
+    def add(document: Any) -> None:
+        notes = document.setdefault("notes", {})
+        notes[next(name for number in count(1) if (name := f"repaired{number if number > 1 else ''}") not in notes)] = says
+
+    _edit(folder / "session.toml", add)
 
 
 AS_LOGGED: Axes = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -222,7 +231,7 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
         lines, binary = stack.enter_context(Lines(source)), stack.enter_context(path.open("wb"))
         packed = path.suffix.lower() == ".gz"
         file = stack.enter_context(gzip.GzipFile("", "wb", fileobj=binary, mtime=0)) if packed else binary
-        count = 0
+        width = 0
         while some := lines.take():
             for text in some:
                 if text.lstrip().startswith("#"):
@@ -232,9 +241,9 @@ def _rewrite(source: Path, path: Path, cause: Correction, columns: bool) -> None
                     cells = text.split(",")
                     if write is None:
                         first = next((line for line in some[some.index(text) + 1 :] if line.strip() and line[0] != "#"), "")
-                        cells, write, count = *_columns([cell.strip() for cell in cells], cause, first.split(",")), len(cells)
+                        cells, write, width = *_columns([cell.strip() for cell in cells], cause, first.split(",")), len(cells)
                         text = ",".join(cells)
-                    elif len(cells) == count:
+                    elif len(cells) == width:
                         with contextlib.suppress(ValueError):  # a last line that was cut off
                             text = ",".join(write(cells))
                 file.write(f"{text}\n".encode())

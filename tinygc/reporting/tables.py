@@ -36,7 +36,7 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     if worst(findings) == "error":
         repaired = command_line("check", folder, "--repair", "OUT")
         by_itself = Text("next: the cause of an error is known; a corrected copy is written by\n").append(one_line(f"  {repaired}"))
-        if can_be_repaired(findings):
+        if can_be_repaired(findings) and not unit_lines(findings):
             return by_itself
         return Text("next: correct the errors, then\n").append(one_line(f"  {command_line('check', folder)}"))
     return Text("next:\n").append(one_line(f"  {command_line('fit', folder)}"))

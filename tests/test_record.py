@@ -8,13 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import config
 from processes import CALIBRATE, PIPE, calibrate, check_output, heard, started
 from recording_wires import LEAD_S, virtual_boards
 
+from session.bench.guide import Guide
 from session.io.config import Config
 from session.io.logfile import Log
 from session.io.samples import Samples
 from tinygc import FitOptions, Session, SimulationOptions, read_session
+from tinygc.cli.recording import faults_of, files_left
 from tinygc.closure.build import build_problem
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.held_out import run_method
@@ -77,14 +80,43 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
 def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
     """Unplugged every 15 s of device time: it reconnects by itself, in new logs, until all segments are there."""
     port = board(*SLOW_SENSOR, "--frames", "--faults", "unplug=15")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4, "--json", "-")
+    result = calibrate(
+        "record",
+        "--port",
+        port,
+        "--out",
+        tmp_path / "s",
+        "--like",
+        tmp_path / "bench.toml",
+        "--segments",
+        4,
+        "--json",
+        tmp_path / "told.json",
+    )
     assert result.returncode == 0, result.stderr
-    told = json.loads(result.stdout)
+    told = json.loads((tmp_path / "told.json").read_text())
     assert told["segments"]["accepted"] == 4
     assert len(told["logs"]) >= 2
     assert "the port was opened again" in result.stderr
     session = read_session(tmp_path / "s")
     assert sum(len(log.samples) for log in session.logs) == told["samples"]
+    closing = re.search(r"^files: (.*)\nfaults of the board: (.*)$", result.stdout, re.MULTILINE)
+    named = closing[1].replace(" to ", ", ")
+    assert all(path.name in named for path in (tmp_path / "s").glob("*[!1-9].*")), closing[1]
+    assert {"raw.bin", "raw.times", "session.toml", "log0001.csv"} <= set(named.split(", "))
+
+
+def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
+    for name in ("raw.bin", *(f"log{number:04d}.csv" for number in range(1, 8)), "closure0001.csv", "log0003.csv.changed1", "notes.txt"):
+        (tmp_path / name).touch()
+    assert (
+        files_left(tmp_path) == "closure0001.csv, log0001.csv, log0002.csv, log0003.csv, log0003.csv.changed1, "
+        "log0004.csv to log0007.csv (4 files), raw.bin"
+    )
+    guide = Guide(config().protocol)
+    assert faults_of(guide) == ""
+    guide.health.troubles["lost"], guide.board_faults = 3, {"hang": 2}
+    assert faults_of(guide) == "3 lost, the board counted hang 2×"
 
 
 def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):

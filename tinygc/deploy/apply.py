@@ -30,7 +30,6 @@ from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
-from tinygc.estimation.results import read_fit
 
 #: decimals written, three orders below the noise of any MEMS sensor
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -59,6 +58,8 @@ def model_of(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
+    from tinygc.estimation.results import read_fit  # heavy, and a model file needs nothing of it
+
     fit = path / "fit"
     for only in (fit / "model_array.json", fit / "model_thermal.json"):
         if only.is_file() and not (fit / "fit.json").is_file():

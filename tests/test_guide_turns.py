@@ -4,7 +4,7 @@ import numpy as np
 from conftest import DEG, Table
 from guided_streams import guide_of, offline, play, said, with_hand
 
-from session.bench.messages import Advice, Kind, Stage
+from session.bench.messages import Advice, Kind, RequestedTurn, Stage
 from session.bench.rawfile import Mark, RecordingDecision, decision_of
 from session.io.samples import Samples
 
@@ -116,3 +116,17 @@ def test_a_cable_that_was_pulled_is_plugged_in_again_and_one_that_never_was_is_c
     play(guide, TWICE.samples())
     guide.waits(Stage.FIND_PORT, "device disconnected")
     assert guide.instruction.do == "plug it in, it goes on by itself"
+
+
+def test_between_two_rotations_nobody_lets_go():
+    guide = guide_of(9)
+    play(guide, Table().rest(3).samples())
+    quarter = RequestedTurn((1.0, 0.0, 0.0), np.pi / 2)
+    guide.advise(Advice("two", "why", movements=(quarter, quarter)))
+    samples, words = Table().rest(3).turn(180, (1, 0, 0), 6).samples(), []
+    for first in range(0, len(samples), 50):
+        guide.feed(samples.between(first, first + 50))
+        if guide.turning:
+            words.append((guide.turn.path_rad / DEG, guide.instruction.why))
+    assert all(("at once the next" in why) == (turned < 0.85 * 90) for turned, why in words)
+    assert len({why.split("; ")[1] for _, why in words}) == 2

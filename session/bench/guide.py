@@ -52,6 +52,7 @@ PEAK_FULL_SCALE = 0.85
 ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
 HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
+NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
 FINISH_WORDS = "f finishes"
 STIR_DEG = 2.0  #: a smaller movement is no turn
 
@@ -259,7 +260,9 @@ class Guide:
         if peak_dps > PEAK_FULL_SCALE * full_scale_dps:
             too_fast = f"but {peak_dps:.0f} > {PEAK_FULL_SCALE * full_scale_dps:.0f} dps: slower, or it clips"
             return Instruction(self.stage, do, too_fast, good=False, far=turned)
-        return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; then let go", far=turned)
+        before_last = sum(abs(part.angle_rad) for part in advice.movements[:-1]) if advice else 0.0
+        then = "then let go" if turn.path_rad >= NEARLY * before_last else "then at once the next turn"
+        return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; {then}", far=turned)
 
     def _begin_log(self) -> None:
         self.here = PresentLog()

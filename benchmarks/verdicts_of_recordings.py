@@ -191,7 +191,7 @@ def figures_of(command: str, table: dict) -> dict:
         return {"held_out": table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"], "floor": floor, "p": p}
     if command == "fit" and "units" in table:
         median = lambda key: float(np.median([unit["closure"][key] for unit in table["units"]]))  # noqa: E731
-        return {"held_out": median("own_rms_deg"), "floor": median("floor_rms_deg"), "p": table["split"]["common_p_value"]}
+        return {"held_out": median("alone_rms_deg"), "floor": median("floor_rms_deg"), "p": table["split"]["common_p_value"]}
     if command == "explain" and "fit" in table:
         closure = table["fit"]["holdout_closure_rms_deg"]
         return {"before": closure["before"], "after": closure["after"]}
@@ -262,7 +262,7 @@ def main() -> None:
         results = in_parallel(one_recording, jobs, "recording", args.processes)
     if args.json:
         args.json.write_text(json.dumps(results, indent=1), encoding="utf-8")
-    print("Verdict, exit code.  Held-out closure in degrees rms; of an array, the median over its units of what each misses by itself.\n")
+    print("Verdict, exit code.  Held-out closure in degrees rms; of an array, the median over its units, fitted.\n")
     print(markdown(HEADER, [row_of(result) for result in results]))
     kinds = Counter(kind for result in results for kind in apart(result))
     print(f"\n{len(results)} recordings; {sum(not apart(result) for result in results)} on which all commands agree.")

@@ -53,8 +53,8 @@ def test_the_parameters_move_as_the_response_says(clean, name, parameters):
     moved = fitted(**{name: parameters}).linear.model.vector - clean.linear.model.vector
     _, _, effects, _, response = parts(clean)
     (columns,) = [columns for each, columns in effects if each.id == name and each.shape == effect.shape][:1]
-    # An effect is defined on the true rate, and E corrects it with 2 % of misalignment and scale.
-    np.testing.assert_allclose(-response @ columns @ theta, moved, rtol=0, atol=0.04 * np.abs(moved).max())
+    # The columns are those of the first linear fit, in which misalignment and scale errors of 2 % and the effect's own size are left out.
+    np.testing.assert_allclose(-response @ columns @ theta, moved, rtol=0, atol=0.06 * np.abs(moved).max())
 
 
 def test_it_is_the_second_moment_of_the_joint_normal_distribution(clean):

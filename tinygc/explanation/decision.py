@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -51,8 +52,8 @@ LEAST_EXCESS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Held-out error angles (S, d) rad: before with the linear model alone, after with the named effects. floor_rms rad of tilt; changed:
-    whether anything is repaired or named between them.
+    """Held-out error angles (S, d) rad: before by the least squares of ``fit``, after with the named effects. floor_rms rad of tilt;
+    changed: whether anything is repaired or named between them.
 
     before and after may have different segments: clipped turns, which cannot be repaired, are left out of after.  Both use the numbers of
     before.
@@ -80,14 +81,12 @@ def tilt_rms(angles: np.ndarray) -> float:
 
 
 def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: np.ndarray | None = None) -> Proof:
-    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: of the linear model, if known."""
+    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: by ``fit``, if known."""
     changed = bool(fit.state.claims) or twin.problem is not original
-    if changed and (before is None or twin.problem is not original):
-        before = linear_held_out(original, twin, whiten)
-    after = held_out(twin, whiten, fit)
+    before = linear_held_out(original, twin, whiten) if before is None else before
     return Proof(
-        before=before if changed and before is not None else after,
-        after=after,
+        before=before,
+        after=held_out(twin, whiten, fit) if changed else before,
         before_numbers=[segment.number for segment in original.used],
         after_numbers=_numbers_before(original, twin),
         floor_rms=twin.problem.floor.tilt_rms,
@@ -362,8 +361,7 @@ class Naming:
 
     first: the fit without any effect, and first_p its family-wise p-value. fit: with all effects that are kept. named: strongest first.
     beyond: shapes without a name. whiten and noise: the covariance used. considered: rejected effects with their probability. p_value of
-    the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's. before
-    (S, d) rad: the linear model's held-out angles, if any effect is kept.
+    the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's.
     """
 
     first: Refit
@@ -377,7 +375,6 @@ class Naming:
     p_value: float = 1.0
     undersampled: list[Claim] = field(default_factory=list)
     unusual: bool = False
-    before: np.ndarray | None = None
 
     @property
     def refused(self) -> bool:
@@ -391,10 +388,12 @@ def decide(
     progress: Callable[[str], None] = lambda what: None,
     begin: tuple[Effect, ...] = (),
     odds: Mapping[str, float] | None = None,
+    most_rad: float = math.inf,
 ) -> Naming:
     """Compare the catalogue's effects with each other, with unnamed shapes, and with no effect.
 
-    begin: effects found in a part of the recording, from which the search may start; odds: prior odds of effects known from a lot, by id.
+    begin: effects found in a part of the recording, from which the search may start; odds: prior odds of effects known from a lot, by id;
+    most_rad: tilt rms of held-out segments, above which effects are not kept.
     """
     evidence, tried = Evidence(twin, odds), candidates(twin)
     progress("detecting")
@@ -405,7 +404,7 @@ def decide(
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
     best = _beyond(evidence, tried, best, first_p)
-    return decided(evidence, best, first_p, len({effect.id for effect in tried}))
+    return decided(evidence, best, first_p, len({effect.id for effect in tried}), most_rad)
 
 
 def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
@@ -423,8 +422,8 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
     return ahead
 
 
-def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> Naming:
-    """Select which effects of the best hypothesis are reported."""
+def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, most_rad: float = math.inf) -> Naming:
+    """Select which effects of the best hypothesis are reported; most_rad: as in ``decide``."""
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
@@ -436,11 +435,10 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
         and not part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
-    before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
-    if before is not None:
-        kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
+    if kept and twin.stills:
+        kept, fit = _no_worse(twin, best, kept, fit, min(tilt_rms(linear_held_out(twin.problem, twin, best.whiten)), most_rad))
     if not kept:  # then use the noise of the hypothesis without effects
-        best, fit, before = evidence.nothing, evidence.nothing.fit, None
+        best, fit = evidence.nothing, evidence.nothing.fit
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
     # A rejected effect may fit the segments that the fit saw; its probability is reported as one half at most.
@@ -453,7 +451,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
     named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
-    return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual, before)
+    return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual)
 
 
 def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from session.detect.findings import Finding
+from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.units import DEG
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
+from tinygc.estimation.bias import choose
+from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import Naming, Proof, decide, prove, tilt_rms
@@ -114,15 +120,18 @@ def explain_session(
     A given calibration of the accelerometer is not changed: whether it is correct is one of the hypotheses.
     """
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
+    fitted = prepared.problem
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
+    progress("least squares", 1, 6)
+    plain = _by_fit(fitted, problem)
     mended = repair(problem, lambda what: progress(what, 2, 6))
-    twin, naming, proof = _decided(problem, mended, seed, progress, known)
+    twin, naming, proof = _decided(problem, mended, seed, progress, known, plain)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
-        twin, naming, proof = _decided(problem, mended, seed, progress, known)
+        twin, naming, proof = _decided(problem, mended, seed, progress, known, plain)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
@@ -143,16 +152,33 @@ def explain_session(
     return explanation
 
 
+def _by_fit(fitted: Problem, problem: Problem) -> np.ndarray | None:
+    """Held-out angles (S, d) rad of what ``fit`` states for this session: the closure that an explanation must improve.  None where it does
+    not settle, or uses other segments."""
+    if [segment.number for segment in fitted.used] != [segment.number for segment in problem.used]:
+        return None
+    try:
+        return choose(fitted, FitOptions(methods=("least_squares",)))[2].held_out
+    except CalibrationError:
+        return None
+
+
 def _decided(
-    problem: Problem, mended: RepairedProblem, seed: int, progress: Callable[[str, int, int], None], known: KnownEffects | None
+    problem: Problem,
+    mended: RepairedProblem,
+    seed: int,
+    progress: Callable[[str, int, int], None],
+    known: KnownEffects | None,
+    plain: np.ndarray | None,
 ) -> tuple[Twin, Naming, Proof]:
-    """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
+    """Build the twin of the repaired problem, select its effects, and prove both on held-out segments; plain: of ``fit``."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds)
+    most_rad = math.inf if plain is None or mended.problem is not problem else tilt_rms(plain)
+    naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds, most_rad)
     naming = replace(naming, fit=in_gauge(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
-    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, naming.before)
+    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, plain)
 
 
 def _heading_not_used(problem: Problem) -> list[Finding]:

@@ -41,25 +41,30 @@ def test_the_first_look_has_the_worst_first_each_level_in_its_order():
     assert str(verdict_line(findings)) == (
         "FAIL: fix these errors before fitting (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
     )
-    assert str(verdict_line(findings[:1])) == "Pass (1 ok)"
-    assert str(verdict_line([])) == "Pass (nothing was looked at)"
+    assert str(verdict_line(findings[:1])) == "PASS (1 ok)"
+    assert str(verdict_line([])) == "PASS (nothing was looked at)"
 
 
-def test_check_ends_with_its_verdict_and_what_to_do_next(run, folder):
+def test_check_begins_with_its_verdict_and_ends_with_what_to_do_next(run, folder):
+    """Between them stands what is not ok; ``--all`` shows the rest."""
     code, out, _ = run("check", folder)
-    *_, verdict, introduction, following = out.strip().splitlines()
+    verdict, *between, introduction, following = out.strip().splitlines()
     assert code == 0
-    assert verdict.startswith("Pass")
+    assert verdict.startswith("PASS")
     assert (introduction, following) == ("next:", f"  python calibrate.py fit {folder}")
-    assert run("check", folder, "--quiet") == (0, verdict + "\n", "")
+    assert not [line for line in between if line.startswith("ok")]
+    assert [line for line in run("check", folder, "--all")[1].splitlines() if line.startswith("ok")]
+    code, quiet, _ = run("check", folder, "--quiet")
+    assert (code, len(quiet.splitlines())) == (0, 1)
+    assert quiet.startswith(verdict + ": ")  # and the worst in full
     spoil(folder, lambda lines: lines[:2])
     code, out, _ = run("check", folder)
-    *_, verdict, introduction, following = out.strip().splitlines()
+    verdict, first, *_, introduction, following = out.strip().splitlines()
     assert code == 2
-    assert "error" in verdict
-    assert "no samples" in verdict
+    assert verdict.startswith("FAIL: fix these errors before fitting (1 error")
+    assert first.startswith("error")
+    assert "no samples" in first
     assert (introduction, following) == ("next: correct the errors, then", f"  python calibrate.py check {folder}")
-    assert out.splitlines()[2].startswith("error")
     code, out, err = run("check", folder, "--quiet")
     assert (code, out) == (2, "")
     assert "no samples" in err

@@ -16,7 +16,7 @@ from tinygc.estimation.listing import ListedSession
 from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
-# The first look in the terminal: worst findings first; the verdict and the next step come last, where the reader looks.
+# The first look in the terminal: the verdict, then what is not ok, the worst first, then the next step.
 
 #: prefix of findings on the units of an array
 UNIT = re.compile(r"unit [0-9]+(?=:|$)")
@@ -29,6 +29,19 @@ def findings_table(findings: list[Finding]) -> Table:
     for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
         table.add_row(Text(finding.level, LEVEL_STYLES[finding.level]), finding.where, finding.what, finding.says, finding.do)
     return table
+
+
+def finding_lines(findings: list[Finding]) -> Group:
+    """What is not ok, the worst first: each finding, and below it what to do."""
+    parts: list[RenderableType] = []
+    for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
+        if finding.level == "ok":
+            continue
+        says = f"{finding.where}: {finding.what}: {finding.says}"
+        parts.append(Text.assemble((finding.level, LEVEL_STYLES[finding.level]), "  ", one_line(says)))
+        if finding.do:
+            parts.append(Text.assemble("    do: ", one_line(finding.do), style="dim"))
+    return Group(*parts)
 
 
 def next_line(folder: Path, findings: list[Finding]) -> Text:
@@ -78,19 +91,19 @@ def unit_lines(findings: list[Finding]) -> list[Text]:
     return [one_line(f"{unit}: {verdict_line(mine)}", LEVEL_STYLES[worst(mine)]) for unit, mine in ranked]
 
 
-def verdict_line(findings: list[Finding]) -> Text:
-    """Count of findings by level, and the worst in full."""
+def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
+    """Count of findings by level, and the worst in full, unless it stands below."""
     counts = [(sum(finding.level == level for finding in findings), level) for level in reversed(LEVELS)]
     counted = ", ".join(f"{n} {level if n == 1 or level == 'ok' else level + 's'}" for n, level in counts if n)
     level = worst(findings)
     words = {
         "error": "FAIL: fix these errors before fitting",
-        "warning": "Pass, with warnings: it costs accuracy",
-        "note": "Pass",
-        "ok": "Pass",
+        "warning": "PASS, with warnings: it costs accuracy",
+        "note": "PASS",
+        "ok": "PASS",
     }
     first = next((finding.line for finding in findings if finding.level == level), "")
-    more = f": {first}" if level in ("error", "warning") else ""
+    more = f": {first}" if level in ("error", "warning") and with_worst else ""
     return one_line(f"{words[level]} ({counted or 'nothing was looked at'}){more}", LEVEL_STYLES[level])
 
 

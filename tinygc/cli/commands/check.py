@@ -15,6 +15,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("folder", type=path_read, help="session folder, or an array's")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
+    command.add_argument("--all", action="store_true", help="a table of all that was looked at, what is ok included")
     command.add_argument(
         "--repair", type=folder_written, metavar="OUT", help="write the corrected copy of a session whose errors have a known cause"
     )
@@ -29,18 +30,14 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError("--cause names one of several causes for --repair; add --repair OUT")
     from session.detect.findings import worst
     from tinygc.library.sessions import check
-    from tinygc.reporting.tables import findings_table, next_line, unit_lines, verdict_line
+    from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
 
     findings = check(args.folder)
     console = output(args)
-    console.print(findings_table(findings))
-    console.print()
-    for line in (
-        *unit_lines(findings),
-        verdict_line(findings),
-        next_line(args.folder, findings),
-    ):  # one line each, for readers by program
+    for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
         console.print(line, soft_wrap=True)
+    console.print(findings_table(findings) if args.all else finding_lines(findings))
+    console.print(next_line(args.folder, findings), soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
     write_json(args.json, {"schema": "tinygc-check/2", "findings": [finding.to_json() for finding in findings]})

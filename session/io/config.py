@@ -175,6 +175,7 @@ class Sensor:
     gyro_fs_dps: float
     accel_fs_g: float
     gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
+    gyro_bias_repeatability_dps: float | None = None  #: one sigma of the bias between switch-ons and days; None: not known
     gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
     gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
     accel_mg_per_lsb: float | None = None
@@ -400,6 +401,7 @@ SHAPE = Keys(
                 "model": Text(),
                 "serial": Text(),
                 "gyro_bias_instability_dph": Number(0, 1000),
+                "gyro_bias_repeatability_dps": Number(0, 1000),
                 "gyro_noise_mdps_rthz": Number(1e-3, 1000),
                 "gyro_mdps_per_lsb": _PER_LSB,
                 "accel_mg_per_lsb": _PER_LSB,

@@ -73,6 +73,8 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
     what = help_if_present("a lot as prior (--lot)", "prior from a production lot (lot.json): fewer turns are enough")
     command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
+    what = "a fitted session of the same unit; of two or more, the spread of their biases is that of any session"
+    command.add_argument("--history", type=path_read, action="append", default=[], metavar="DIR", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -88,6 +90,7 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
     chosen |= {
         "methods": WITH_LOT if args.lot is not None and methods == tuple(METHODS.split(",")) else methods,
         "earth": not args.no_earth,
+        "history": tuple(args.history),
         "exclude": tuple(dict.fromkeys(args.exclude)),
         "denoise": DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
         "bias": args.bias or "auto",

@@ -128,6 +128,8 @@ def apply_model(
         raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); replay joins two files")
     if reader.layout.accel is not None:
         notes.append(f"specific force: {known.says}")
+    if (spread := table.get("bias_sigma_rps")) is not None:
+        notes.append(f"the bias of another session differs by up to {np.sqrt(2) * max(spread) / DEG:.2g} dps (one sigma)")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
     source_of_force = None if reader.layout.accel is None else known.source

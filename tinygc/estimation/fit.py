@@ -23,6 +23,7 @@ from tinygc.estimation.bias import choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.repeatability import BiasRepeatability, repeatability_of
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import (
     StatedNoise,
@@ -78,10 +79,12 @@ def fit_session(
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
+    between = repeatability_of(problem.session, options.history)
     if options.bias_per_log:
         from tinygc.estimation.bias import levelled
 
         problem, spread = levelled(problem)
+        between = between or BiasRepeatability(spread, "the logs of this session")
     noise, use = None, None
     if given is None:
         progress("bias", 0, 1)
@@ -135,6 +138,7 @@ def fit_session(
         covariance=covariance,
         widened=widened,
         allowed=systematic,
+        repeatability=between,
         accelerometer_covariance=accelerometer,
         joint_covariance=joint,
         joint_shared=shared,

@@ -172,6 +172,8 @@ class FitOptions:
         the data, else a fit.
     lot : Path, optional
         File of a production lot, the prior of least squares; other methods are fitted without it.
+    history : tuple of Path, optional
+        Fitted session folders of the same unit, whose spread of the bias is that between sessions.
 
     Raises
     ------
@@ -210,6 +212,7 @@ class FitOptions:
     bias: str = "auto"
     accelerometer: str = "auto"
     lot: Path | None = None
+    history: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):

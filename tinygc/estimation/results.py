@@ -30,6 +30,7 @@ from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
+from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good
@@ -98,7 +99,7 @@ class FitResult:
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated
     jointly; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None without one; not_run: why a
     requested method cannot run on this session, by name; allowed: how far one effect that the recording still allows moves the parameters,
-    None where the noise is not estimated.
+    None where the noise is not estimated; repeatability: spread of the bias between sessions, None where nothing tells it.
     """
 
     problem: Problem
@@ -125,6 +126,7 @@ class FitResult:
     lot: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
     allowed: Systematic | None = None
+    repeatability: BiasRepeatability | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
@@ -254,8 +256,8 @@ def known_turns_words(result: FitResult) -> str:
 SCHEMA = "tinygc-fit/2"
 
 
-def to_json(result: FitResult) -> dict:
-    """Return the result as ``tinygc-fit/2`` (docs/formats.md)."""
+def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
+    """Return the result as ``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
     problem = result.problem
     rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth
@@ -286,6 +288,7 @@ def to_json(result: FitResult) -> dict:
         },
         "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),
+        "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(),
         "systematic": None if result.allowed is None else result.allowed.to_json(),
         "bias_from": result.bias_from.to_json(),
         "lot": None if result.lot is None else result.lot.to_json(),
@@ -310,7 +313,7 @@ def to_json(result: FitResult) -> dict:
         "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
         "use": {**result.use.to_json(), "model": result.file_to_use},
         "against_raw": result.against_raw.to_json(),
-        "verdict": result.verdict().to_json(),
+        "verdict": result.verdict(limit_deg).to_json(limit_deg),
         "closure_runs": [
             {
                 "file": run.file,
@@ -396,7 +399,7 @@ def read_fit(path: Path, do: str = "fit again") -> dict:
 
 SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
+IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume", "history")
 _ANGLES = Array((None, None))
 _METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
 SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})
@@ -446,10 +449,11 @@ def _read(folder: Path, name: str, entry: dict, problem: Problem) -> MethodFit:
 # A fit's models and figures as files.
 
 
-def save_models(result: FitResult, folder: Path | None = None) -> Path:
+def save_models(result: FitResult, folder: Path | None = None, limit_deg: float | None = None) -> Path:
     """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder.
 
-    Raises CalibrationError where the session has no folder and none is given, and StorageError for what cannot be written.
+    limit_deg: of the verdict.  Raises CalibrationError where the session has no folder and none is given, and StorageError for what
+    cannot be written.
     """
     folder = folder or result.session.own_folder("fit")
     with result_folder(folder):
@@ -459,7 +463,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
             if name + AT_END not in tables:  # from an earlier fit, whose physics followed time
                 (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
         made = made_from(result.options, input_hashes(result.session), result.methods)
-        write_whole(folder / "fit.json", to_json(result))
+        write_whole(folder / "fit.json", to_json(result, limit_deg))
         write_whole(folder / SAVED_NAME, made)
     return folder
 
@@ -510,8 +514,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             covariance = rate_covariance(result.physics.fit, result.nominal_rate)
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
-        if result.bias_sigma_rps is not None:
-            more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
+        if result.repeatability is not None:
+            more["bias_sigma_rps"] = result.repeatability.rps.tolist()
         if fit.model.session_s is not None and result.physics is not None:
             more["began_s"] = _began_s(result.physics.problem)
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)

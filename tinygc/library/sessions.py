@@ -270,13 +270,13 @@ class Fit:
     def _repr_html_(self) -> str:
         return as_html(self.page)
 
-    def to_json(self) -> dict:
-        """``tinygc-fit/2`` (docs/formats.md)."""
-        return to_json(self.result)
+    def to_json(self, limit_deg: float | None = None) -> dict:
+        """``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
+        return to_json(self.result, limit_deg)
 
-    def save(self, folder: Path | str | None = None) -> Path:
+    def save(self, folder: Path | str | None = None, limit_deg: float | None = None) -> Path:
         """Write each method's model and the figures into a folder (``fit`` in the session's folder by default); returns it."""
-        return save_models(self.result, None if folder is None else Path(folder))
+        return save_models(self.result, None if folder is None else Path(folder), limit_deg)
 
 
 @public(FitOptions)

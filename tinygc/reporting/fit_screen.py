@@ -91,7 +91,10 @@ def _remarks(result: FitResult) -> list[Text]:
     said += [f"{TITLES[name]}: {why}" for name, why in result.not_run.items()]
     if left_out := sum(not segment.accepted for segment in result.problem.segments):
         said.append(f"{left_out} segment{'s' * (left_out > 1)} left out")
-    return [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
+    lines = [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
+    if result.lot is not None:
+        lines.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
+    return lines
 
 
 def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:

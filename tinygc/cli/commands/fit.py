@@ -80,9 +80,9 @@ def _fit(args: argparse.Namespace) -> Done:
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
     decision, use = result.verdict(args.limit), result.result.use
-    table = result.to_json() | {"verdict": decision.to_json(args.limit)} | defaults_json(args)
+    table = result.to_json(args.limit) | defaults_json(args)
     # Save the results first: a failing terminal must not lose them.
-    folder = result.save(args.out)
+    folder = result.save(args.out, args.limit)
     forget(checkpoints)
     console = output(args)
     if args.verbose:

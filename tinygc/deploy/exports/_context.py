@@ -21,6 +21,7 @@ from tinygc.deploy import ExportError
 from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.choice import worse_in_table
+from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.results import AT_END, read_judged
 from tinygc.models.model import Model, accelerometer_of
 
@@ -56,6 +57,14 @@ class Context:
         """(12, 12) of E row by row, then B in rad/s; for physics also of the effects' theta; None where the method has no covariance."""
         table = self.table.get("covariance")
         return None if table is None else np.asarray(table, dtype=float)
+
+    @property
+    def any_session_covariance(self) -> np.ndarray | None:
+        """``covariance`` with the spread of the bias between sessions; None where that spread or the covariance is not known."""
+        own, spread = self.covariance, self.table.get("bias_sigma_rps")
+        if own is None or spread is None:
+            return None
+        return BiasRepeatability(np.asarray(spread, dtype=float), "").any_session(own)
 
     @property
     def accelerometer(self) -> Accelerometer:

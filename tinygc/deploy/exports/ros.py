@@ -36,6 +36,9 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "orientation_covariance begins with -1: there is no estimate of it.",
         "calibration_covariance is apart, since it does not average out: 12 x 12, of " + ", ".join(NAMES) + " (E: 1, B: rad/s);",
         "the rate's own is J P J^T with J = [kron(I, m^T), I].  Without it the method has none.",
+        "It holds for the session that was fitted: nothing tells how the bias differs from session to session."
+        if context.any_session_covariance is None
+        else "It holds for any session: the spread of the bias between sessions is in it.",
         part.example(),
     )
     values = {
@@ -51,7 +54,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
     if context.covariance is None:
         context.say(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
     else:
-        values["calibration_covariance"] = context.covariance.ravel()
+        other = context.any_session_covariance
+        values["calibration_covariance"] = (context.covariance if other is None else other).ravel()
     return {"imu_calibration.yaml": head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
 
 

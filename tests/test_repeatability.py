@@ -1,0 +1,100 @@
+"""The bias of another session: its spread, from which sessions, and where it goes."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from commandline import refused
+from scipy.stats import kstest, t
+
+import calibrate
+from session.io.units import DEG
+from tinygc.estimation.repeatability import ONE_SIGMA, BiasRepeatability, spread_of
+from tinygc.models.linear import BIAS
+
+
+def test_a_sigma_is_the_two_thirds_of_a_normal_variable():
+    assert t.cdf(1, 1e9) - t.cdf(-1, 1e9) == pytest.approx(ONE_SIGMA, abs=1e-9)
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_two_of_three_of_the_next_sessions_lie_within_it(count):
+    """Draws of the small problem: the next session's difference over its sigma is Student's t, scaled to 68 % within one."""
+    rng = np.random.default_rng(count)
+    z = []
+    for _ in range(4000):
+        spread = spread_of(rng.normal(size=(count, 3)), np.zeros((count, 3, 3)))
+        sigma = np.sqrt(np.diag(BiasRepeatability(spread, "").any_session(np.zeros((12, 12)))))[BIAS]
+        z.append((rng.normal(size=3) - rng.normal(size=3)) / sigma)
+    z = np.ravel(z)
+    assert np.mean(np.abs(z) < 1) == pytest.approx(ONE_SIGMA, abs=5 * np.sqrt(0.68 * 0.32 / len(z)))
+    assert kstest(z * t.ppf((1 + ONE_SIGMA) / 2, count - 1), t(count - 1).cdf).pvalue > 1e-3
+
+
+def test_what_the_fits_own_sigmas_explain_is_no_spread():
+    biases = np.array([[1.0, 1.0, 0], [-1, -1, 0], [1, 1, 0], [-1, -1, 0]])
+    sample, widened = 4 / 3, t.ppf((1 + ONE_SIGMA) / 2, 3)
+    own = np.tile(np.diag([1 / 3, 10.0, 0]), (4, 1, 1))
+    np.testing.assert_allclose(spread_of(biases, own) / widened, [1, np.sqrt(0.1 * sample), 0])
+
+
+@pytest.fixture
+def days(folder, tmp_path):
+    """Three fitted sessions of one unit: one, and two whose bias was moved in the file of their fit."""
+    folders = []
+    for number, moved in enumerate((0.0, 0.1, -0.1)):
+        at = tmp_path / f"day{number}"
+        shutil.copytree(folder, at)
+        folders.append(at)
+        if number == 0:
+            assert calibrate.main(["fit", str(at), "--methods", "least_squares", "--quiet"]) == 0
+            continue
+        shutil.copytree(folders[0] / "fit", at / "fit")
+        path = at / "fit" / "model_least_squares.json"
+        table = json.loads(path.read_text())
+        table["weights"]["B"] = (np.array(table["weights"]["B"]) + moved * DEG).tolist()
+        path.write_text(json.dumps(table))
+    return folders
+
+
+def test_the_history_of_a_unit_goes_into_model_exports_and_apply(days, tmp_path, run):
+    today, *others = days
+    words = [word for other in others for word in ("--history", other)]
+    code, out, _ = run("fit", today, "--methods", "least_squares", *words)
+    assert code == 0
+    spread = t.ppf((1 + ONE_SIGMA) / 2, 1) * 0.1 * np.sqrt(2)
+    (said,) = re.findall(r"the bias of any other session: ± ([\d.]+) dps", " ".join(out.split()))
+    assert float(said) == pytest.approx(np.sqrt(2) * spread, rel=0.01)
+    assert "(2 other sessions of this unit)" in " ".join(out.split())
+    fit = json.loads((today / "fit" / "fit.json").read_text())
+    assert fit["bias_any_session"]["spread_dps"] == pytest.approx([spread] * 3, rel=1e-3)
+    model = today / "fit" / "model_least_squares.json"
+    table = json.loads(model.read_text())
+    assert run("export", today, "--to", "json", "--out", tmp_path / "out", "--quiet")[0] == 0
+    (path,) = (tmp_path / "out").glob("*.json")
+    exported = json.loads(path.read_text())
+    more = np.array(exported["any_session_covariance"]) - table["covariance"]
+    np.testing.assert_allclose(more, np.diag([0.0] * 9 + [2 * (spread * DEG) ** 2] * 3), rtol=1e-3, atol=1e-15)
+    code, out, _ = run("apply", model, *today.glob("log0001.csv"), "-o", tmp_path / "x.csv")
+    assert (code, f"differs by up to {np.sqrt(2) * spread:.2g} dps" in out) == (0, True)
+
+
+def test_it_may_be_given_and_is_else_not_stated(folder, run):
+    assert "any other session" not in run("fit", folder, "--methods", "least_squares")[1]
+    toml = folder / "session.toml"
+    toml.write_text(toml.read_text().replace("[sensor]\n", "[sensor]\ngyro_bias_repeatability_dps = 0.05\n"))
+    assert "the bias of any other session: ± 0.07" in " ".join(run("fit", folder, "--methods", "least_squares")[1].split())
+    assert json.loads((folder / "fit" / "fit.json").read_text())["bias_any_session"]["source"] == "given in session.toml"
+
+
+def test_what_is_no_history_is_refused(days, run):
+    today, one, other = days
+    words = ("fit", today, "--methods", "least_squares", "--quiet", "--history")
+    refused(run(*words, one), "one session does not show a spread")
+    shutil.rmtree(one / "fit")
+    refused(run(*words, one, "--history", other), "fit the session first")
+    path = other / "fit" / "model_least_squares.json"
+    path.write_text(path.read_text().replace('"serial": "', '"serial": "not-'))
+    refused(run(*words, other, "--history", other), "this session's")

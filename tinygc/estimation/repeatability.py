@@ -1,0 +1,86 @@
+"""The bias of another session: its spread over switch-ons and days, from session.toml, the unit's other sessions, or a lot.
+
+A fit's covariance is that of this session.  A bias that is another one after the next switch-on is off by the difference of two draws from
+the spread between sessions, so the sigma of B in any other session is sqrt(covariance + 2 spread^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtrit
+
+from session.io.errors import FormatError
+from session.io.folder import Session
+from session.io.texts import command_line
+from session.io.units import DEG
+from tinygc.models.files import load_with_table
+from tinygc.models.linear import BIAS, LinearModel
+
+#: the share of a normal variable within one sigma
+ONE_SIGMA = 0.6826894921370859
+
+
+@dataclass(frozen=True, eq=False)
+class BiasRepeatability:
+    """Spread of the bias between sessions: rps (3,), one sigma of B of each axis; source, in words."""
+
+    rps: np.ndarray
+    source: str
+
+    def any_session(self, covariance: np.ndarray) -> np.ndarray:
+        """(12, 12) covariance of a fit's vector as that of another session, from its own (12, 12)."""
+        other = np.array(covariance, dtype=float)
+        other[BIAS, BIAS] += np.diag(2 * self.rps**2)
+        return other
+
+    def to_json(self) -> dict:
+        """Return ``bias_any_session`` of ``tinygc-fit/2``, without the fit's own share."""
+        return {"spread_dps": (self.rps / DEG).tolist(), "source": self.source}
+
+
+def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepeatability | None:
+    """Spread of B between sessions of this unit: from fitted sessions, else from session.toml; None where neither tells.
+
+    history: fitted session folders of this unit.  Raises FormatError for one that is not fitted, or of another unit.
+    """
+    given = session.config.sensor.gyro_bias_repeatability_dps
+    if not history:
+        return None if given is None else BiasRepeatability(np.full(3, given * DEG), "given in session.toml")
+    vectors, covariances = zip(*(_fitted(folder, session) for folder in history), strict=True)
+    if len(vectors) < 2:
+        raise FormatError(
+            f"--history: one session does not show a spread; give two or more other sessions of {session.config.sensor.serial}"
+        )
+    return BiasRepeatability(spread_of(np.array(vectors), np.array(covariances)), f"{len(vectors)} other sessions of this unit")
+
+
+def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """(3,) one sigma of the spread that biases (n, 3) show beyond their own covariances (n, 3, 3).
+
+    Variance of the sample less the mean of the stated variances, at least a tenth of the former: a few sessions may agree by chance.  The
+    sigma of so few is widened as Student's t is, so that 68 % of the next sessions lie within it.
+    """
+    count = len(biases)
+    sample = np.var(biases, axis=0, ddof=1)
+    own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
+    widened = float(stdtrit(count - 1, (1 + ONE_SIGMA) / 2))
+    return widened * np.sqrt(np.maximum(sample - own, 0.1 * sample))
+
+
+def _fitted(folder: Path, session: Session) -> tuple[np.ndarray, np.ndarray]:
+    """B (3,) of a fitted session of the same unit, with its covariance (3, 3)."""
+    path, fit = folder / "fit" / "model_least_squares.json", command_line("fit", folder)
+    if not path.exists():
+        raise FormatError(f"{path}: not found; fit the session first: {fit}")
+    model, table = load_with_table(path)
+    sensor, own = table.get("sensor", {}), session.config.sensor
+    if (sensor.get("model"), sensor.get("serial")) != (own.model, own.serial):
+        raise FormatError(f"{path}: of {sensor.get('model')} {sensor.get('serial')!r}, expected {own.model} {own.serial!r}, this session's")
+    covariance = np.asarray(table.get("covariance") or np.full((12, 12), np.nan), dtype=float)
+    if not isinstance(model, LinearModel) or not np.isfinite(covariance).all():
+        raise FormatError(f"{path}: no linear model with a covariance; fit the session again: {fit}")
+    return model.vector[BIAS], covariance[BIAS, BIAS]

@@ -37,6 +37,7 @@ def filled(out, count: int) -> None:
         table._connection.execute("BEGIN")
         for number in range(count):
             row = empty() | {"serial": f"S{number}", "status": "done", "held_out_deg": float(rng.gamma(4, 0.01)), "use": "least_squares"}
+            row["judged"] = ("pass", "not decided", "fail")[min(number % 5, 2)]
             row |= dict(zip(VALUES, rng.normal(size=len(VALUES)), strict=True))
             row |= {"verdict": "explained", "effects": '[{"id":"gyro.bias_step"}]'} if number % 5 == 0 else {"verdict": "no_mismatch"}
             if number % 4 == 1:
@@ -73,7 +74,11 @@ def test_pass_and_fail_are_counted_by_the_limit(tmp_path):
             summary = summarise(table, limit)
             assert summary.passed == sum(value <= limit for value in values)
             assert summary.passed + summary.missed == len(values) == 300
-        assert summarise(table).missed == 0
+        judged = [word for (word,) in table.rows("SELECT judged FROM results WHERE judged IS NOT NULL")]
+        summary = summarise(table)  # without a limit by the verdict of each fit
+        counts = [judged.count(word) for word in ("pass", "not decided", "fail")]
+        assert [summary.passed, summary.undecided, summary.missed] == counts
+        assert min(counts) > 0
 
 
 def test_a_distribution_is_that_of_the_values():

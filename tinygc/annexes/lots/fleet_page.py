@@ -48,19 +48,20 @@ def save(summary: Summary, path: Path, more: Sequence[Section] = ()) -> Path:
 
 
 def _counts(summary: Summary) -> Section:
-    fitted = summary.passed + summary.missed
+    fitted = summary.passed + summary.undecided + summary.missed
     pairs = [
         ("Folders", _count(summary.folders)),
         ("Different sessions", _count(summary.sessions)),
         ("Done", _count(summary.done)),
         ("Failed", _count(summary.failed + summary.died + summary.unreadable)),
         ("Pass, of those fitted", f"{_count(summary.passed)} of {_count(fitted)}" if fitted else "–"),
+        *([("Not decided", _count(summary.undecided))] if summary.undecided else []),
         ("Computing, in all", f"{significant(summary.cpu_s / 3600)} CPU h"),
     ]
     if summary.limit_deg is not None:
         rule = f"Pass: held-out tilt and every closure run within {summary.limit_deg:g}°, and better than the raw rates."
     else:
-        rule = "Pass: the calibration closes held-out turns better than the raw rates. No limit was given."
+        rule = "By the verdict of fit: noise explains what the calibration leaves. No limit was given."
     return Section("counts", "How many", facts(pairs) + (paragraph(rule, "soft") if fitted else ""))
 
 

@@ -155,6 +155,7 @@ FIGURES = {
     "floor_deg": REAL,
     "run_rmse_deg": REAL,
     "use": TEXT,
+    "judged": TEXT,
     "verdict": TEXT,
     "p_value": REAL,
 }
@@ -212,6 +213,7 @@ def fitted(result: FitResult) -> Row:
         "floor_deg": number(result.problem.floor.tilt_rms / DEG),
         "run_rmse_deg": number(max(runs)) if runs else None,
         "use": result.use.method,
+        "judged": result.verdict().answer,
         "covariance": packed(covariance),
         **{name: number(value) for name, value in zip((*VALUES, *SIGMAS), (*values, *sigmas), strict=True)},
     }

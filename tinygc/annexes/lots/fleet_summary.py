@@ -136,8 +136,8 @@ class Distribution:
 class Summary:
     """Summary of a table, for folders that still exist.
 
-    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed and missed: sessions
-    with a useful calibration, and without (nothing closes better than the raw rates, or it is above limit_deg); units: serial numbers;
+    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed, undecided
+    and missed: sessions by the verdict of their fit; by limit_deg where it is given, and none is undecided; units: serial numbers;
     first_look and verdicts: counts of each; effects: id -> sessions in which it is reported; reasons: (step, reason, count) of failures,
     the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; slowest: (folder, CPU s); cpu_s: of all;
     distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
@@ -150,6 +150,7 @@ class Summary:
     died: int
     unreadable: int
     passed: int
+    undecided: int
     missed: int
     units: int
     limit_deg: float | None
@@ -177,8 +178,11 @@ class Summary:
 def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
-    fine = "use IS NOT NULL" + ("" if limit_deg is None else " AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit")
+    fine = "judged = 'pass'"
+    if limit_deg is not None:
+        fine = "use IS NOT NULL AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit"
     within = {} if limit_deg is None else {"limit": limit_deg}
+    undecided = 0 if limit_deg is not None else table.one(f"SELECT count(*) FROM {EACH} WHERE judged = 'not decided'")
     passed = table.rows(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND {fine}", within)[0][0]  # type: ignore[arg-type]
     fitted = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL")
     names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
@@ -193,7 +197,8 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
         died=status.get("died", 0),
         unreadable=table.one("SELECT count(*) FROM folders WHERE key IS NULL"),
         passed=passed,
-        missed=fitted - passed,
+        undecided=undecided,
+        missed=fitted - passed - undecided,
         units=table.one(f"SELECT count(DISTINCT serial) FROM {EACH} WHERE serial <> ''"),
         limit_deg=limit_deg,
         first_look=_counted(table, "first_look"),

@@ -52,13 +52,17 @@ if TYPE_CHECKING:
 
 # Position of each unit's accelerometer on the body, from its force relative to the first unit's while the body turns.
 #
-# a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r. A delay of the force against the rate is one more
-# column, the derivative of the force. The rate is the mean of all units' calibrated rates, its derivative that of a spline. The covariance
-# is from the scatter between turns (the sandwich, White 1980, turns as clusters), since errors of filters and clocks are common to a turn.
+# a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r. The rate is the mean of all units' calibrated
+# rates, its derivative that of a spline. The accelerometers' filters are not the gyroscopes': the rates are read at the delay that leaves
+# the least, since 8 ms of it (MPU-9150) moves a position by half its length. That delay's remaining error is one more column, and a delay
+# of one accelerometer against the other another one: the derivative of the force. The covariance is from the scatter between turns (the
+# sandwich, White 1980, turns as clusters), since errors of filters and clocks are common to a turn.
 
 #: m: a position with a larger sigma counts as unknown
 KNOWN_M = 0.05
 FEWEST_TURNS = 5
+#: s: the largest delay of force against rate, several times those of such sensors' filters, and how well it must be found
+MOST_DELAY_S, DELAY_STEP_S = 0.02, 1e-5
 #: relative error of a position from differing filters of gyroscope and accelerometer (benchmarks/array_fit.py)
 FILTERS = 0.005
 #: rows with a residual beyond this many typical residuals are down-weighted
@@ -66,38 +70,71 @@ BAR = 2.0
 ROUNDS = 6
 
 
-def positions(units: list[ArrayUnit], joint: Joint) -> list[tuple[np.ndarray, np.ndarray] | None]:
+def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]:
     """Return each unit's position (3,) m from the first, in the array's axes, and its covariance (3, 3) m^2.
 
     None where the motion does not determine it.  The first unit's is zero.
     """
-    rate, force, turns = [], [], []
-    for i, unit in enumerate(units):
-        rate.append(_of_logs(unit, joint, i, "rate"))
-        force.append(_of_logs(unit, joint, i, "force"))
-    anchor = units[joint.same.anchor].problem
-    for segment in anchor.used:
-        samples = anchor.logs[segment.log].samples
-        first, last = segment.stills
-        turns.append((segment.log, samples.t_ns[first.stop : last.start + 1] * NS))
+    from scipy.optimize import minimize_scalar
+
     found: list[tuple[np.ndarray, np.ndarray] | None] = [(np.zeros(3), np.zeros((3, 3)))]
-    for i in range(1, len(units)):
-        rows = []
-        for log, t_s in turns:
-            parts = [part for each in (rate, force) for part in (each[0][log], each[i][log])]
-            t_s = t_s[np.all([(t_s >= part.x[0]) & (t_s <= part.x[-1]) for part in parts], axis=0)]
+    begun = {i: solved for i in range(1, len(motion.force)) if (solved := _solved(motion.rows(i, 0.0))) is not None}
+    delay_s = 0.0
+    if begun:
+        scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
+
+        def left(delay_s: float) -> float:
+            at = {i: _solved(motion.rows(i, delay_s)) for i in begun}
+            return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
+
+        bounds = (-MOST_DELAY_S, MOST_DELAY_S)
+        delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
+    for i in range(1, len(motion.force)):
+        first = _solved(motion.rows(i, delay_s))
+        whole = None if first is None else _solved(motion.rows(i, delay_s, first.x[:3]))
+        found.append(None if whole is None else whole.position)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayMotion:
+    """Splines of each unit's calibrated rate and force, by log, in the array's axes; turns: log and times (N,) s of each."""
+
+    rate: list[list[CubicSpline]]
+    force: list[list[CubicSpline]]
+    turns: list[tuple[int, np.ndarray]]
+
+    @classmethod
+    def of(cls, units: list[ArrayUnit], joint: Joint) -> ArrayMotion:
+        """The motion of a fitted array."""
+        rate, force = ([_of_logs(unit, joint, i, what) for i, unit in enumerate(units)] for what in ("rate", "force"))
+        anchor, turns = units[joint.same.anchor].problem, []
+        for segment in anchor.used:
+            samples = anchor.logs[segment.log].samples
+            first, last = segment.stills
+            turns.append((segment.log, samples.t_ns[first.stop : last.start + 1] * NS))
+        return cls(rate, force, turns)
+
+    def rows(self, i: int, delay_s: float, position: np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Design (3 N, 7) and values (3 N,) of unit i in each turn, the rates read ``delay_s`` before the forces; with a position (3,) m,
+        one more column: what a longer delay changes."""
+        found = []
+        for log, t_s in self.turns:
+            parts = [part for each in (self.rate, self.force) for part in (each[0][log], each[i][log])]
+            inside = [(t_s - MOST_DELAY_S >= part.x[0]) & (t_s + MOST_DELAY_S <= part.x[-1]) for part in parts]
+            t_s = t_s[np.all(inside, axis=0)]
             if len(t_s) < 4:
                 continue
-            splines = [each[log] for each in rate]
-            omega = np.mean([spline(t_s) for spline in splines], axis=0)
-            alpha = np.mean([spline(t_s, 1) for spline in splines], axis=0)
+            splines = [each[log] for each in self.rate]
+            omega, alpha, jerk = (np.mean([spline(t_s - delay_s, order) for spline in splines], axis=0) for order in range(3))
             A = cross(alpha) + cross(omega) @ cross(omega)
-            beyond = force[i][log](t_s) - force[0][log](t_s)
-            later = force[i][log](t_s, 1) - force[0][log](t_s, 1)
-            columns = np.concatenate([A, np.broadcast_to(np.eye(3), A.shape), later[..., None]], axis=2)
-            rows.append((columns.reshape(-1, 7), beyond.reshape(-1)))
-        found.append(_solved(rows))
-    return found
+            columns = [A, np.broadcast_to(np.eye(3), A.shape), self.force[0][log](t_s, 1)[..., None]]
+            if position is not None:
+                changed = cross(jerk) + cross(alpha) @ cross(omega) + cross(omega) @ cross(alpha)
+                columns.append((changed @ position)[..., None])
+            values = self.force[i][log](t_s) - self.force[0][log](t_s)
+            found.append((np.concatenate(columns, axis=2).reshape(values.size, -1), values.reshape(-1)))
+        return found
 
 
 def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpline]:
@@ -113,15 +150,25 @@ def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpli
     return found
 
 
-def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray] | None:
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """x (P,), left (turns, n) residuals, and the position with its covariance, None where it is not determined."""
+
+    x: np.ndarray
+    left: list[np.ndarray]
+    position: tuple[np.ndarray, np.ndarray] | None
+
+
+def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> _Solved | None:
     if len(turns) < FEWEST_TURNS:
         return None
     design, values = zip(*turns, strict=True)
     weights = [np.ones(len(v)) for v in values]
-    x = np.zeros(7)
+    size = design[0].shape[1]
+    x = np.zeros(size)
     for _ in range(ROUNDS):
         normal = sum((D * w[:, None]).T @ D for D, w in zip(design, weights, strict=True))
-        if np.linalg.matrix_rank(normal) < 7:
+        if np.linalg.matrix_rank(normal) < size:
             return None
         x = np.linalg.solve(normal, sum(D.T @ (w * v) for D, v, w in zip(design, values, weights, strict=True)))
         left = [v - D @ x for D, v in zip(design, values, strict=True)]
@@ -132,9 +179,8 @@ def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
     count = len(turns)
     covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / max(count - 2, 1)
     covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
-    if np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > KNOWN_M:
-        return None
-    return x[:3], covariance
+    known = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) <= KNOWN_M
+    return _Solved(x, left, (x[:3], covariance) if known else None)
 
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
@@ -258,7 +304,7 @@ def fit_array(
     missed = missed_between(units, same)
     chosen, p_value, joint = _by_bias(units, same, missed, bias, use_earth, progress)
     progress("positions")
-    where = positions(units, joint)
+    where = positions(ArrayMotion.of(units, joint))
     covariance = units_covariance(units, joint)
     split = split_of(joint)
     recorded = dict(zip(array.numbers, array.units, strict=True))

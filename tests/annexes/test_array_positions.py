@@ -1,0 +1,53 @@
+"""Positions of an array's units, with accelerometers whose filters delay them against the gyroscopes."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from tinygc.annexes.arrays.fit import ArrayMotion, positions
+
+RATE_HZ = 200.0
+TRUTH_M = np.array([0.03, -0.05, 0.02])
+
+
+def motion(delay_s, between_s=0.0, noise_mps2=0.0, seed=0, turns=8):
+    """Smooth turns of 3 s about all axes; unit 1 sits at TRUTH_M; both forces are late by delay_s, that of unit 1 by more."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 4 * turns, 1 / RATE_HZ)
+    frequency, phase, size = rng.uniform(0.2, 1.5, (3, 4)), rng.uniform(0, 2 * np.pi, (3, 4)), rng.uniform(0.5, 2, (3, 4))
+    w = 2 * np.pi * frequency
+    gravity = lambda t: 9.8 * np.stack([np.cos(0.7 * t), np.sin(0.7 * t) * np.cos(0.3 * t), np.sin(0.7 * t) * np.sin(0.3 * t)], axis=-1)  # noqa: E731
+
+    def rate(t):
+        return (size * np.sin(w * t[:, None, None] + phase)).sum(-1)
+
+    def lever(t):
+        omega, alpha = rate(t), (size * w * np.cos(w * t[:, None, None] + phase)).sum(-1)
+        return np.cross(alpha, TRUTH_M) + np.cross(omega, np.cross(omega, TRUTH_M))
+
+    forces = [gravity(t - delay_s), gravity(t - delay_s - between_s) + lever(t - delay_s - between_s)]
+    forces = [CubicSpline(t, force + noise_mps2 * rng.normal(size=force.shape)) for force in forces]
+    spans = [(0, t[(t > 4 * k + 0.5) & (t < 4 * k + 3.5)]) for k in range(turns)]
+    return ArrayMotion([[CubicSpline(t, rate(t))]] * 2, [[force] for force in forces], spans)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.008, -0.005])
+def test_a_delay_of_all_accelerometers_does_not_move_a_position(delay_s):
+    first, (found, covariance) = positions(motion(delay_s))
+    assert not first[0].any()
+    np.testing.assert_allclose(found, TRUTH_M, atol=2e-4)
+    assert np.sqrt(np.trace(covariance)) < 1e-3
+
+
+def test_nor_does_a_delay_between_two_accelerometers():
+    _, (found, _) = positions(motion(0.004, between_s=0.001))
+    np.testing.assert_allclose(found, TRUTH_M, atol=1e-3)
+
+
+def test_the_sigmas_hold_with_noise():
+    """So much that it counts more than the half per cent that is stated for filters."""
+    z = []
+    for seed in range(12):
+        _, (found, covariance) = positions(motion(0.008, noise_mps2=1.0, seed=seed))
+        z.append((found - TRUTH_M) / np.sqrt(np.diag(covariance)))
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.5

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import SESSION_TOML, Table, write_session
 
 import calibrate
 import tinygc
@@ -91,6 +92,16 @@ def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale
     wrong = replace(simulated, logs=(replace(log, samples=replace(log.samples, gyro=log.samples.gyro * [1.0, 1.35, 0.74])),))
     with pytest.raises(FitError, match="no gyroscope has this calibration: it multiplies rates about"):
         tinygc.fit(wrong, methods=("least_squares",))
+
+
+def test_stamps_that_look_counted_leave_the_scale_undecided(tmp_path):
+    """Every step exactly the declared period: nothing tells the true rate, unless session.toml says that it was measured."""
+    toml = SESSION_TOML.replace("odr_hz = 208.0", "odr_hz = 200.0")
+    folder = write_session(tmp_path / "s", Table().tumble(10, seed=1).samples(odr_hz=200.0), toml=toml)
+    (doubt,) = tinygc.fit(folder, methods=("least_squares",)).result.doubts
+    assert doubt.startswith("log0001.csv: the stamps look counted")
+    (folder / "session.toml").write_text(toml.replace("[sensor]\n", "[sensor]\nodr_sigma = 0.0\n"))
+    assert tinygc.fit(folder, methods=("least_squares",)).result.doubts == []
 
 
 # Closure runs whose heading is not known.

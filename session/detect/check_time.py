@@ -86,14 +86,20 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
         says = f"{nominal.words}; {why}the scale of all axes is no better known"
         do = "log the device's own time, or measure the data rate and give odr_hz with sensor.odr_sigma"
         return Finding("warning", log.path.name, "sample rate", says, do)
-    if log.in_memory or not _looks_counted(log.samples, sensor.odr_hz):
+    if not looks_counted(log, sensor):
         return None
     says = f"{sensor.odr_hz:g} Hz as declared, and every step exactly so: they look counted, not measured; the true rate is not known"
     do = "a true rate that differs is a scale error of the same size; were they counted, give sensor.odr_sigma (0.03 is usual)"
     return Finding("note", log.path.name, "sample rate", says, do)
 
 
-def _looks_counted(samples: Samples, odr_hz: float) -> bool:
+def looks_counted(log: Log, sensor: Sensor) -> bool:
+    """Whether every stamp of a file is a multiple of the declared period, and nothing says what the true rate is."""
+    told = log.in_memory or log.counted or sensor.odr_sigma is not None
+    return not told and _multiples(log.samples, sensor.odr_hz)
+
+
+def _multiples(samples: Samples, odr_hz: float) -> bool:
     if len(samples) < LEAST_COUNTED or abs(samples.period_s * odr_hz - 1) > COUNTED_WITHIN:
         return False
     periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * NS)

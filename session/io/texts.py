@@ -138,6 +138,6 @@ def probability(p: float) -> str:
 
 def power_of_ten(value: float) -> str:
     """Text such as ``3 × 10⁻⁷``."""
-    exponent = floor(log10(value))
+    exponent = floor(log10(value) + log10(1 / 0.95))  # 9.6 is 10 in one digit: 1 of the next power
     superscript = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"{value / 10**exponent:.0f} × 10{superscript}"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session import VERSION
+from session.detect.check_time import looks_counted
 from session.detect.findings import Finding
 from session.io.config import NominalRate
 from session.io.errors import CalibrationError, FormatError
@@ -195,7 +196,10 @@ class FitResult:
         """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
         nominal, linear = self.nominal_rate, self.linear.model
         assert isinstance(linear, LinearModel)
-        return ([] if nominal is None else [nominal.doubt]) + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
+        known = [] if nominal is None else [nominal.doubt]
+        if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
+            known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
+        return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""

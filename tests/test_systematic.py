@@ -8,6 +8,7 @@ from session.io.units import DEG
 from tinygc.effects import effect_of
 from tinygc.estimation.stated_noise import stated_response
 from tinygc.estimation.systematic import Systematic, systematic_of
+from tinygc.estimation.verdict import too_wide
 from tinygc.models.linear import field_quantities
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import calibration_columns, prior_sigmas
@@ -90,7 +91,8 @@ def test_the_largest_movement_by_one_effect_is_stated():
     a, b = np.zeros((12, 12)), np.zeros((12, 12))
     a[0, 0], a[9, 9] = 4e-8, (0.1 * DEG) ** 2
     b[0, 0] = b[4, 4] = 1e-8
-    found = Systematic({"one": a, "two": b})
+    found = Systematic({"one": a, "two": b}, np.ones((3, 2, 12)))
+    assert found.tilt_rms == pytest.approx(np.sqrt(2) * np.hypot(2e-4, 0.1 * DEG))
     assert found.sigma[[0, 4, 9]] == pytest.approx([2e-4, 1e-4, 0.1 * DEG])
     assert [found.to_json()["effects"][i] for i in (0, 4, 9)] == ["one", "two", "one"]
     quantities = field_quantities(np.r_[np.eye(3).ravel(), np.zeros(3)], 1e-10 * np.eye(12), moved=found.of)
@@ -107,3 +109,15 @@ def test_where_something_is_missing_the_recording_allows_more(clean):
     assert np.max(off / sigma) > 3
     assert np.max(off / np.hypot(sigma, moved)) < 2
     assert np.median(np.hypot(1, clean.systematic / np.sqrt(np.diag(clean.covariance)))) < 2.5
+
+
+def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt(clean):
+    """By more than the limit; without one, by more than the raw rates leave."""
+    size = clean.allowed.tilt_rms / DEG
+    assert too_wide(clean.allowed.tilt_rms, 1.01 * size, clean.against_raw) == []
+    assert too_wide(clean.allowed.tilt_rms, None, clean.against_raw) == []
+    (doubt,) = too_wide(clean.allowed.tilt_rms, 0.99 * size, clean.against_raw)
+    assert doubt.endswith("more than the limit")
+    (doubt,) = too_wide(1.01 * clean.against_raw.tilt_rms_deg * DEG, None, clean.against_raw)
+    assert doubt.endswith("more than what the raw rates leave")
+    assert clean.verdict(0.99 * size).answer in ("doubtful pass", "fail")

@@ -34,7 +34,7 @@ from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good
+from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 
@@ -201,9 +201,15 @@ class FitResult:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
         return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
+    def linear_doubts(self, limit_deg: float | None = None) -> list[str]:
+        """``doubts``, and whether an effect that the linear model lacks may have moved it too far."""
+        wide = [] if self.allowed is None else too_wide(self.allowed.tilt_rms, limit_deg, self.against_raw)
+        return self.doubts + wide
+
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
-        return decide(self.judged, [run.file for run in self.runs], limit_deg, self.against_raw, self.accelerometer, self.doubts)
+        doubts = self.doubts if self.use.method in PHYSICS else self.linear_doubts(limit_deg)
+        return decide(self.judged, [run.file for run in self.runs], limit_deg, self.against_raw, self.accelerometer, doubts)
 
     @property
     def file_to_use(self) -> str | None:

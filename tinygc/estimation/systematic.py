@@ -30,13 +30,19 @@ from tinygc.noise.refit import calibration_columns, prior_sigmas
 @dataclass(frozen=True, eq=False)
 class Systematic:
     """Movements of the 12 parameters (1, rad/s) by one effect that the recording still allows: by_effect: id -> (12, 12) mean of their
-    squares and products."""
+    squares and products.  tilts (S, 2, 12): derivative of the segments' tilt by the parameters."""
 
     by_effect: dict[str, np.ndarray]
+    tilts: np.ndarray
 
     def of(self, slope: np.ndarray) -> np.ndarray:
         """(Q,) the largest movement, by one effect, of quantities with this derivative (Q, 12) by the parameters."""
         return np.sqrt(np.max([np.einsum("qi,ij,qj->q", slope, square, slope) for square in self.by_effect.values()], axis=0))
+
+    @property
+    def tilt_rms(self) -> float:
+        """Rms tilt, rad, by which the moved parameters would miss turns like these if the effect were not there."""
+        return float(np.sqrt(2 * np.mean(self.of(self.tilts.reshape(-1, len(NAMES))) ** 2)))
 
     @property
     def sigma(self) -> np.ndarray:
@@ -76,7 +82,8 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         # Evidence beside no effect: exp(mean' information mean / 2) / sqrt(det(prior covariance information)).
         _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
-    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()})
+    tilts = twin.linear_columns(sensitivity).closure[:, :2]
+    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts)
 
 
 def _mean_by_evidence(values: list[tuple[float, np.ndarray]]) -> np.ndarray:

@@ -210,6 +210,16 @@ def too_good(white_p: float) -> list[str]:
     ]
 
 
+def too_wide(tilt_rms_rad: float, limit_deg: float | None, raw: AgainstRaw) -> list[str]:
+    """Doubt about a calibration that one effect may have moved by more than the limit allows, or by more than it corrects; tilt_rms_rad: by
+    which other turns like these would then be missed."""
+    most_deg = raw.tilt_rms_deg if limit_deg is None else limit_deg
+    if tilt_rms_rad / DEG <= most_deg:
+        return []
+    than = "what the raw rates leave" if limit_deg is None else "the limit"
+    return [f"one effect that the model lacks may have moved E and B by {degrees(tilt_rms_rad)} of a turn, more than {than}"]
+
+
 # A calibration that no gyroscope can have, whatever its residuals.
 
 #: factor by which no gyroscope's sensitivity is off: data sheets allow 1 to 10 %, and the next usual mistake is a factor of 1.15 or 2

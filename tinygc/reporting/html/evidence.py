@@ -327,12 +327,13 @@ def gather(
     # The twin needs stills, which a session with a truth file may lack.
     beyond = [] if truth else _beyond(fit, explanation, adopted)
     quantities = [*adopted.quantities, *beyond, *_noise(allan)]
+    doubts = fit.linear_doubts(limit_deg) if adopted.name == LINEAR else fit.doubts
     return ReportData(
         fit=fit,
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, fit.doubts),
+        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer, doubts),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

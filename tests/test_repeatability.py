@@ -54,6 +54,7 @@ def days(folder, tmp_path):
         shutil.copytree(folders[0] / "fit", at / "fit")
         path = at / "fit" / "model_least_squares.json"
         table = json.loads(path.read_text())
+        table["sha256"] = {name: f"{number}" * 64 for name in table["sha256"]}
         table["weights"]["B"] = (np.array(table["weights"]["B"]) + moved * DEG).tolist()
         path.write_text(json.dumps(table))
     return folders
@@ -93,8 +94,12 @@ def test_what_is_no_history_is_refused(days, run):
     today, one, other = days
     words = ("fit", today, "--methods", "least_squares", "--quiet", "--history")
     refused(run(*words, one), "one session does not show a spread")
-    shutil.rmtree(one / "fit")
-    refused(run(*words, one, "--history", other), "fit the session first")
+    refused(run(*words, one, "--history", one), "a folder is given twice")
     path = other / "fit" / "model_least_squares.json"
     path.write_text(path.read_text().replace('"serial": "', '"serial": "not-'))
-    refused(run(*words, other, "--history", other), "this session's")
+    refused(run(*words, one, "--history", other), "this session's")
+    shutil.rmtree(one / "fit")
+    refused(run(*words, one, "--history", other), "fit the session first")
+    shutil.copytree(today, other.parent / "copy")
+    assert run("fit", other.parent / "copy", "--methods", "least_squares", "--quiet")[0] == 0
+    refused(run(*words, other.parent / "copy", "--history", other), "holds the same log as")

@@ -278,7 +278,7 @@ def check_gravity_moves(where: str, samples: Samples, between: Sequence[Ends]) -
     moved = np.arccos(np.clip(np.nanmin(np.column_stack([seen, np.ones(len(turns))]), axis=1), -1, 1))
     tilted = by_rates > LEAST_TILT_RAD
     stays = tilted & (moved < FOLLOWS * by_rates)
-    if 2 * stays.sum() <= tilted.sum():
+    if 2 * stays.sum() <= tilted.sum() or (moved > LEAST_TILT_RAD).any():  # it does answer: rather the rates' axes or units are wrong
         return []
     turned = f"{stays.sum()} of {tilted.sum()} turns in which the rates tilt it by {np.median(by_rates[stays]) / DEG:.0f} deg"
     do = "does the accelerometer answer at all, and is it on the board that was turned? else the rates are far too large"

@@ -244,7 +244,8 @@ def _quiet_blocks(blocks: Blocks) -> np.ndarray:
     for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO)):
         noise = noise_variance(variance)
         # The worst axis counts as well as the sum: a slow turn shows in one axis only.
-        quiet &= (variance / noise).mean(axis=1) < ratio
+        with np.errstate(over="ignore"):  # a clamped axis has almost no noise
+            quiet &= (variance / noise).mean(axis=1) < ratio
         quiet &= (variance < 2 * ratio * noise).all(axis=1)
     return quiet
 

@@ -158,3 +158,10 @@ def temperature_c(lsb: np.ndarray, model: str = DEFAULT) -> np.ndarray:
     if values is None:
         raise FormatError(f"{model}: what its temperature register means is not known; log temp_c, or no temperature")
     return values
+
+
+def require_registers(values: np.ndarray, where: str = "") -> None:
+    """Raise FormatError where values (N, …) that are taken for registers have fractions: they are in a unit that nobody named."""
+    if (values % 1).any():
+        units = "--gyro-unit dps, mdps or rad/s, --accel-unit g, mg or m/s2"
+        raise FormatError(f"{where}registers are whole numbers, but the log has fractions; give its unit: {units}")

@@ -27,7 +27,7 @@ from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
 from session.io.reader import Piece, Reader, counted, evenly, fresh
 from session.io.recognise import OWN, flags_of
-from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
+from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile, require_registers
 from session.io.texts import command_line, comment
 from session.io.toml import line, setting
 from session.io.units import NS_PER_S, TIME, endings
@@ -367,8 +367,7 @@ def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
 def _in_our_unit(values: np.ndarray, si: float | None, units: dict[str, float]) -> tuple[str, np.ndarray, str]:
     """The written numbers in the unit of ours that changes them least: not at all, or by a factor."""
     if si is None:
-        if (values % 1).any():
-            raise FormatError("registers are whole numbers, but the log has fractions; give its unit, --gyro-unit or --accel-unit")
+        require_registers(values)
         return "", values, "%d"
     for suffix, ours in units.items():
         if ours == si:

@@ -89,6 +89,7 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
     if out.exists():
         raise FormatError(f"{out}: exists; give --repair a new folder")
     refuse_array(source)
+    read_config(source / "session.toml")  # what is not there is named as the user wrote it
     with result_folder(out.parent), naming(out), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}-") as work:
         copy, changes = Path(work) / "0", []
         names = _copy(source, copy)

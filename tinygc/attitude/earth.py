@@ -104,12 +104,17 @@ def unseen_covariance(earth: EarthRate, latitude_deg: float | None) -> np.ndarra
     """(3, 3) (rad/s)^2 covariance, in table axes, of the horizontal rate that ``earth`` leaves out because its heading is uncertain.
 
     The horizontal rate has a known length.  ``rate_t`` is the mean over the heading's posterior, so what is left has the variance
-    length^2 - |mean|^2: across the mean where the heading is estimated, the same in all directions where it is unknown.
+    length^2 - |mean|^2: across the mean where the heading is estimated, the same in all directions where it is unknown.  Where the Earth's
+    rate is left out, all of it is left: in any direction where the latitude is unknown.
     """
-    if latitude_deg is None or earth.source in ("none", "given"):
+    if latitude_deg is None:
+        return np.eye(3) * EARTH_RATE_RPS**2 / 3
+    if earth.source == "none":
+        return np.diag([_north(latitude_deg) ** 2 / 2] * 2 + [_down(latitude_deg) ** 2])
+    if earth.source == "given":
         return np.zeros((3, 3))
     left = max(_north(latitude_deg) ** 2 - float(earth.rate_t[:2] @ earth.rate_t[:2]), 0.0)
-    if earth.source == "unknown":
+    if earth.source == "unknown" or not earth.rate_t[:2].any():
         return np.diag([left / 2, left / 2, 0.0])
     across = np.array([-earth.rate_t[1], earth.rate_t[0], 0.0]) / np.linalg.norm(earth.rate_t[:2])
     return left * np.outer(across, across)

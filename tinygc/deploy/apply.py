@@ -24,7 +24,7 @@ from session.io.logfile import CALIBRATED, already_calibrated
 from session.io.numeric import decimal_rows
 from session.io.reader import Reader, counted
 from session.io.recognise import flags_of
-from session.io.registers import DEFAULT, RegisterUnits
+from session.io.registers import DEFAULT, RegisterUnits, require_registers
 from session.io.results import whole
 from session.io.texts import command_line
 from session.io.units import DEG
@@ -180,6 +180,9 @@ class LogSource:
                 assert self._odr_hz is not None  # otherwise the reader has raised an error
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
+            for triad, values in ((self.layout.gyro, piece.gyro), (self.layout.accel, piece.accel)):
+                if triad is not None and triad.unit.si is None and values is not None:
+                    require_registers(values, f"{self.reader.path.name}: ")
             temp = None if piece.temp is None else self.layout.temperature_c(piece.temp, self._units)
             force = None if piece.accel is None else self._accelerometer.correct(piece.accel * self._accel)
             yield Applicable(stamps, piece.gyro * self._gyro, force, temp)

@@ -84,7 +84,8 @@ def fit_session(
         from tinygc.estimation.bias import levelled
 
         problem, spread = levelled(problem)
-        between = between or BiasRepeatability(spread, "the logs of this session")
+        if len(problem.logs) > 1:
+            between = between or BiasRepeatability(spread, "the logs of this session")
     noise, use = None, None
     if given is None:
         progress("bias", 0, 1)

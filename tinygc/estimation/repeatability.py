@@ -14,7 +14,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from session.io.errors import FormatError
-from session.io.folder import Session
+from session.io.folder import Session, input_hashes
+from session.io.results import read_json
 from session.io.texts import command_line
 from session.io.units import DEG
 from tinygc.models.files import load_with_table
@@ -50,6 +51,7 @@ def repeatability_of(session: Session, history: Sequence[Path] = ()) -> BiasRepe
     given = session.config.sensor.gyro_bias_repeatability_dps
     if not history:
         return None if given is None else BiasRepeatability(np.full(3, given * DEG), "given in session.toml")
+    require_different(session, history)
     vectors, covariances = zip(*(_fitted(folder, session) for folder in history), strict=True)
     if len(vectors) < 2:
         raise FormatError(
@@ -69,6 +71,21 @@ def spread_of(biases: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     own = np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0)
     widened = float(stdtrit(count - 1, (1 + ONE_SIGMA) / 2))
     return widened * np.sqrt(np.maximum(sample - own, 0.1 * sample))
+
+
+def require_different(session: Session, history: Sequence[Path]) -> None:
+    """Raise FormatError where a folder of the history holds a log of this session, or of another one: a copy shows no spread."""
+    if not session.config.sensor.serial:
+        raise FormatError(f"--history: {session.folder} names no serial number; give sensor.serial, so that it is the same unit")
+    if len({folder.resolve() for folder in history}) < len(history):
+        raise FormatError("--history: a folder is given twice; give other sessions of this unit, each once")
+    seen = {digest: str(session.folder) for name, digest in input_hashes(session).items() if name != "session.toml"}
+    for folder in history:
+        path = folder / "fit" / "model_least_squares.json"
+        hashes = read_json(path).get("sha256") if path.exists() else None
+        for name, digest in (hashes or {}).items():
+            if name != "session.toml" and seen.setdefault(digest, str(folder)) != str(folder):
+                raise FormatError(f"--history {folder}: holds the same log as {seen[digest]}; give other sessions of this unit")
 
 
 def _fitted(folder: Path, session: Session) -> tuple[np.ndarray, np.ndarray]:

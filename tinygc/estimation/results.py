@@ -173,12 +173,16 @@ class FitResult:
         else:
             model = self.linear.model
             assert isinstance(model, LinearModel)
-            problem, held_out, vector, covariance = self.problem, self.linear.held_out, model.vector, self.covariance
+            used = self.methods.get(name or "", self.linear)
+            problem, held_out, vector, covariance = self.problem, used.held_out, model.vector, self.covariance
             closure_p, freedom = self.goodness.p_value, self.goodness.freedom
 
             def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
                 return run.errors(LinearModel.from_vector(trial), self.options.integrator)
 
+        left = [errors(vector, run) for run in self.runs]
+        if name in self.methods:  # another than least squares closes by its own errors, and within the same uncertainties
+            left = [found[name] for found in self.run_errors]
         return JudgedFit(
             angles=held_out,
             numbers=[segment.number for segment in problem.used],
@@ -186,8 +190,8 @@ class FitResult:
             floor_rms=problem.floor.tilt_rms,
             closure_p=closure_p,
             closure_freedom=freedom,
-            run_errors=[errors(vector, run) for run in self.runs],
-            run_p=run_p_values(self.problem, self.runs, vector, covariance, errors),
+            run_errors=left,
+            run_p=run_p_values(self.problem, self.runs, vector, covariance, errors, self.repeatability, left),
             run_losses=[""] * len(self.runs),
         )
 
@@ -197,6 +201,8 @@ class FitResult:
         nominal, linear = self.nominal_rate, self.linear.model
         assert isinstance(linear, LinearModel)
         known = [] if nominal is None else [nominal.doubt]
+        if not self.against_raw.held_out:
+            known.append("no method was fitted: ask for least_squares")
         if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
         return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)

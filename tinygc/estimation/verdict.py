@@ -29,6 +29,8 @@ from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw, rmse, tilt_rms
+from tinygc.estimation.options import METHODS
+from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 #: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
@@ -146,7 +148,9 @@ def decide(
         rule = f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that."
     else:
         freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
-        reasons = [_by_chance(f"closure of the fitted segments{freedom}", candidate.closure_p, f"{significant(times, 2)} × its noise")]
+        reasons = [
+            _by_chance(f"closure of the fitted segments{freedom}", candidate.closure_p, f"held out {significant(times, 2)} × the floor")
+        ]
         for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
             reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p))
         rule = (
@@ -155,7 +159,8 @@ def decide(
         )
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
     if raw is not None and raw.condemns(tilt / DEG):
-        reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
+        named = METHODS[raw.method].title
+        reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
         rule += " Worse than the raw rates is a fail in any case."
     closure = f"held out {degrees(tilt)} ({significant(times, 2)} × noise, {len(candidate.numbers)} segments)"
     if len(files):
@@ -255,22 +260,28 @@ def run_p_values(
     vector: np.ndarray,
     covariance: np.ndarray,
     errors: Callable[[np.ndarray, ClosureRun], np.ndarray],
+    between: BiasRepeatability | None = None,
+    left: Sequence[np.ndarray] | None = None,
 ) -> list[float]:
     """P-value of each closure run's error: noise, the parameters' uncertainty, the Earth's unknown heading, bias drift since the session.
 
     vector (P,), covariance (P, P) of the calibration, the 12 linear parameters first; errors: roll, pitch, yaw (3,) rad of a run under a
-    trial vector.
+    trial vector; between: spread of the bias between sessions, for a run whose clock began anew; left: the errors to judge, those of
+    ``vector`` if None.
     """
     found, sigma, session = [], np.sqrt(np.diag(covariance)), problem.session
     counted = {log.path.name for log in session.closures if session.rate_of(log) is not None}
-    for run in runs:
+    for number, run in enumerate(runs):
         error, known = errors(vector, run), covariance
         if session.nominal_rate is not None and run.file in counted:  # what a wrong rate does to the scale, it undoes in such a run
             known = covariance - session.nominal_rate.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
+        if between is not None and not run.time_known:  # the sensor may have been switched off
+            known = known + (between.any_session(covariance) - covariance)
         expected = np.diag(run.floor_rad**2) + run.heading_covariance + slope @ known @ slope.T + drift @ drift.T
-        found.append(chi_square_above(float(error @ np.linalg.solve(expected, error)), 3))
+        judged = error if left is None else left[number]
+        found.append(chi_square_above(float(judged @ np.linalg.solve(expected, judged)), 3))
     return found
 
 

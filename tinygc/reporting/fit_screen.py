@@ -59,7 +59,7 @@ def _closure(result: FitResult) -> Table:
 
     keys = ("roll", "pitch", "yaw", "tilt")
     for name, fit in result.methods.items():
-        if name in VERBOSE:
+        if name in VERBOSE and name != result.use.method and len(result.methods) > 1:
             continue
         figures = closure_figures(fit.held_out)
         errors = [found[name] for found in result.run_errors]

@@ -310,16 +310,18 @@ def parameters_table(result: FitResult) -> Table:
     row("scale factor error, ppm", 0, [("scale factor error", axis) for axis in "xyz"])
     for axis in "xyz":
         row(f"misalignment of {axis}, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
+    said = []
     if result.allowed is not None:
         most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
-        table.caption = (
+        said.append(
             f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
             f"bias {most[2]:.4f} dps"
         )
-        if result.repeatability is not None:
-            any_session = np.sqrt(np.diag(result.repeatability.any_session(result.covariance)))[BIAS].max() / DEG
-            table.caption += f"; the bias of any other session: ± {any_session:.3f} dps ({result.repeatability.source})"
-        table.caption_justify = "left"
+    if result.repeatability is not None:
+        any_session = np.sqrt(np.diag(result.repeatability.any_session(result.covariance)))[BIAS].max() / DEG
+        said.append(f"the bias of any other session: ± {any_session:.3f} dps ({result.repeatability.source})")
+    if said:
+        table.caption, table.caption_justify = "; ".join(said), "left"
     sigma = min(by_name["bias", axis].expanded / COVERAGE_FACTOR for axis in "xyz")
     row("bias, dps", int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 5)), [("bias", axis) for axis in "xyz"])
     return table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -85,6 +86,8 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
 
         def left(delay_s: float) -> float:
             at = {i: _solved(motion.rows(i, delay_s)) for i in begun}
+            if any(each is None for each in at.values()):
+                return math.inf
             return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
 
         bounds = (-MOST_DELAY_S, MOST_DELAY_S)

@@ -36,7 +36,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
-    command.add_argument("--strict", action="store_true", help="exit 1 where the verdict is NOT DECIDED, too")
+    command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
     command.add_argument("--verbose", action="store_true", help="print all methods, noise components, alternatives and remarks")
 
 
@@ -97,7 +97,7 @@ def _fit(args: argparse.Namespace) -> Done:
     elif not decision.passed:
         missed = "; ".join(text for met, text in decision.reasons if not met)
         complain(f"above {limit_text(args)}: {missed}" if args.limit is not None else decision.headline)
-    code = 1 if not decision.passed or (args.strict and decision.answer == "not decided") else 0
+    code = 1 if not decision.passed or (args.strict and decision.answer != "pass") else 0
     return _done(code, table, use.method or use.best, decision.word)
 
 

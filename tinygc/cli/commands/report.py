@@ -23,7 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
     command.add_argument("--pdf", action="store_true", help="print it as well, to a PDF beside it; needs Chromium")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
-    command.add_argument("--strict", action="store_true", help="exit 1 where the verdict is NOT DECIDED, too")
+    command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
     add_fit_arguments(command)
 
@@ -72,7 +72,7 @@ def _report(args: argparse.Namespace) -> Done:
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")
         code = 1
-    elif not decision.passed or (args.strict and decision.answer == "not decided"):
+    elif not decision.passed or (args.strict and decision.answer != "pass"):
         complain(decision.headline)
         code = 1
     figures, word = table["closure"], decision.word

@@ -106,7 +106,7 @@ def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
     found = fit_physics(build_problem(read_session(folder)), None)
     assert found.refused
     assert tuple(claim.effect.id for claim in found.model.undone) == ()
-    assert calibrate.main(["fit", str(folder), "--physics", "auto", "--methods", "least_squares"]) == 0
+    assert calibrate.main(["fit", str(folder), "--physics", "auto", "--methods", "least_squares", "--verbose"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "Physics: a mismatch that no effect in the catalogue fits" in out
     assert "noise explains the residuals" not in out

@@ -98,7 +98,7 @@ def test_a_session_with_its_rest_logs(folder, rests, tmp_path, run):
     # Without --temperature the rest logs change nothing.
     code, out, _ = run("fit", folder, "--methods", "least_squares")
     assert code == 0
-    assert "rest" not in out.split("models:")[0]
+    assert "rest" not in out.split("files:")[0]
 
 
 def test_several_folders_ask_for_temperature(folder, rests, run):

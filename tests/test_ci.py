@@ -30,6 +30,7 @@ def test_the_hosted_service_runs_the_same_script():
     assert jobs["whole"]["strategy"]["matrix"]["python"] == [oldest, "3.x"]
     assert {"windows-latest", "macos-latest"} == set(jobs["elsewhere"]["strategy"]["matrix"]["system"])
     assert steps(jobs["slow"]) == ['python -m pip install -e ".[test]" -c constraints.txt', "python -m pytest -m slow"]
+    assert steps(jobs["mutants"]) == ['python -m pip install -e ".[test,mutation]" -c constraints.txt', "python benchmarks/mutation.py --week"]
     assert steps(jobs["elsewhere"]) == ['python -m pip install -e ".[test]" -c constraints.txt', "python -m pytest"]
 
 
@@ -56,7 +57,7 @@ def test_the_script_checks_types_the_reference_and_all_tests():
 def test_what_checks_has_a_pinned_version():
     pinned = {line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line}
     extras = SETTINGS["project"]["optional-dependencies"]
-    wanted = {re.match(r"[\w-]+", name).group() for name in (*extras["test"], *extras["docs"])}
+    wanted = {re.match(r"[\w-]+", name).group() for name in (*extras["test"], *extras["mutation"], *extras["docs"])}
     assert {name.lower() for name in wanted} <= {name.lower() for name in pinned}
 
 

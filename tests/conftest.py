@@ -43,6 +43,11 @@ DEG = np.pi / 180
 GRAVITY = 9.7946
 
 
+def broad(*values, id: str | None = None):
+    """Values of a parametrised test that walk the path of its other values: run by ``.ci/run``, not with the quick tests."""
+    return pytest.param(*values, id=id, marks=pytest.mark.broad)
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of recordings that lies beside the repository."""
@@ -254,7 +259,7 @@ class Turns:
         return Batch(measured, self.dt, np.zeros_like(measured), q[:-1], q[1:], yaw_known)
 
 
-@pytest.fixture(scope="module", params=["made", "recorded"])
+@pytest.fixture(scope="module", params=["made", broad("recorded")])
 def good(request) -> Session:
     """A session with nothing wrong: made here, and by another bench."""
     if request.param == "made":

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG
+from conftest import DEG, broad
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
@@ -55,18 +55,18 @@ def test_what_is_written_is_read_and_written_again(order, sense, frame):
     ("wrong", "found"),
     [
         (Wrong(), {}),
-        (Wrong(frame="enu"), {}),
-        (Wrong(frame="y_up"), {}),
-        (Wrong(sense="world_to_body"), {"sense"}),
+        broad(Wrong(frame="enu"), {}),
+        broad(Wrong(frame="y_up"), {}),
+        broad(Wrong(sense="world_to_body"), {"sense"}),
         (Wrong(sense="world_to_body", frame="enu"), {"sense"}),
         (Wrong(order="xyzw"), {"order"}),
         (Wrong(order="xyzw", frame="enu", late_s=-0.004), {"order", "offset_s"}),
-        (Wrong(late_s=0.00406), {"offset_s"}),
+        broad(Wrong(late_s=0.00406), {"offset_s"}),
         (Wrong(late_s=-0.3), {"offset_s"}),
-        (Wrong(late_s=1.5), {"offset_s"}),
-        (Wrong(mounting_deg=(3, -2, 1)), {"mounting"}),
+        broad(Wrong(late_s=1.5), {"offset_s"}),
+        broad(Wrong(mounting_deg=(3, -2, 1)), {"mounting"}),
         (Wrong(mounting_deg=(0, 90, 0)), {"mounting"}),
-        (Wrong(mounting_deg=(180, 0, 0), frame="enu"), {"mounting"}),
+        broad(Wrong(mounting_deg=(180, 0, 0), frame="enu"), {"mounting"}),
         (Wrong(mounting_deg=(0, 0, 90), sense="world_to_body", frame="enu", late_s=0.02), {"sense", "mounting", "offset_s"}),
     ],
 )
@@ -182,8 +182,8 @@ def on_another_clock(wrong, later_s, given):
     return replace(session, truths=(moved,), config=replace(session.config, truth=given))
 
 
-@pytest.mark.parametrize("later_s", [100.0, -100.0])
-def test_behind_a_given_clock_that_is_far_off_all_else_is_found(later_s):
+def test_behind_a_given_clock_that_is_far_off_all_else_is_found():
+    later_s = 100.0
     wrong = Wrong(frame="enu", sense="world_to_body", mounting_deg=(0, 0, 90))
     session, findings = with_aligned_truth(on_another_clock(wrong, later_s, TruthGiven(offset_s=-later_s)))
     alignment = session.alignment

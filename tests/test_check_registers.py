@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, session_of
+from conftest import DEG, Table, broad, session_of
 from looks import G, look, of, serious, with_sensor
 
 from session.detect.stills import find_stills
@@ -52,7 +52,7 @@ def test_gaps_are_counted_with_what_they_lost(good):
     assert finding.says.startswith("2 gaps, 110 samples lost, the longest 0.486 s, the first at 4.8 s")
 
 
-@pytest.mark.parametrize("share", [0.0005, 0.005, 0.05])
+@pytest.mark.parametrize("share", [0.0005, 0.05])
 def test_samples_lost_singly_are_counted_and_are_neither_rate_nor_jitter(good, share):
     samples = good.logs[0].samples
     kept = np.random.default_rng(2).random(len(samples)) >= share
@@ -89,7 +89,7 @@ def test_what_the_reader_mended_is_passed_on(good):
 # Registers
 
 
-@pytest.mark.parametrize("lsb", [4000, 6000])
+@pytest.mark.parametrize("lsb", [4000, broad(6000)])
 def test_a_plateau_below_the_full_scale_is_clipping(good, lsb):
     samples = good.logs[0].samples
     level = lsb * 0.0175 * DEG
@@ -118,7 +118,7 @@ def test_a_peak_beyond_the_full_scale_is_no_clipping():
     assert "full scale 500 is passed" in finding.says
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, *map(broad, range(1, 5))])
 def test_the_peak_of_a_noisy_turn_is_no_plateau(seed):
     made = session_of(Table().tumble(14, seed=seed).samples(gyro_mdps=3.0, seed=seed))
     assert of(look(made), "gyro clipping").level == "ok"

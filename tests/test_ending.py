@@ -12,6 +12,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from conftest import broad
 from processes import CALIBRATE, PIPE, started, until
 from recording_wires import make_wire
 from streams import INFO, frame_list, sent
@@ -72,8 +73,19 @@ def recording(wire, folder, *words, data=DATA, **more):
         yield process
 
 
-@pytest.mark.parametrize("ignored", [(), (signal.SIGINT,), (signal.SIGINT, signal.SIGHUP)], ids=["", "&", "nohup &"])
-@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize(
+    ("how", "ignored"),
+    [
+        ("SIGTERM", ()),
+        ("SIGINT", (signal.SIGINT,)),  # behind an &
+        ("SIGHUP", (signal.SIGINT, signal.SIGHUP)),  # behind nohup and an &
+        broad("SIGINT", ()),
+        broad("SIGHUP", ()),
+        broad("SIGTERM", (signal.SIGINT,)),
+        broad("SIGHUP", (signal.SIGINT,)),
+        broad("SIGINT", (signal.SIGINT, signal.SIGHUP)),
+    ],
+)
 def test_every_signal_ends_a_recording_like_ctrl_c(how, ignored, wire, tmp_path):
     with recording(wire, tmp_path / "s", ignored=ignored) as process:
         process.send_signal(ENDS[how])
@@ -87,8 +99,7 @@ def test_every_signal_ends_a_recording_like_ctrl_c(how, ignored, wire, tmp_path)
     assert (tmp_path / "s" / "raw.bin").read_bytes() == DATA
 
 
-@pytest.mark.parametrize("ignored", [(), (signal.SIGINT,)], ids=["", "&"])
-@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize(("how", "ignored"), [("SIGINT", (signal.SIGINT,)), broad("SIGINT", ()), broad("SIGTERM", ()), broad("SIGHUP", ())])
 def test_every_signal_ends_a_virtual_board_like_ctrl_c(how, ignored, tmp_path):
     with begun("board", "--segments", 1, "--link", tmp_path / "port", "--json", tmp_path / "j", ignored=ignored) as process:
         assert process.stdout.readline() == f"{tmp_path / 'port'}\n"
@@ -101,7 +112,7 @@ def test_every_signal_ends_a_virtual_board_like_ctrl_c(how, ignored, tmp_path):
     assert not (tmp_path / "port.lock").exists()
 
 
-@pytest.mark.parametrize("how", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("how", ["SIGTERM", broad("SIGHUP")])
 def test_a_log_from_a_stream_that_is_ended_leaves_nothing_half_done(how, folder, tmp_path, run):
     """``apply`` at a pipe that never ends."""
     assert run("fit", folder, "--methods", "raw", "--quiet")[0] == 0
@@ -179,7 +190,7 @@ def _ask_three_times(numbers):
     assert [signal.getsignal(number) for number in numbers] == before
 
 
-@pytest.mark.parametrize("how", ["", "SIGINT"], ids=["noticed", "ended before it is noticed"])
+@pytest.mark.parametrize("how", ["", broad("SIGINT")], ids=["noticed", "ended before it is noticed"])
 def test_a_folder_that_is_removed_under_a_recording(how, wire, other_wire, tmp_path):
     """It is said, nobody says that everything is kept, and the recording goes on where it is saved, with its session.toml."""
     folder = tmp_path / "s"
@@ -206,6 +217,7 @@ def test_a_folder_that_is_removed_under_a_recording(how, wire, other_wire, tmp_p
         assert ended(process)[0] == 130
 
 
+@pytest.mark.broad
 def test_a_log_that_is_removed_is_said_and_made_again(wire, other_wire, tmp_path):
     with recording(wire, tmp_path / "s") as process:
         until(lambda: (tmp_path / "s" / "log0001.csv").exists())
@@ -216,6 +228,7 @@ def test_a_log_that_is_removed_is_said_and_made_again(wire, other_wire, tmp_path
     assert "log0001.csv: was removed meanwhile; --resume makes it again of raw.bin" in out
 
 
+@pytest.mark.broad
 def test_a_second_record_is_refused_in_one_line(wire, other_wire, tmp_path):
     with recording(wire, tmp_path / "s") as process:
         for more in ([], ["--resume"]):

@@ -72,6 +72,7 @@ def test_a_late_truth(tmp_path):
     assert "late" in claim.says
 
 
+@pytest.mark.broad
 def test_a_bias_that_drifts(tmp_path):
     e = explain_truth(write(tmp_path, drift_dps=(0.2, 0, -0.15)))
     named = {claim.effect.id: claim for claim in e.claimed}
@@ -153,6 +154,7 @@ def test_a_p_value_that_underflows_is_said_to_be_a_bound():
     assert p_words(0.0) == "< 1e-99"
 
 
+@pytest.mark.broad
 def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     folder = write(tmp_path, late_s=0.008)
     assert calibrate.main(["explain", str(folder), "--quiet", "--strict"]) == 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from conftest import broad
 from fuzz_targets import NAMES, target
 from fuzz_targets.rules import Finding, attempt
 
@@ -42,7 +43,7 @@ def test_each_kept_input_belongs_to_a_reader_and_all_are_few():
         ("raise ValueError('no line')", "ValueError: no line"),
         ("warnings.warn('overflow', RuntimeWarning)", "RuntimeWarning: overflow"),
         ("raise OSError('two\\nlines')", "that is no line"),
-        ("end = time.process_time() + 1.1\nwhile time.process_time() < end:\n    pass", "s of CPU"),
+        broad("end = time.process_time() + 1.1\nwhile time.process_time() < end:\n    pass", "s of CPU"),
         ("finite(float('nan'))", "not finite"),
     ],
 )

@@ -269,6 +269,7 @@ def test_a_gap_in_what_is_needed_is_no_rate(fitted, simulated):
         Calibration(fitted.model.model, -5)
 
 
+@pytest.mark.broad
 def test_the_blocks_of_the_page_run(tmp_path, monkeypatch):
     """docs/library.md, the blocks that stand by themselves, in a folder where data/session1 is."""
     pytest.importorskip("matplotlib")

@@ -66,8 +66,7 @@ CLOCKS = {
 }
 
 
-@pytest.mark.parametrize("declared_hz", [NOMINAL_HZ, None])
-@pytest.mark.parametrize("names", CLOCKS)
+@pytest.mark.parametrize(("names", "declared_hz"), [*((names, NOMINAL_HZ) for names in CLOCKS), ("millis", None)])
 def test_a_clock_that_is_there_is_taken_and_said(names, declared_hz, samples, tmp_path):
     """Whatever it is called; a declared rate is nominal, and does not take its place."""
     made = make(tmp_path, log_of(samples, names, *CLOCKS[names](samples)), odr_hz=declared_hz)

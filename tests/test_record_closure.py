@@ -68,6 +68,7 @@ def test_a_whole_session_with_a_raw_accelerometer(boards, tmp_path):
     assert run["raw"]["rmse_deg"] > 1
 
 
+@pytest.mark.broad
 def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_path):
     """The cable is pulled every 34 s of device time, which is in the run: no broken run bears its name; resumed, it asks for the run."""
     session, run = recorded_twice(tmp_path)

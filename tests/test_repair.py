@@ -3,13 +3,12 @@
 import gzip
 import hashlib
 import json
-import shutil
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, ROOT, SESSION_TOML, Table, write_session
+from conftest import DEG, ROOT, SESSION_TOML, Table, broad, write_session
 
 import tinygc
 from session.io.errors import CalibrationError
@@ -64,6 +63,14 @@ SPOILT = {
 }
 #: files whose bytes a declaration alone puts right
 DECLARED = ("full scale", "accelerometer's full scale", "data rate")
+#: where a column's name says its unit and its axis, the header alone is changed: numbers stay as they are written
+HEADERS = {
+    "degrees as radians": "t_ns,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2",
+    "x and y exchanged": "t_ns,gy_dps,gx_dps,gz_dps,ax_mps2,ay_mps2,az_mps2",
+    "g as m/s2": "t_ns,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g",
+    "us as ns": "t_us,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2",
+}
+QUICK = ("full scale", "radians as degrees", "x and y exchanged", "us as ns", "stamps twice too fast", "time and rates")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +82,7 @@ def fitted(folder):
     return tinygc.fit(folder, methods=("least_squares",)).parameters
 
 
-@pytest.mark.parametrize("name", SPOILT)
+@pytest.mark.parametrize("name", [name if name in QUICK else broad(name) for name in SPOILT])
 def test_what_was_spoilt_is_undone_and_fitted_as_if_it_never_was(samples, right, tmp_path, name):
     spoilt = SPOILT[name](tmp_path / "spoilt", samples)
     before = {path.name: path.read_bytes() for path in spoilt.iterdir()}
@@ -91,21 +98,9 @@ def test_what_was_spoilt_is_undone_and_fitted_as_if_it_never_was(samples, right,
     assert table["sha256"] == {file: hashlib.sha256(data).hexdigest() for file, data in before.items()}
     assert ((tmp_path / "copy" / "log0001.csv").read_bytes() == before["log0001.csv"]) == (name in DECLARED)
     assert "repaired" in tinygc.read_session(tmp_path / "copy").config.notes
-
-
-def test_the_least_is_changed(samples, tmp_path):
-    """A column's name says its unit and its axis: numbers stay as they are written where that is enough."""
-    for name, header in (
-        ("degrees as radians", "t_ns,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2"),
-        ("x and y exchanged", "t_ns,gy_dps,gx_dps,gz_dps,ax_mps2,ay_mps2,az_mps2"),
-        ("g as m/s2", "t_ns,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"),
-        ("us as ns", "t_us,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2"),
-    ):
-        spoilt = SPOILT[name](tmp_path / name.replace("/", ""), samples)
-        repair(spoilt, tmp_path / "copy")
-        first, *rows = (tmp_path / "copy" / "log0001.csv").read_text().split("\n")
-        assert (first, rows) == (header, (spoilt / "log0001.csv").read_text().split("\n")[1:])
-        shutil.rmtree(tmp_path / "copy")
+    if name in HEADERS:
+        first, rows = (tmp_path / "copy" / "log0001.csv").read_bytes().decode().split("\n", 1)
+        assert (first, rows) == (HEADERS[name], before["log0001.csv"].decode().split("\n", 1)[1])
 
 
 def test_several_causes_that_explain_alike_are_listed_and_one_can_be_chosen(samples, right, tmp_path, run):
@@ -204,7 +199,7 @@ def test_closure_runs_rests_packed_logs_and_comments_follow(samples, tmp_path):
     np.testing.assert_allclose(session.closures[0].samples.gyro, run.gyro, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "before", "after"), [("Long", 40, 5), ("Short", 40, 10)])
+@pytest.mark.parametrize(("name", "before", "after"), [broad("Long", 40, 5), ("Short", 40, 10)])
 def test_the_rockets_board_whose_authors_did_not_know_it(shared, tmp_path, run, name, before, after):
     source = shared / "wild" / "sundevil" / "rev2" / f"IMU_Rev2_Data_{name}.txt"
     if not source.exists():

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import processes
 import pytest
-from conftest import product, turned
+from conftest import broad, product, turned
 from scipy.spatial.transform import Rotation
 
 from session.detect.segments import cut_segments
@@ -106,7 +106,7 @@ def test_gyro_at_rest_feels_the_earth():
     assert np.sum(seen * expected) / np.sum(expected**2) == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.parametrize("odr_hz", GYRO_LPF2_HZ)
+@pytest.mark.parametrize("odr_hz", [odr_hz if odr_hz in (104, 1667) else broad(odr_hz) for odr_hz in GYRO_LPF2_HZ])
 def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     factor, block = oversampling(odr_hz), int(odr_hz / 5)
     still = np.zeros((1500 * block * factor, 3))
@@ -172,7 +172,7 @@ def test_registers_are_16_bit_and_cut_at_full_scale():
     assert np.abs(simulation.log.gyro.astype(int)).max() == round(500 / 0.0175)
 
 
-@pytest.mark.parametrize("fs_dps", [125, 500])
+@pytest.mark.parametrize("fs_dps", [125, broad(500)])
 def test_turns_stay_below_full_scale(fs_dps):
     log = simulate_session(SimulationOptions(segments=20, closure_s=58, seed=9, gyro_fs_dps=fs_dps, vigour=3)).log
     peak_dps = np.abs(log.gyro * gyro_rps_per_lsb(fs_dps) / DEG).max()
@@ -209,7 +209,7 @@ def test_same_seed_same_bytes_and_purposes_have_their_own_stream(tmp_path):
     assert (first / "log0001.csv.gz").read_bytes() != (other / "log0001.csv.gz").read_bytes()
 
 
-@pytest.mark.parametrize("odr_hz", [62.5, 104, 208, 833])
+@pytest.mark.parametrize("odr_hz", [62.5, 208])
 def test_folder_reads_like_a_recorded_one(tmp_path, odr_hz):
     options = SimulationOptions(segments=12, closure_s=30, seed=10, odr_hz=odr_hz, with_heading=True)
     session = read_session(write_session(options, tmp_path / "s"))

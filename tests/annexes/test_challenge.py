@@ -36,6 +36,7 @@ def _files(folder):
     return {path.name for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.broad
 def test_every_session_is_explained_and_scored(small):
     _, result, _ = small
     assert [each.name for each in result.scores] == [f"case{i + 1:03d}" for i in range(CASES)]

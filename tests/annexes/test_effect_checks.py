@@ -20,18 +20,17 @@ PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 REGISTER = sorted(name for name, effect in catalogue().items() if effect.kind == "register")
 MOTION = sorted(name for name, effect in catalogue().items() if effect.kind == "motion")
 FITTED = sorted(set(catalogue()) - {*REGISTER, *MOTION})
-#: a term of C, a moment that is scanned, the reference; the others are proved at night
-QUICK = {"gyro.scale_asymmetry", "gyro.bias_step", "reference.accelerometer"}
-QUICK_BROKEN = {"undo"}
+#: a term of C with the quick tests, a moment that is scanned and the reference with the broad ones; the others are proved at night
+BY_DAY = {"gyro.scale_asymmetry": (), "gyro.bias_step": pytest.mark.broad, "reference.accelerometer": pytest.mark.broad}
 DRIFT, ASYMMETRY = catalogue()["gyro.bias_drift"], catalogue()["gyro.scale_asymmetry"]
 
 
-def by_night(names, quick) -> list:
-    """Parameters, of which all but the quick ones are slow."""
-    return [pytest.param(name, marks=[pytest.mark.slow] * (name not in quick)) for name in names]
+def by_night(names, by_day) -> list:
+    """Parameters, of which all but some are slow."""
+    return [pytest.param(name, marks=by_day.get(name, pytest.mark.slow)) for name in names]
 
 
-@pytest.mark.parametrize("name", by_night(FITTED, QUICK))
+@pytest.mark.parametrize("name", by_night(FITTED, BY_DAY))
 def test_the_effects_that_are_fitted_pass(name):
     report = check(catalogue()[name])
     assert report.ok, str(report)
@@ -85,7 +84,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("part", by_night(PARTS, QUICK_BROKEN))
+@pytest.mark.parametrize("part", by_night(PARTS, {"undo": pytest.mark.broad}))
 def test_a_broken_effect_fails_just_its_part(part):
     report = check(BROKEN[part])
     assert report.failed == (part,), str(report)

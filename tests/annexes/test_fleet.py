@@ -106,6 +106,7 @@ def test_what_an_effect_does_not_tell_stays_untold():
     assert repr(weighed_of(cell_of({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
 
 
+@pytest.mark.broad
 def test_a_given_accelerometer_is_not_told(fleet, tmp_path):
     ran(fleet, tmp_path, FleetOptions(steps=("fit",), accelerometer="given"))
     for each in unit_results(tmp_path):
@@ -228,6 +229,7 @@ def test_failures_are_rows_with_their_line(spoilt, tmp_path):
     assert sorted(ran(spoilt, out, retry=True)[1]) == ["unit0", "unit1", "unit2"]
 
 
+@pytest.mark.broad
 def test_what_nobody_has_foreseen_fails_one_row(copied, tmp_path, monkeypatch):
     def breaks(session, *more, **how):
         if session.config.sensor.serial == "SIM-1":
@@ -253,6 +255,7 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
     assert asked(tmp_path / "out", "SELECT key IS NULL, error FROM folders") == [(0, None)]
 
 
+@pytest.mark.broad
 def test_an_array_is_a_row_that_says_what_it_is(copied, tmp_path):
     log = next((copied / "unit0").glob("log*"))
     for unit in (0, 1):

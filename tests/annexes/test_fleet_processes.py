@@ -54,6 +54,7 @@ def started_processes():
         pool.close()
 
 
+@pytest.mark.broad
 def test_two_processes_make_the_same_table_in_any_order(fleet, reference, tmp_path, started_processes):
     class Backwards(Processes):
         """Those that came first are handed out last."""
@@ -175,6 +176,7 @@ def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch
     assert "no Dask scheduler answers" in err.splitlines()[-1]
 
 
+@pytest.mark.broad
 def test_a_scheduler_that_has_gone_ends_the_run_in_one_line(fleet, tmp_path, run, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     monkeypatch.setattr("tinygc.annexes.lots.fleet_run.GONE_S", 0.1)

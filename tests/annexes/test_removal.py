@@ -142,29 +142,36 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
         assert (f"\n    {name}" in whole.stdout) == (annex not in annexes), (name, whole.stdout)
 
 
-def hold_main_job(folder: Path) -> None:
-    codes, printed, _ = run(folder, *MAIN_JOB)
-    assert codes == [0] * len(MAIN_JOB), printed
-    assert (folder / "data/session1/report.html").is_file()
+def hold_job(folder: Path, commands: tuple[list[str], ...]) -> None:
+    codes, printed, _ = run(folder, *commands)
+    assert codes == [0] * len(commands), printed
+    assert (folder / "data/session1/report.html").is_file() == (commands == MAIN_JOB)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("annex", FOLDERS)
 def test_what_an_annex_served_says_so(annex, tmp_path):
     hold_gone(without((annex,), tmp_path), (annex,))
 
 
-def test_the_main_job_runs_without_any_annex(tmp_path):
+def test_without_any_annex_each_says_so_and_a_session_is_fitted(tmp_path):
     folder = without(tuple(FOLDERS), tmp_path)
     hold_gone(folder, tuple(FOLDERS))
-    hold_main_job(folder)
+    hold_job(folder, MAIN_JOB[:2])
+
+
+@pytest.mark.broad
+def test_the_main_job_runs_without_any_annex(tmp_path):
+    hold_job(without(tuple(FOLDERS), tmp_path), MAIN_JOB)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("annex", FOLDERS)
 def test_the_main_job_runs_without_one(annex, tmp_path):
-    hold_main_job(without((annex,), tmp_path))
+    hold_job(without((annex,), tmp_path), MAIN_JOB)
 
 
+@pytest.mark.broad
 def test_no_annex_is_loaded_where_nobody_asks(tmp_path):
     """A fit and an explanation of one sensor on a table import no annex, though all are there."""
     shutil.copytree(ROOT / "data/session1", tmp_path / "s", ignore=shutil.ignore_patterns("fit", "explain", "report.html"))

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import processes
 import pytest
-from conftest import DEG, ROOT, SESSION_TOML, write_session
+from conftest import DEG, ROOT, SESSION_TOML, broad, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
 from recorded_files import numbers
 
@@ -172,7 +172,7 @@ def piped(tmp_path, data, *arguments):
     return processes.run(command, input=data, capture_output=True, cwd=tmp_path)
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("packed", [False, broad(True)])
 def test_a_stream_goes_in_and_comes_out(packed, folder, tmp_path):
     """Standard input can be read but once, and has no name that says gzip."""
     assert run(tmp_path, tmp_path / "denoised.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
@@ -250,6 +250,7 @@ def test_another_rate_than_the_denoisers_is_said(folder, tmp_path, capsys):
     assert "ms late" in said
 
 
+@pytest.mark.broad
 def test_memory_does_not_grow_with_the_log(tmp_path):
     """Four times the rows, the same peak of Python's own allocations within a few pieces."""
     import tracemalloc

@@ -155,6 +155,7 @@ def test_a_damaged_accelerometer_in_a_model_file_is_refused(entry, tmp_path, fol
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.broad
 def test_bare_and_given_give_one_force(tmp_path):
     """``data/session1`` with its own calibration, and without: the same force but for the frame."""
     forces = []

@@ -161,6 +161,7 @@ def wire():
         yield name, lambda data, file=master: threading.Thread(target=recording_wires.send, args=(file, data), daemon=True).start()
 
 
+@pytest.mark.broad
 def test_recorded_through_a_port_to_a_session(boards, wire, tmp_path):
     """Two turns of a simulated MPU-6050, by ``record``: the log has every sample, and session.toml knows the sensor."""
     options = SimulationOptions(segments=4, closure_s=0.0, odr_hz=104.0, odr_error=-0.03, sensor="MPU-6050", seed=4)

@@ -5,7 +5,7 @@ import threading
 
 import numpy as np
 import pytest
-from conftest import Table
+from conftest import Table, broad
 from guided_streams import guide_of
 from processes import PATIENCE_S
 from rich.console import Console
@@ -81,7 +81,7 @@ def samples():
     return TABLE.samples()
 
 
-@pytest.mark.parametrize("late_s", [0.1, 1.0, 1.9, 3.0])
+@pytest.mark.parametrize("late_s", [broad(0.1), 1.0, broad(1.9), 3.0])
 def test_advice_is_never_shown_for_another_still_than_its_own(samples, late_s):
     """At each moment, on the terminal and on the page: the advice for the present still, or none."""
     _, seen, coach, text = followed(samples, [8.0 + late_s, 16.0 + late_s, 24.0 + late_s])

@@ -9,6 +9,7 @@ import threading
 
 import numpy as np
 import pytest
+from conftest import broad
 from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started
 from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
@@ -41,7 +42,7 @@ def recorded_from(tmp_path, source=SOURCE, **settings):
     return board, recorder, events
 
 
-@pytest.mark.parametrize("frames", [True, False])
+@pytest.mark.parametrize("frames", [broad(True), False])
 def test_all_of_a_session_arrives_with_still_time_around_it(frames, tmp_path):
     board, recorder, events = recorded_from(tmp_path, frames=frames)
     t_us, registers = samples(events)

@@ -72,6 +72,7 @@ def test_what_is_so_already_is_not_asked_for():
     assert wire.asked == []
 
 
+@pytest.mark.broad
 def test_6667_hz_needs_a_faster_port():
     wire = Wire()
     board = BoardSetup(RequestedSettings(odr_hz=6667.0))

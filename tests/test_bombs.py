@@ -286,6 +286,7 @@ ALLOWED = {
 }
 
 
+@pytest.mark.broad
 def test_files_are_opened_for_reading_in_one_place_only():
     """Of all modules: no other ``open`` without a mode that writes, no ``read_text``, no parser that opens a file itself."""
     found = set()

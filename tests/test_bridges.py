@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, config, session_of
+from conftest import DEG, Table, broad, config, session_of
 
 from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
 from session.detect.check_samples import BRIDGED, check_bridges, with_bridges
@@ -49,7 +49,7 @@ def pulls_of_gaps(samples: Samples, count: int, seeds, number: int = 40) -> np.n
 
 
 @pytest.mark.parametrize("odr_hz", [52.0, 208.0])
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, broad(2), 3])
 def test_what_is_put_into_a_gap_is_off_by_as_much_as_is_said(count, odr_hz):
     samples = Table().tumble(24, seed=count).samples(odr_hz=odr_hz)
     pulls = pulls_of_gaps(samples, count, range(6), 40 if odr_hz > 100 else 20)
@@ -58,7 +58,7 @@ def test_what_is_put_into_a_gap_is_off_by_as_much_as_is_said(count, odr_hz):
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [broad(1), broad(2), 3])
 @pytest.mark.parametrize("name", ["xsens", "mikov/imu0", "mikov/imu2"])
 def test_so_it_is_in_real_recordings(shared, name, count):
     """A hand's movement has longer tails than a simulated one: more within one sigma, and a few far beyond."""
@@ -133,7 +133,7 @@ def spoilt(samples: Samples, count: int, seed: int) -> Samples:
     return without(samples, fast_rows(samples, 8, seed, 60.0), count)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [broad(1), broad(2), 3])
 def test_no_turn_is_lost_to_a_short_gap_and_each_is_said(count):
     whole = Table().tumble(16, seed=3).samples()
     problem = prepare(session_of(spoilt(whole, count, 5))).problem

@@ -94,6 +94,7 @@ def test_truncated_last_line_is_left_out_and_said(run, folder):
     assert code in (0, 1)
 
 
+@pytest.mark.broad
 def test_truncated_gzip_is_used_and_said(run, simulated, tmp_path):
     folder = tmp_path / "s"
     shutil.copytree(simulated(), folder)

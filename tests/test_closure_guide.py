@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, session_of
+from conftest import DEG, Table, broad, session_of
 from guided_streams import guide_of, play, said
 
 from session.bench.messages import Kind, Stage
@@ -137,7 +137,7 @@ def test_a_run_that_cannot_be_integrated_begins_again(fault):
     assert guide.stage is Stage.DONE
 
 
-@pytest.mark.parametrize("at_s", [13.0, 19.0, 30.0, 41.5])
+@pytest.mark.parametrize("at_s", [broad(13.0), 19.0, broad(30.0), broad(41.5)])
 def test_a_new_log_or_a_pause_at_any_moment_of_it(at_s):
     """On the way, in the first still, in the run, in the last still: what was accepted stays, and the run is made again."""
     whole = run(to_the_mark()).rest(4).samples()

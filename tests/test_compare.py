@@ -111,6 +111,7 @@ def run(folders, *names_and_options):
     return calibrate.main(["compare", *[str(folders / word) if not word.startswith("-") else word for word in names_and_options]])
 
 
+@pytest.mark.broad
 def test_command_says_whether_and_what(folders, capsys):
     assert run(folders, "monday", "tuesday", "--strict") == 0
     said = capsys.readouterr().out

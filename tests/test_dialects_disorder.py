@@ -110,6 +110,7 @@ def test_pieces_of_a_file_join_without_a_seam(tmp_path, monkeypatch):
 # The folder
 
 
+@pytest.mark.broad
 def test_no_damage_raises_anything_but_one_line(tmp_path):
     """Random damage to every dialect's file: a session, or one line and nothing left behind."""
     rng = np.random.default_rng(0)

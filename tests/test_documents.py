@@ -178,6 +178,7 @@ def test_the_python_and_the_c_that_apply_a_model_agree(in_a_fitted_checkout, tmp
         np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
 
 
+@pytest.mark.broad
 def test_what_the_pages_show_of_fit_is_what_fit_prints(monkeypatch, capsys, tmp_path):
     """The lines in the README and the whole screen in the tutorial, to the digit."""
     monkeypatch.chdir(ROOT)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import broad
 from explained_sessions import ASYMMETRY, FALSE_ROWS, G_SENSITIVITY, LAG_S, effect_of, make_explained, make_session, named, pulls
 
 from session.io.units import DEG, G
@@ -21,7 +22,7 @@ explained = pytest.fixture(make_explained, scope="module", name="explained")
 # Nothing
 
 
-@pytest.mark.parametrize("name", ["nothing", "nothing else"])
+@pytest.mark.parametrize("name", ["nothing", broad("nothing else")])
 def test_nothing_concealed_is_no_mismatch(explained, name):
     _, result = explained(name)
     assert result["verdict"] == "no_mismatch"

@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from conftest import broad
 from explained_sessions import FALSE_ROWS, make_explained, make_session
 
 from tinygc.effects import catalogue
@@ -42,8 +43,9 @@ MORE = {
 #: beside a p-value that underflows
 BOUND = {"p_value_is_upper_bound"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
-QUICK = ("nothing", "thermal_bias")
-EACH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in EVERY]
+EACH = [
+    name if name == "thermal_bias" else broad(name) if name == "nothing" else pytest.param(name, marks=pytest.mark.slow) for name in EVERY
+]
 
 
 @pytest.mark.parametrize("name", EACH)

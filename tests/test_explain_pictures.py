@@ -143,6 +143,7 @@ def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():
     assert variable_of(effect, matrix.ravel()).words == "gravity along y"
 
 
+@pytest.mark.broad
 def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explained):
     """Its place is taken by time, and the label says so."""
     effect = Effect(

@@ -76,6 +76,7 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
     assert max(len(finding.says), len(finding.do)) < 140
 
 
+@pytest.mark.broad
 def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
     session = read_session(folder)
     assert [finding for finding in tinygc.check(session) if finding.what == GRAVITY_SIGN] == []
@@ -148,6 +149,7 @@ def test_a_truth_whose_world_has_z_up_is_said_in_one_line(given):
     assert of(with_aligned_truth(right)[1], "truth's frame").level == "ok"
 
 
+@pytest.mark.broad
 def test_no_real_recording_is_said_to_be_upside_down(shared):
     tried = 0
     for name in ("xsens", "mikov/imu0", "concealed/case001", "concealed/case024"):

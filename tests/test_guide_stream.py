@@ -86,6 +86,7 @@ def test_single_lost_samples_do_not_change_the_rate():
     assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
 
 
+@pytest.mark.broad
 def test_a_long_rest_is_not_kept_in_memory():
     guide = guide_of()
     play(guide, Table().rest(200).turn(120, (1, 0, 0), 3).rest(3).samples(), 2000)

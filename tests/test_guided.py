@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import Table, config
+from conftest import Table, broad, config
 from processes import PATIENCE_S
 
 from session.bench.events import Info, SampleChunk, Trouble
@@ -100,7 +100,7 @@ def test_a_session_from_its_events():
     assert not said.texts(Kind.WARNING)
 
 
-@pytest.mark.parametrize("at", [1, 4, 9, 14, 19, 25, 33])
+@pytest.mark.parametrize("at", [1, broad(4), broad(9), 14, broad(19), 25, broad(33)])
 def test_pulled_and_reset_anywhere(at):
     """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
     for steps in ([pulled, plugged], [Trouble("reset"), INFO]):

@@ -192,6 +192,7 @@ def test_three_whole_circles_show_the_scale_factors_and_no_more():
     assert np.abs(found.model.E[off]).max() < 2e-3
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("stop_deg", [0.02, 0.3])
 def test_sigmas_hold(stop_deg):
     """Over 60 sessions of 10 turns of which 5 have a stop: 68 % within one sigma, chi-square as it should be."""

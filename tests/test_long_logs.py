@@ -64,6 +64,7 @@ def test_a_log_is_read_and_kept_in_as_many_bytes_as_it_has_registers(folder):
     assert peak < READING
 
 
+@pytest.mark.broad
 def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch):
     """24 bytes a row would be one copy of one triad; all that is held is columns and parts."""
     monkeypatch.setattr(readings, "TOGETHER", 4096)
@@ -75,6 +76,7 @@ def test_the_first_look_holds_no_float_copy_of_a_whole_log(session, monkeypatch)
     assert peak < LOOKING
 
 
+@pytest.mark.broad
 def test_the_first_look_says_the_same_in_small_parts(session, monkeypatch):
     whole = [str(finding) for finding in check_session(session)]
     monkeypatch.setattr(readings, "TOGETHER", 1000)

@@ -39,12 +39,14 @@ def test_a_method_alone_that_cannot_run_is_refused_in_one_line(slow, run, tmp_pa
     assert "Traceback" not in err
 
 
+@pytest.mark.broad
 def test_the_report_names_the_method_that_cannot_run(slow, run):
     code, _, err = run("report", slow, "--no-explain", "--methods", ",".join(METHODS))
     assert code in (0, 1), err
     assert "TinyGC-Net, denoised: its window of 49 samples" in (slow / "report.html").read_text()
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", ["Long", "Short"])
 def test_the_rockets_board_at_20_hz_is_fitted_with_all_methods(shared, tmp_path, name):
     source = shared / "wild" / "sundevil" / "rev2" / f"IMU_Rev2_Data_{name}.txt"

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import SESSION_TOML
+from conftest import SESSION_TOML, broad
 from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, TEMP, make, rows, same, triads
 
 from session.io.errors import FormatError
@@ -35,6 +35,7 @@ def test_the_rows_of_one_kind_are_picked_and_their_header_is_found(tmp_path):
     assert any(f"{700 + 1 + len(T_US)} rows of other kinds or sensors: left out" in note for note in made.notes)  # 1: the last format
 
 
+@pytest.mark.broad
 def test_one_sensor_of_two_is_picked(tmp_path):
     with pytest.raises(FormatError, match="the column 'I' holds 0, 1: rows of several sensors; give --where I=0"):
         make(tmp_path, ardupilot(2), rows="IMU", sensor="ICM-20948")
@@ -49,12 +50,12 @@ COLUMNS = "t_us=2,gx_rps=4,gy_rps=5,gz_rps=6,ax_mps2=7,ay_mps2=8,az_mps2=9"
 @pytest.mark.parametrize(
     ("text", "answers", "advice"),
     [
-        (ardupilot(), {}, "rows of several kinds .*IMU.*ATT.*; give --rows IMU"),
+        broad(ardupilot(), {}, "rows of several kinds .*IMU.*ATT.*; give --rows IMU"),
         (ardupilot(parameters=0), {}, "give --rows IMU"),
-        (ardupilot(), {"columns": COLUMNS}, "rows of several kinds .*; give --rows"),
+        broad(ardupilot(), {"columns": COLUMNS}, "rows of several kinds .*; give --rows"),
         (ardupilot(), {"rows": "GPS"}, "no row begins with 'GPS'"),
         (ardupilot(2), {"rows": "IMU", "where": "J=0"}, "no column 'J'"),
-        (ardupilot(2), {"rows": "IMU", "where": "I"}, "expected NAME=VALUE"),
+        broad(ardupilot(2), {"rows": "IMU", "where": "I"}, "expected NAME=VALUE"),
     ],
 )
 def test_a_log_of_several_kinds_is_refused_with_the_option(text, answers, advice, tmp_path):

@@ -167,6 +167,7 @@ def test_a_nominal_rate_is_at_best_not_decided(fitted):
     assert fitted.nominal_rate.doubt in decision.doubts
 
 
+@pytest.mark.broad
 def test_fit_and_report_say_that_the_rate_is_nominal(counted, run):
     _, said, _ = run("fit", counted, "--methods", "least_squares")
     assert "nominal, not measured" in " ".join(said.split())

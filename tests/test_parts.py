@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from conftest import broad
 from test_training import MODEL, recording, rms
 
 from tinygc import closure
@@ -55,7 +56,7 @@ def test_carried_errors_add_up_to_first_order():
     np.testing.assert_allclose(moved, design @ small, atol=2e-2 * np.abs(moved).max())
 
 
-@pytest.mark.parametrize("m", [2, 8])
+@pytest.mark.parametrize("m", [broad(2), 8])
 def test_training_on_sequences_finds_the_same_sensor(m):
     batch, sigma = recording(0)
     fresh, _ = recording(1, turns_seed=12)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import broad
 
 import calibrate
 import tinygc
@@ -52,7 +53,7 @@ def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     assert [proposal.now for proposal in proposals] == sorted((proposal.now for proposal in proposals), reverse=True)
 
 
-@pytest.mark.parametrize("number", ["nonorthogonality xy", "nonorthogonality yz", "scale z", "bias x"])
+@pytest.mark.parametrize("number", ["nonorthogonality xy", broad("nonorthogonality yz"), broad("scale z"), "bias x"])
 def test_what_the_accelerometer_lacks_is_asked_for(short, number):
     """A number that is known badly is the first that a turn is proposed for, and the turn's ends tell it."""
     problem = build_problem(with_own_accelerometer(read_session(short))[0])

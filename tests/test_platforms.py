@@ -68,6 +68,7 @@ print(hasattr(os, "pread"), hasattr(signal, "SIGHUP"))
     assert hidden(code).stdout.split() == ["termios", "fcntl", "pty", "False", "False"]
 
 
+@pytest.mark.broad
 def test_every_module_but_the_boards_terminal_can_be_imported():
     code = """
 import importlib, pathlib

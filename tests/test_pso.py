@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Turns
+from conftest import Turns, broad
 
 from session.io.units import DEG
 from tinygc import closure, read_session
@@ -136,7 +136,7 @@ def test_segments_gathered_in_one_form_cost_what_each_does(batch):
     assert missed[1].max() < 1e-5
 
 
-@pytest.mark.parametrize("scale", [1.0, 1.1, 0.8])
+@pytest.mark.parametrize("scale", [broad(1.0), 1.1, broad(0.8)])
 def test_the_swarm_goes_on_where_its_first_look_was_too_coarse(scale):
     """Sensors that are wrong by ten and twenty percent, which is outside of the box: the true model comes back all the same."""
     true = LinearModel(scale * np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.01, -0.02, 0.005]))

@@ -78,6 +78,7 @@ def test_a_table_that_does_vibrate_is_still_asked_for(good):
     assert "quantisation" not in {each.what for each in findings}
 
 
+@pytest.mark.broad
 def test_no_real_recording_is_quantised(shared):
     found = [shared / name for name in ("xsens", "mikov/imu0", "mikov/imu2", "mikov/imu4") if (shared / name / "session.toml").exists()]
     if not found:

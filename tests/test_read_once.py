@@ -4,6 +4,7 @@ import sys
 from collections import Counter
 
 import pytest
+from conftest import broad
 
 from session.detect import stills, truth_segments
 from session.detect.first_look import check_session
@@ -41,8 +42,8 @@ def calls(monkeypatch):
     [
         (lambda folder: fit_session(folder, OPTIONS), 2),
         (lambda folder: explain_session(folder), 2),
-        (lambda folder: gather(folder, OPTIONS), 2),
-        (lambda folder: gather(folder, FitOptions(methods=("least_squares",), folds=2, exclude=(1,))), 2),
+        broad(lambda folder: gather(folder, OPTIONS), 2),
+        broad(lambda folder: gather(folder, FitOptions(methods=("least_squares",), folds=2, exclude=(1,))), 2),
         (lambda folder: propose(folder), 1),
     ],
     ids=["fit", "explain", "report", "report without a segment", "plan"],

@@ -26,6 +26,7 @@ def test_the_devices_clock_is_compared_with_the_hosts():
     assert clock.device_seconds_per_second == pytest.approx(1.003, abs=1e-4)
 
 
+@pytest.mark.broad
 def test_a_day_of_arrivals_is_compared_in_bounded_memory():
     """30 ppm slow, arrivals late by 20 ms as the exponential has it; each of all that is kept is the least late of its stretch."""
     rng, clock = np.random.default_rng(1), ClockComparison()

@@ -8,6 +8,7 @@ import termios
 
 import pytest
 import serial
+from conftest import broad
 from processes import PATIENCE_S, until
 from recording_wires import make_wire, replayed
 from streams import frame_list, sent
@@ -52,8 +53,8 @@ def test_a_pulled_cable_and_the_next_connection(tmp_path, monkeypatch):
     ("error", "says"),
     [
         (OSError(errno.EIO, "x"), "Input/output error"),
-        (serial.SerialException("device reports readiness"), "device reports readiness"),
-        (termios.error(errno.EIO, "Input/output error"), "Input/output error"),
+        broad(serial.SerialException("device reports readiness"), "device reports readiness"),
+        broad(termios.error(errno.EIO, "Input/output error"), "Input/output error"),
     ],
 )
 def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypatch):
@@ -215,6 +216,7 @@ def test_a_link_that_a_killed_board_left_is_not_followed(usual, wire, tmp_path, 
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.broad
 def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, monkeypatch):
     """The name is tried again and again, and not followed before a board holds its lock."""
     terminal = Terminal(tmp_path / "port")

@@ -109,6 +109,7 @@ def test_the_decision_reckons_with_the_accelerometer(found, limit, answer, words
     assert any(words in doubt for doubt in decision.doubts) if words else not decision.doubts
 
 
+@pytest.mark.broad
 def test_a_report_of_a_given_one_says_that_it_holds(simulated, tmp_path):
     out, table = tmp_path / "r.html", tmp_path / "r.json"
     options = ("--methods", "raw,least_squares", "--no-explain", "--folds", "2", "--quiet")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import broad
 from explained_sessions import make_explained, make_session
 
 from tinygc.explanation.result import HEADING, channel_rms, residual_table
@@ -34,7 +35,7 @@ def in_report(e) -> list[list[str]]:
     return [[unescape(cell) for cell in row if cell] for row in rows]
 
 
-@pytest.mark.parametrize("name", ["g_sensitivity", "nothing"])
+@pytest.mark.parametrize("name", ["g_sensitivity", broad("nothing")])
 def test_the_report_shows_what_explain_shows(explained, name):
     e, _ = explained(name)
     assert on_terminal(e) == in_report(e)

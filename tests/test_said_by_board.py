@@ -60,6 +60,7 @@ def is_read_or_refused(info: Info, physical: bool) -> bool:
         return True
 
 
+@pytest.mark.broad
 @SETTINGS
 @given(infos, st.booleans())
 def test_whatever_a_board_says_is_read_again_or_refused(info, physical):

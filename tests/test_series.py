@@ -117,6 +117,7 @@ def test_two_numbers_never_share_a_folder(tmp_path):
     assert row.place("series.json")[0].name == "series.json_2"
 
 
+@pytest.mark.broad
 def test_the_same_board_is_the_next_only_after_it_was_away(tmp_path):
     """A pseudo-terminal that says the last one's number, is away, and says it again."""
     pty = pytest.importorskip("pty")

@@ -202,6 +202,7 @@ def test_the_saved_model_for_any_time_knows_how_well_it_is_known(fitted):
     assert run["physics"]["rmse_deg"] < 0.3 * run["least_squares"]["rmse_deg"]
 
 
+@pytest.mark.broad
 def test_another_fit_leaves_no_stale_model(fitted, tmp_path):
     folder, _, _ = fitted
     out = tmp_path / "fit"

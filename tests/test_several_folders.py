@@ -67,6 +67,7 @@ def test_each_has_a_place_of_its_own(run, three, tmp_path):
     refused(run("report", three / "a", three / "c", "--out", tmp_path / "r.html"), "leave --out out")
 
 
+@pytest.mark.broad
 def test_reports_of_several(run, three, tmp_path):
     words = (three / "a", three / "c", "--no-explain", *QUICK, "--json", tmp_path / "reports.json")
     code, out, err = run("report", *words, "--quiet")

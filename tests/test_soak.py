@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import broad
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 import soak
@@ -25,7 +26,7 @@ def test_twenty_rounds_lose_no_more_than_a_read_in_hand(tmp_path):
     assert "0 different, 0 shorter than before" in table[-1][-1]
 
 
-@pytest.mark.parametrize("form", ["frames", "text"])
+@pytest.mark.parametrize("form", ["frames", broad("text")])
 def test_two_simulated_minutes_lose_nothing(form, tmp_path):
     """``day`` itself asserts that every byte was kept and every sample decoded as it was sent."""
     rows = dict(day(form, 1 / 30, 1, tmp_path))

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import broad
 from processes import until
 from recording_wires import caught_up, make_wire, replayed
 from streams import INFO, frame_list, sent
@@ -57,7 +58,7 @@ def lead(recorder: Recorder, asked_before_stop: int) -> int:
     return asked
 
 
-@pytest.mark.parametrize("name", ["frames", "a zero behind each line", "a reset every 4 frames", "comments"])
+@pytest.mark.parametrize("name", ["frames", broad("a zero behind each line"), broad("a reset every 4 frames"), broad("comments")])
 def test_a_recording_that_is_resumed_is_caught_up_in_slices(name, wire, tmp_path):
     """Between two it is asked whether to stop; stopped, it leaves logs that the next time only grow."""
     data = frames_of(20_000) if name == "frames" else ADVERSARIAL[name](500_000, 1)

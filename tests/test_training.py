@@ -94,6 +94,7 @@ def test_an_asymmetry_of_scale_is_learnt_and_least_squares_cannot():
         assert half_difference == pytest.approx(-0.003, abs=0.0015)
 
 
+@pytest.mark.broad
 def test_an_asymmetry_on_aligned_axes_is_learnt_to_the_noise():
     """W2 bends along its own columns, which hold the misalignment, too: only where that is nil can 27 weights undo it wholly."""
     aligned = LinearModel(np.diag(np.diag(MODEL.E)), MODEL.B)
@@ -126,6 +127,7 @@ def test_a_free_net_does_extrapolate_badly():
     assert np.mean(ratios) > 1.1
 
 
+@pytest.mark.broad
 def test_same_data_same_numbers():
     batch, sigma = recording(3)
     first, second = train_second_order(batch, sigma), train_second_order(batch, sigma)

@@ -103,6 +103,7 @@ def test_physics_beside_a_truth_is_fitted_and_saved(tmp_path):
     assert told["truth"]["offset_used_s"] == pytest.approx(-0.004, abs=0.0008)
 
 
+@pytest.mark.broad
 def test_physics_by_name_has_the_clock_beside_a_delay_and_a_still_effect_is_one_line(tmp_path, capsys):
     found = fit_physics(prepare(made(Wrong(delays_s=(0.003, 0, 0), late_s=0.004))[0]).problem, ("timing.axis_skew",))
     assert [claim.effect.id for claim in found.model.claims] == ["timing.axis_skew"]

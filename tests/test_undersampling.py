@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, config, session_of
+from conftest import DEG, Table, broad, config, session_of
 from looks import G, look, of
 
 from session.detect.check_time import check_undersampling, missed_of_turns
@@ -185,7 +185,7 @@ def test_a_session_of_smooth_turns_is_left_in_peace():
     assert line.level == "ok"
 
 
-@pytest.mark.parametrize("name", ["xsens", "concealed/case016", "concealed/case020", "injected/case06"])
+@pytest.mark.parametrize("name", [broad("xsens"), broad("concealed/case016"), broad("concealed/case020"), "injected/case06"])
 def test_recordings_whose_motion_is_slow_enough_are_left_in_peace(shared, name):
     """Vibration, false readings and lost samples among them."""
     if not (shared / name).exists():

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import DEG, Table
+from conftest import DEG, Table, broad
 from guided_streams import guide_of, play
 from rich.console import Console
 from test_page_state import Kept, Silent
@@ -52,7 +52,7 @@ def told(t_s, temps, stills, left) -> list:
     return said
 
 
-@pytest.mark.parametrize(("to_come_c", "settles_s"), [(8.0, 150.0), (6.0, 300.0), (10.0, 90.0), (-7.0, 200.0)])
+@pytest.mark.parametrize(("to_come_c", "settles_s"), [(8.0, 150.0), broad(6.0, 300.0), broad(10.0, 90.0), (-7.0, 200.0)])
 def test_how_the_temperature_settles_is_seen_in_its_last_minutes(to_come_c, settles_s):
     t_s = np.arange(0, 120, 2.0)
     found = settling(np.stack([t_s, warm_up(to_come_c, settles_s, t_s)], axis=1))
@@ -62,7 +62,7 @@ def test_how_the_temperature_settles_is_seen_in_its_last_minutes(to_come_c, sett
     assert found.at(np.array([0.0]))[0] == pytest.approx(25 + to_come_c - left_c, abs=0.02)
 
 
-@pytest.mark.parametrize("settles_s", [90.0, 150.0, 240.0])
+@pytest.mark.parametrize("settles_s", [broad(90.0), 150.0, broad(240.0)])
 def test_it_says_how_long_to_wait_and_is_silent_after_so_long(settles_s):
     """From 30 s on: the minutes are those after which the true warm-up drifts by less than the bar.  Then it says nothing any more."""
     t_s = np.arange(0, 700, 2.0)
@@ -109,7 +109,7 @@ def test_what_a_degree_does_is_taken_from_the_stills():
     assert told(t_s, temps, stills_of(np.linspace(29, 33, 15), per_c=0.0), 40)[-1] is None
 
 
-@pytest.mark.parametrize("c_per_min", [0.0, 0.25, -0.5, 1.0])
+@pytest.mark.parametrize("c_per_min", [broad(0.0), 0.25, broad(-0.5), 1.0])
 def test_a_room_that_warms_steadily_is_not_waited_for(c_per_min):
     """However long: waiting would gain nothing.  It was said for ever when the slope alone was looked at."""
     t_s = np.arange(0, 900, 2.0)

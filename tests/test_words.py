@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from commandline import spoil
 from scipy.spatial.transform import Rotation
 
@@ -96,6 +97,7 @@ def numbers(line: str) -> list[float]:
     return [float(word) for word in re.findall(r"(-?\d+(?:\.\d+)?) ±", line)]
 
 
+@pytest.mark.broad
 def test_fit_report_compare_and_truth_have_one_sign(run, folder, tmp_path):
     """The unit of the simulation reads ω as M ω + b: every command that people read says these, and the files hold what undoes them."""
     code, out, _ = run("fit", folder, "--methods", "least_squares", "--verbose")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import SESSION_TOML, Table, write_session
+from conftest import SESSION_TOML, Table, broad, write_session
 from looks import serious
 
 from session.detect.first_look import check_folder, check_session
@@ -62,12 +62,12 @@ def nothing(angles):
     ("spoil", "rows"),
     [
         (nothing, []),
-        (typo(4, 0), [4]),
+        broad(typo(4, 0), [4]),
         (typo(4, 1, 10.0), [4]),
         (typo(4, 2), [4]),
-        (typo(9, 2, 2.0), [9]),
-        (typo(0, 2), [0]),
-        (typo(TURNS, 2, -90.0), [TURNS]),
+        broad(typo(9, 2, 2.0), [9]),
+        broad(typo(0, 2), [0]),
+        broad(typo(TURNS, 2, -90.0), [TURNS]),
         (twice, [6]),
         (exchanged, [6, 7]),
     ],
@@ -94,7 +94,7 @@ def test_many_wrong_rows_are_another_convention_and_stay(dialled):
     assert ("dials against gravity", "warning") in serious(looked)
 
 
-@pytest.mark.parametrize("turn", [0, 6, TURNS - 1])
+@pytest.mark.parametrize("turn", [broad(0), 6, broad(TURNS - 1)])
 @pytest.mark.parametrize("part", [1.0, 0.6])
 def test_a_turn_without_its_movement_is_named_and_left_out(turn, part, plan, tmp_path):
     """Rows of the turn, all or from its middle, are gone, and the stamps have closed up."""

@@ -72,6 +72,7 @@ def test_stamps_less_their_ages_bring_the_units_together(found):
     assert moved.max() <= 0
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("delayed", [False, True])
 def test_nothing_is_claimed_where_no_reading_waits(body, delayed):
     """24 units, whose filters' delays may differ: a false claim has a chance of one in a thousand each."""
@@ -120,6 +121,7 @@ def test_all_eight_units_of_mimu_beat_and_the_beats_come_back(shared, tmp_path):
         assert after < 0.10  # degrees
 
 
+@pytest.mark.broad
 def test_mikov_has_no_beat(shared, tmp_path):
     public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
     array = read_array(tmp_path / "mikov")

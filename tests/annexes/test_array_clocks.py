@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from array_twins import DEG, Body, Unit, any_unit, array_of, samples_of
+from conftest import broad
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -81,7 +82,7 @@ def test_the_rough_clock_needs_no_mounting(body):
     assert abs(rough.rate - rate) < 0.005
 
 
-@pytest.mark.parametrize("turned", ["not at all", "a quarter", "upside down", "any"])
+@pytest.mark.parametrize("turned", ["not at all", broad("a quarter"), broad("upside down"), "any"])
 def test_a_mounting_is_recovered_within_its_covariance(body, turned):
     vectors = {"not at all": [0, 0, 0], "a quarter": [0, 0, 90], "upside down": [180, 0, 0], "any": [60, -110, 35]}
     rotation = Rotation.from_rotvec(np.array(vectors[turned]) * DEG)
@@ -181,6 +182,7 @@ def test_a_register_that_sticks_is_no_measurement(body):
     assert np.count_nonzero(~good) < 60
 
 
+@pytest.mark.broad
 def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
     """The map between rates about axes that nothing turned about is noise: no mirror is read in it, and no mounting."""
     clocks = []
@@ -220,6 +222,7 @@ def test_one_clock_runs_through_all_logs(body):
         clock_fits(in_two_logs(array, 3.0))
 
 
+@pytest.mark.broad
 def test_the_clocks_of_mikov(shared, tmp_path):
     """Unit 2's clock is slow by 0.220 %, as a separate analysis has it; the three pairs agree."""
     public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])

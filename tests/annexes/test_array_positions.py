@@ -44,6 +44,7 @@ def test_nor_does_a_delay_between_two_accelerometers():
     np.testing.assert_allclose(found, TRUTH_M, atol=1e-3)
 
 
+@pytest.mark.broad
 def test_the_sigmas_hold_with_noise():
     """So much that it counts more than the half per cent that is stated for filters."""
     z = []

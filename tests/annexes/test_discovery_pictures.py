@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import broad
 from discovery_answers import LAWS, found, hidden, law_of, runner_up
 
 from session.io.units import DEG
@@ -32,7 +33,7 @@ def test_terms_that_one_axis_has_from_one_component_are_one_series():
     assert [each.axis for each in series_of(WARMER)] == [0, 1, 2]
 
 
-@pytest.mark.parametrize("of", [of_stills, of_turns])
+@pytest.mark.parametrize("of", [broad(of_stills), of_turns])
 def test_the_remainder_is_the_law_and_noise(warm, of):
     e, _, (pair,) = warm
     for series, dps in zip(series_of(pair.law.form), LAWS["warm"][1], strict=True):
@@ -91,7 +92,7 @@ def test_the_page_of_a_law_and_its_runner_up(warm, tmp_path):
     assert (tmp_path / "discover.png").stat().st_size > 20_000
 
 
-@pytest.mark.parametrize("name", ["matrix", "warm rate", "lag"])
+@pytest.mark.parametrize("name", ["matrix", broad("warm rate"), "lag"])
 def test_laws_of_every_kind_have_a_page(warm, name):
     """Matrices show their strongest entries; laws of two quantities one axis, in colours; laws with a memory what they say."""
     pytest.importorskip("matplotlib")
@@ -108,6 +109,7 @@ def test_laws_of_every_kind_have_a_page(warm, name):
     assert panels[0].get_xlabel().startswith(begins[name])
 
 
+@pytest.mark.broad
 def test_the_edges_of_a_dead_zone_are_drawn_and_said_once(tmp_path):
     e = explain_session(hidden("dead zone", tmp_path / "zone"))
     figure = figure_of(e, answer := found(law_of(*LAWS["dead zone"])), pairs_of(e, answer))

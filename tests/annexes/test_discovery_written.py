@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import broad
 from discovery_answers import LAWS, law_of
 
 from session.io.units import DEG
@@ -82,7 +83,7 @@ def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_beg
     assert ("T₀ = 25 °C" in effect.equation) if "warm" in name else ("ω / (500 dps)" in effect.equation)
 
 
-@pytest.mark.parametrize("full_scale", [125.0, 2000.0])
+@pytest.mark.parametrize("full_scale", [125.0, broad(2000.0)])
 def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_found(full_scale, tmp_path):
     """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""
     form = LawForm((Factor("rate", "dead_zone", 0.3), Factor("temperature", "hinge", 4.0)))

@@ -84,6 +84,7 @@ def test_the_proof_fails_three_that_are_broken(name, known):
     assert report.failed == (BROKEN_PART[name],), str(report)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", all_but("gyro.shock_recovery"))
 def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strangers, run, tmp_path):
     injected, effect = made(name), known[name]

@@ -161,6 +161,7 @@ def test_euroc_refuses(tmp_path, capsys):
     refused(capsys, ["euroc", tmp_path], "euroc_V2_01_easy.npz")
 
 
+@pytest.mark.broad
 def test_damaged_archives_are_refused_whatever_is_damaged(tmp_path, capsys):
     """Found by fuzzing: each byte of an archive's heads in turn; NumPy and zipfile raise a dozen kinds of errors."""
     path, good = tmp_path / "euroc_V1_01_easy.npz", io.BytesIO()

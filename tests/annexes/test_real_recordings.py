@@ -117,6 +117,7 @@ def test_what_is_printed_is_the_page_s_table():
     assert printed.startswith(table[: table.index("| injected/case01")] + "| injected/none |")
 
 
+@pytest.mark.broad
 def test_a_recording_beside_a_truth_file_is_explained_against_it(tmp_path):
     """A short simulated session, its truth written beside it."""
     folder = write(tmp_path / "session")

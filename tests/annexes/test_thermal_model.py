@@ -142,6 +142,7 @@ def test_c_is_bit_for_bit_numpy_and_close_to_the_model(model, tmp_path):
     assert np.abs(there - expected).max() < 5e-6
 
 
+@pytest.mark.broad
 def test_c_holds_a_lag_that_single_precision_alone_would_lose():
     """Ten minutes of lag at 416 Hz: a step of the state is 4e-6 of what is left, below a float's resolution at 60 °C for the last tenth."""
     slow = replace(ZERO_ONLY, lag_s=np.full(3, 600.0))

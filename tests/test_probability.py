@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import linalg, stats
+from scipy import stats
 
-from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.closure.uncertainty import chi_square_above, normal_above, signed_ranks_above
 from tinygc.noise.whitening import Sparse
 
@@ -38,22 +37,6 @@ def test_signed_ranks_with_ties_and_zeros(count):
 
 def test_no_difference_at_all_is_no_sign_of_any():
     assert signed_ranks_above(np.zeros(7)) == 1.0
-
-
-@pytest.mark.parametrize("count", [1, 48, 49, 200])
-def test_lower_systems_of_rows_of_any_unit(count):
-    """Each element as exactly as substitution gives it: rows differ by ten powers of ten."""
-    rng = np.random.default_rng(count)
-    factor = np.tril(rng.normal(size=(count, count))) / np.sqrt(count) + np.eye(count)
-    factor *= 10.0 ** rng.uniform(-5, 5, (count, 1))
-    right = rng.normal(size=(count, 3))
-    expected = linalg.solve_triangular(factor, right, lower=True)
-    np.testing.assert_allclose(solve_lower(factor, right), expected, rtol=1e-8)
-    np.testing.assert_allclose(solve_lower(factor, right[:, 0]), expected[:, 0], rtol=1e-8)
-    np.testing.assert_allclose(solve_lower(np.stack([factor, 2 * factor]), np.stack([right, right])), [expected, expected / 2], rtol=1e-8)
-    inverse = inverse_lower(factor)
-    assert not np.triu(inverse, 1).any()
-    np.testing.assert_allclose(inverse @ factor, np.eye(count), atol=1e-8)
 
 
 def test_a_sparse_matrix_is_the_dense_one():

@@ -219,7 +219,7 @@ def fit_least_squares(
     else:
         # The direction that still moves, in sigmas of the prior: a weak one is not bound by the data, a strong one torn by its turns.
         restless = int(np.argmax(np.abs(right[:rank] @ np.linalg.solve(root, change))))
-        loose = _combination(right[restless]) if strength[restless] < WEAK else ""
+        loose = combination(right[restless]) if strength[restless] < WEAK else ""
         off = np.linalg.norm(_rows(batch, start.vector, integrator, None).angles, axis=1)
         turned = np.sum(np.linalg.norm(start(batch.rate[:, 1:]), axis=2) * batch.dt, axis=1)
         raise NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
@@ -269,7 +269,7 @@ def naming_segments(segments: Sequence[Segment]) -> Iterator[None]:
         raise FitError(error.words([f"segment {s.number} at {s.start_s:.0f} s" for s in segments])) from None
 
 
-def _combination(direction: np.ndarray) -> str:
+def combination(direction: np.ndarray) -> str:
     """Name the parameters in a direction (12,), in units of the prior."""
     sizes = direction / np.abs(direction).max()
     parts = [(name, size) for name, size in zip(linear.NAMES, sizes, strict=True) if abs(size) > HALF]

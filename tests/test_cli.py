@@ -31,6 +31,7 @@ def test_an_encoding_without_our_signs_is_no_error(folder):
     assert done.stdout.isascii()
 
 
+@pytest.mark.broad
 def test_json_in_an_encoding_without_our_signs_loses_none(folder):
     spoilt = folder / "session.toml"
     spoilt.write_text(spoilt.read_text() + "é = 1\n", encoding="utf-8")  # broken TOML, quoted in the finding

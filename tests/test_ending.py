@@ -190,7 +190,7 @@ def _ask_three_times(numbers):
     assert [signal.getsignal(number) for number in numbers] == before
 
 
-@pytest.mark.parametrize("how", ["", broad("SIGINT")], ids=["noticed", "ended before it is noticed"])
+@pytest.mark.parametrize("how", [broad(""), broad("SIGINT")], ids=["noticed", "ended before it is noticed"])
 def test_a_folder_that_is_removed_under_a_recording(how, wire, other_wire, tmp_path):
     """It is said, nobody says that everything is kept, and the recording goes on where it is saved, with its session.toml."""
     folder = tmp_path / "s"

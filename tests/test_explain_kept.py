@@ -59,6 +59,7 @@ def test_a_hypothesis_keeps_no_array_of_samples_and_none_of_all_pairs_of_rows(ev
     assert h.fit.J.size < min(len(h.fit.r) ** 2, sum(len(movement.rate) for movement in evidence.twin.movements))
 
 
+@pytest.mark.broad
 def test_a_factor_that_was_let_go_is_made_again_to_the_same_digits(evidence):
     first = evidence.of((catalogue()[WEIGHED[0]],), evidence.nothing)
     held = first.whiten
@@ -102,6 +103,7 @@ def test_a_day_is_searched_for_as_many_lines_as_there_is_time_for(twin_of):
     assert lines_end_hz(day_of(46_800, 225.0, 41)) is None
 
 
+@pytest.mark.broad
 def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_once(twin_of, monkeypatch):
     evidence = Evidence(twin_of(None)[0])
     line = search._lines(line_frequencies(evidence.twin))[20]

@@ -71,6 +71,7 @@ def test_a_false_reading_is_drawn_with_its_bridge(explained):
     assert every[:, 1] == pytest.approx(2600 * 17.5e-3, abs=1.0)
 
 
+@pytest.mark.broad
 def test_gravitys_misfit_is_least_at_the_offset(explained):
     explanation, _ = explained("gyro_accel_offset")
     curve = drawn(explanation, 0).lines[0].get_xydata()

@@ -116,6 +116,7 @@ def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path)
         assert (tmp_path / name / "explain.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+@pytest.mark.broad
 def test_wrong_moments_are_found_and_left_out(tmp_path):
     e = explain_truth(write(tmp_path, jumps=(20.3, 40.3)))
     assert sorted(round(at) for _, at in e.jumps) == [20, 40]

@@ -45,6 +45,7 @@ def test_a_latitude_of_the_wrong_sign_is_said(session, tmp_path):
     assert "site.latitude_deg" in result["next"]
 
 
+@pytest.mark.broad
 def test_a_heading_that_the_stills_contradict_is_a_warning(session, tmp_path):
     folder = shutil.copytree(session("nothing"), tmp_path / "turned")
     path = folder / "session.toml"

@@ -154,6 +154,7 @@ def test_fit_and_every_file_that_it_leaves(folder):
     assert kinds == {"linear", "tinygc", "tinygc_denoised", "tinygc_conditions", "physics", "tinygc_physics"}
 
 
+@pytest.mark.broad
 def test_the_other_nets_and_a_bias_for_each_log(folder, tmp_path):
     words = ("--methods", "raw,raw_bias_removed,tinygc", "--variant", "published", "--still-rates", "--bias-per-log", "--folds", 2)
     table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
@@ -200,6 +201,7 @@ def test_explain_against_a_truth_file(with_truth, tmp_path):
     assert table["truth"]["wrong_moments"]
 
 
+@pytest.mark.broad
 def test_report(folder, tmp_path):
     words = ("--no-explain", "--methods", "least_squares", "--folds", 2, "--out", tmp_path / "report.html", "--limit", 1)
     table = told("report", folder, *words, tmp_path / "x.json")
@@ -231,6 +233,7 @@ def test_exports(form, folder, tmp_path):
     assert names <= set(CODE.findall(section("`tinygc-export/2`")))
 
 
+@pytest.mark.broad
 def test_compare(folder, missing_physics, tmp_path):
     told("fit", missing_physics, "--methods", "least_squares", "--folds", 2, tmp_path / "x.json")
     table = told("compare", folder, missing_physics, tmp_path / "x.json")

@@ -124,6 +124,7 @@ def test_the_vertical_rate_is_the_earths_within_its_sigma(folder):
     assert vertical_rate(one, rates.rate, rates.sigma) is None  # in one attitude it is a bias
 
 
+@pytest.mark.broad
 def test_dials_tell_it_at_once(folder, tmp_path):
     session = read_session(with_dials(folder, build_problem(read_session(folder)), tmp_path))
     assert of(check_session(session), "dials against gravity").level == "ok"

@@ -246,6 +246,7 @@ def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
         tinygc.Session.from_arrays([0.0, 0.01, 0.02], np.zeros((3, 3)), np.zeros((3, 3)), **settings)
 
 
+@pytest.mark.broad
 def test_an_explanation_of_arrays_wants_a_folder(tmp_path):
     why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, seed=4).session)
     assert {"noise.bias_wander", "noise.turn"} <= {component["name"] for component in why.noise}

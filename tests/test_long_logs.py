@@ -56,6 +56,7 @@ def peak_of(work: Callable[[], object]) -> tuple[float, float, object]:
     return peak / ROWS, kept / ROWS, result
 
 
+@pytest.mark.broad
 def test_a_log_is_read_and_kept_in_as_many_bytes_as_it_has_registers(folder):
     peak, kept, session = peak_of(lambda: read_session(folder))
     assert isinstance(session, Session)
@@ -106,6 +107,7 @@ def test_turns_miss_the_same_of_fast_motion_looked_at_together_or_not(session, m
     assert parted.exponent == whole.exponent
 
 
+@pytest.mark.broad
 def test_the_twin_of_thinned_rests_predicts_what_the_whole_does(problem, monkeypatch):
     """Closure and mean rates of the stills to the last digits; what a generous effect adds in a rest to a fifth of its sigma."""
     whole = Twin(problem)

@@ -121,6 +121,7 @@ def test_what_counts_or_stays_is_no_second_sensor(name, tmp_path):
     assert len(read_session(make(tmp_path, text).folder).logs[0].samples) == len(SAMPLES)
 
 
+@pytest.mark.broad
 def test_apply_reads_the_rows_that_are_meant(tmp_path, folder, run):
     log = tmp_path / "flight.log"
     log.write_text(ardupilot(2))

@@ -166,6 +166,7 @@ def test_who_comes_gets_the_present_state_at_once_and_then_what_follows(server):
         assert lines.readline() == b"event: pose\n"
 
 
+@pytest.mark.broad
 def test_a_browser_that_reads_nothing_is_dropped(server, monkeypatch):
     monkeypatch.setattr(page_server.Handler, "timeout", 0.5)
     with following(server):

@@ -55,6 +55,7 @@ def test_each_log_and_closure_run_is_looked_at_once(job, looked_at, calls, simul
     assert calls["find_stills"] == looked_at
 
 
+@pytest.mark.broad
 def test_a_report_explains_what_its_fit_leaves_out(simulated):
     evidence = gather(simulated(), FitOptions(methods=("least_squares",), folds=2, exclude=(1,)))
     assert [segment.number for segment in evidence.fit.problem.segments if not segment.accepted] == [1]

@@ -27,6 +27,7 @@ def test_a_clean_session_has_nothing_to_mend(two):
     assert mended.problem is problem
 
 
+@pytest.mark.broad
 def test_false_readings_of_the_second_log_are_counted_after_the_first(two):
     (first, _), (second, table) = two
     rows = rows_in_turns(table, second, 1, 5)

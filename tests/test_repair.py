@@ -199,7 +199,7 @@ def test_closure_runs_rests_packed_logs_and_comments_follow(samples, tmp_path):
     np.testing.assert_allclose(session.closures[0].samples.gyro, run.gyro, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("name", "before", "after"), [broad("Long", 40, 5), ("Short", 40, 10)])
+@pytest.mark.parametrize(("name", "before", "after"), [broad("Long", 40, 5), broad("Short", 40, 10)])
 def test_the_rockets_board_whose_authors_did_not_know_it(shared, tmp_path, run, name, before, after):
     source = shared / "wild" / "sundevil" / "rev2" / f"IMU_Rev2_Data_{name}.txt"
     if not source.exists():

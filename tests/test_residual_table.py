@@ -35,6 +35,7 @@ def in_report(e) -> list[list[str]]:
     return [[unescape(cell) for cell in row if cell] for row in rows]
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", ["g_sensitivity", broad("nothing")])
 def test_the_report_shows_what_explain_shows(explained, name):
     e, _ = explained(name)

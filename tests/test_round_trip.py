@@ -35,6 +35,7 @@ def test_any_configuration_that_is_written_is_read_as_it_was(config):
     assert difference(config, written(toml_text(config))) == []
 
 
+@pytest.mark.broad
 @MANY
 @given(CONFIGS, GIVEN)
 def test_the_calibrated_copy_of_any_configuration_is_read(config, accelerometer):

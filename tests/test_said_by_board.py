@@ -77,6 +77,7 @@ def test_whatever_an_info_frame_says_is_read_again_or_refused(gyro, accel, odr_h
         is_read_or_refused(decoder.info, False)
 
 
+@pytest.mark.broad
 @SETTINGS
 @given(infos)
 def test_whatever_a_comment_says_is_read_again_or_refused(info):

@@ -150,6 +150,7 @@ def test_the_screen_and_the_page_say_it_in_minutes_and_mdps():
     assert state["wait"] is None
 
 
+@pytest.mark.broad
 def test_without_a_thermometer_nobody_waits():
     samples = Table().rest(40).samples()
     text, state = seen(Samples(samples.t_ns, samples.gyro, samples.accel, None))

@@ -147,6 +147,7 @@ def test_version(run):
     assert run("--version") == (0, f"TinyGC {VERSION}\n", "")
 
 
+@pytest.mark.broad
 def test_quiet_keeps_a_verdict(run, folder):
     code, out, err = run("explain", folder, "--quiet", "--no-pictures")
     assert (code, err) == (0, "")

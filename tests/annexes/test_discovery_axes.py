@@ -56,6 +56,7 @@ def test_a_width_of_each_axis_is_seen(twin_of, seed):
     assert found.values[0] > 1.5 * found.values[1] > 2 * found.values[2]
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("seed", [3, broad(5)])
 def test_one_width_for_all_axes_is_left_alone(twin_of, seed):
     searched, law, form, responses, projection = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=seed)[0], 8.0)

@@ -40,6 +40,7 @@ def forms(movement):
 # Each form once
 
 
+@pytest.mark.broad
 def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
     assert 10_000 <= len(forms) <= 100_000
     assert len(set(forms)) == len(forms)

@@ -20,8 +20,8 @@ PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 REGISTER = sorted(name for name, effect in catalogue().items() if effect.kind == "register")
 MOTION = sorted(name for name, effect in catalogue().items() if effect.kind == "motion")
 FITTED = sorted(set(catalogue()) - {*REGISTER, *MOTION})
-#: a term of C with the quick tests, a moment that is scanned and the reference with the broad ones; the others are proved at night
-BY_DAY = {"gyro.scale_asymmetry": (), "gyro.bias_step": pytest.mark.broad, "reference.accelerometer": pytest.mark.broad}
+#: a term of C, a moment that is scanned, the reference; the others are proved at night
+BY_DAY = {"gyro.scale_asymmetry": pytest.mark.broad, "gyro.bias_step": pytest.mark.broad, "reference.accelerometer": pytest.mark.broad}
 DRIFT, ASYMMETRY = catalogue()["gyro.bias_drift"], catalogue()["gyro.scale_asymmetry"]
 
 

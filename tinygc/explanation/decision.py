@@ -88,13 +88,13 @@ def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: n
         before=before,
         after=held_out(twin, whiten, fit) if changed else before,
         before_numbers=[segment.number for segment in original.used],
-        after_numbers=_numbers_before(original, twin),
+        after_numbers=numbers_before(original, twin),
         floor_rms=twin.problem.floor.tilt_rms,
         changed=changed,
     )
 
 
-def _numbers_before(original: Problem, twin: Twin) -> list[int]:
+def numbers_before(original: Problem, twin: Twin) -> list[int]:
     """Numbers that the twin's segments had before the repair: rejecting a still joins two turns and shifts the numbers after it."""
 
     def middle(segment: Segment) -> float:
@@ -114,10 +114,10 @@ def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarr
         twin = Twin(original)
         whiten = known_whitener(twin)
     alike = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
-    return min(_by_ends(original), alike, key=tilt_rms)
+    return min(by_ends(original), alike, key=tilt_rms)
 
 
-def _by_ends(problem: Problem) -> np.ndarray:
+def by_ends(problem: Problem) -> np.ndarray:
     """(S, d) rad with the model of the other folds' ends, linearized at the fit of all segments, which is close to that of a fold."""
     batch, sigma = problem.batch, problem.floor.sigma
     model = fit_least_squares(batch, sigma, problem.first).model
@@ -144,19 +144,19 @@ def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.n
     """(n,) stacked: every row predicted with parameters from the other folds' rows; a still's row by the last of its folds.
 
     r (n,) and J (n, p) are whitened, at the fit of all rows, with J in units of the prior sigmas.  Leaving rows out is equivalent to giving
-    each a free number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals given the columns. The parameters then move by
-    what these rows contributed.  Linear around the fit of all rows, which is close to that of a fold.
+    each a free number of its own: d = P_kk^-1 (C^-1 r)_k, with P the precision of the residuals given the columns. The parameters then move
+    by what these rows contributed.  Linear around the fit of all rows, which is close to that of a fold.
     """
     inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
-    pulled_J, pulled_r, gradient = whiten.pulled(J), whiten.pulled(r), J.T @ r
+    pulled_J, pulled_r = whiten.pulled(J), whiten.pulled(r)
     found = np.full(len(r), np.nan)
     for held in folds_of(len(twin.segments)):
         rows = np.flatnonzero(~fold_rows(twin, whiten, held))
         across = pulled_J[rows]
         precision = whiten.precision[np.ix_(rows, rows)] - across @ inverse @ across.T
-        taken = np.linalg.solve(precision, pulled_r[rows] - across @ (inverse @ gradient))
         # At the fit of all rows J' r is balanced by the priors, so only the contribution of the left-out rows changes it.
+        taken = np.linalg.solve(precision, pulled_r[rows])
         found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across.T @ taken))
     return found
 
@@ -277,7 +277,7 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     r = fit.r - fit.J[:, part] @ fit.state.claims[number].theta
     r = r - fewer @ np.linalg.solve(fewer.T @ fewer + np.eye(fewer.shape[1]), fewer.T @ r)
     if shapes is not None:
-        with_it = _left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
+        with_it = left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
     else:
         with_it = left_out(twin, whiten, fit.r, J)
     gains = per_segment(twin, have, left_out(twin, whiten, r, fewer)) - per_segment(twin, have, with_it)
@@ -286,7 +286,7 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     return float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
 
 
-def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
+def left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
     """(n,) stacked, as ``left_out``, with columns J (n, p) and the one of the shapes, each (n, P), that fits the seen rows best."""
     folds = [_Fold(twin, whiten, r, J, held) for held in folds_of(len(twin.segments))]
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
@@ -403,11 +403,11 @@ def decide(
     progress("lookalikes")
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
-    best = _beyond(evidence, tried, best, first_p)
+    best = beyond_the_catalogue(evidence, tried, best, first_p)
     return decided(evidence, best, first_p, len({effect.id for effect in tried}), most_rad)
 
 
-def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
+def beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
     """Search unnamed shapes, in addition to the named effects and in their place.  Lines, of which there are hundreds, are tried only if
     something remains that no other candidate explains."""
     shapes = slow_candidates(evidence.twin)
@@ -426,7 +426,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, mo
     """Select which effects of the best hypothesis are reported; most_rad: as in ``decide``."""
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
-    named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
+    named = [named_effect(evidence, best, number, chance, tests) for number in range(len(best.effects))]
     kept = [
         n
         for number, n in enumerate(named)
@@ -436,7 +436,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, mo
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
     if kept and twin.stills:
-        kept, fit = _no_worse(twin, best, kept, fit, min(tilt_rms(linear_held_out(twin.problem, twin, best.whiten)), most_rad))
+        kept, fit = no_worse(twin, best, kept, fit, min(tilt_rms(linear_held_out(twin.problem, twin, best.whiten)), most_rad))
     if not kept:  # then use the noise of the hypothesis without effects
         best, fit = evidence.nothing, evidence.nothing.fit
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
@@ -458,7 +458,7 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
     return refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
 
 
-def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
+def no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
     """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad."""
     # Effects seen in stills only are tested there.
     while turning := [n for n in kept if "turn" in n.effect.observable_in]:
@@ -469,7 +469,8 @@ def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit,
     return kept, fit
 
 
-def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:
+def named_effect(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:
+    """An effect of a hypothesis with its Wald test, times the number of tests, and its probability; chance: of each id."""
     effect, claims = best.effects[number], best.fit.state.claims
     part, theta = claim_slice(claims, number), claims[number].theta
     gain = float(theta @ np.linalg.solve(best.fit.covariance[part, part], theta))

@@ -1,0 +1,510 @@
+"""What is reported: held-out rows by exact refits, thresholds one step below and above, and each p-value by hand."""
+
+from types import SimpleNamespace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from conftest import DEG
+from linear_twin import effect, fixed_columns, linear_twin, stepped
+from scipy import stats
+from small_turns import PERFECT, small_turns
+
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.residual import closure_angles
+from tinygc.explanation import decision
+from tinygc.explanation.decision import (
+    Naming,
+    Proof,
+    borne_out,
+    by_ends,
+    decide,
+    decided,
+    fold_rows,
+    folds_of,
+    held_out,
+    improvement_p,
+    left_out,
+    left_out_and_searched,
+    no_worse,
+    numbers_before,
+    part_of_a_curve,
+    per_segment,
+    prove,
+    tilt_rms,
+    undersampled_claim,
+)
+from tinygc.explanation.evidence import Guess
+from tinygc.explanation.search import NAMELESS, probabilities
+from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
+from tinygc.noise.refit import prior_sigmas
+
+A, B, C = effect("a", 2), effect("b", 3), effect("c")
+ROWS = {"closure": slice(0, 24), "still": slice(24, 24 + 39), "length": slice(63, 76)}  # of twelve turns and thirteen stills
+
+
+def twin_with(*spoilt, seed=5, **options):
+    twin = linear_twin(seed=seed, turns=12, **options)
+    for each, theta in spoilt:
+        twin.spoil(each, theta)
+    return twin
+
+
+# Held out
+
+
+def test_every_tenth_segment_is_held_out_with_the_stills_at_its_ends():
+    assert [held.tolist() for held in folds_of(12)] == [[0, 10], [1, 11], *([k] for k in range(2, 10))]
+    assert [held.tolist() for held in folds_of(3)] == [[0], [1], [2]]
+    twin = twin_with()
+    rows = fold_rows(twin, twin.evidence().nothing.whiten, np.array([1, 11]))
+    gone = [2, 3, 22, 23, *(24 + 3 * still + axis for still in (1, 2, 11, 12) for axis in range(3)), 64, 65, 74, 75]
+    assert np.flatnonzero(~rows).tolist() == gone
+    moving = twin_with(resting=False)
+    assert np.flatnonzero(~fold_rows(moving, moving.evidence().nothing.whiten, np.array([1, 11]))).tolist() == [2, 3, 22, 23]
+
+
+def refitted_without(twin, have, prior, J, r) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) rows predicted by normal equations of the others: with penalties of distance from the fit of all rows, and from the start."""
+    whiten, found = have.whiten, np.full(twin.n, np.nan)
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    for held in folds_of(len(twin.segments)):
+        seen = fold_rows(twin, whiten, held)
+        inverse = np.linalg.inv(whiten.covariance[np.ix_(seen, seen)])
+        normal = stacked_J[seen].T @ inverse @ stacked_J[seen] + np.eye(J.shape[1])
+        balance = J.T @ r  # of the priors at the fit of all rows
+        step = np.linalg.solve(normal, balance - stacked_J[seen].T @ inverse @ stacked_r[seen])
+        found[~seen] = (stacked_r + stacked_J @ step)[~seen]
+    return found
+
+
+def test_leaving_out_by_algebra_is_refitting_without_those_rows():
+    twin = twin_with((A, [6.0, -4.0]), wide=True)
+    evidence = twin.evidence()
+    have = evidence.of((A,), evidence.nothing)
+    prior = prior_sigmas(twin, [A])
+    exact = refitted_without(twin, have, prior, have.fit.J * prior, have.fit.r)
+    np.testing.assert_allclose(left_out(twin, have.whiten, have.fit.r, have.fit.J * prior), exact, rtol=1e-6, atol=1e-9)
+    angles = held_out(twin, have.whiten, have.fit)
+    np.testing.assert_allclose(angles, exact[:24].reshape(12, 2), rtol=1e-6, atol=1e-9)
+    assert tilt_rms(angles) == pytest.approx(np.sqrt(np.mean(exact[:24:2] ** 2 + exact[1:24:2] ** 2)))
+
+
+def test_the_misfit_of_a_segment_is_counted_with_the_still_at_which_it_begins():
+    twin = twin_with()
+    have = twin.evidence().nothing
+    rows = np.random.default_rng(0).normal(size=twin.n)
+    rows[5] = np.nan  # in no fold
+    square = np.nan_to_num((rows / np.sqrt(np.diag(have.whiten.covariance))) ** 2)
+    expected = [square[2 * k : 2 * k + 2].sum() + square[24 + 3 * k : 27 + 3 * k].sum() + square[63 + k] for k in range(12)]
+    np.testing.assert_allclose(per_segment(twin, have, rows), expected)
+    moving = twin_with(resting=False)
+    have = moving.evidence().nothing
+    sigma = np.sqrt(np.diag(have.whiten.covariance))
+    np.testing.assert_allclose(per_segment(moving, have, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
+
+
+def test_the_improvement_is_wilcoxons_of_exact_refits_with_and_without_the_claim():
+    twin = twin_with((A, [1.5, -1.0]))
+    evidence = twin.evidence()
+    have = evidence.of((A, C), evidence.nothing)
+    prior = evidence.prior(have.fit)
+    J, claim = have.fit.J * prior, have.fit.state.claims
+    for number, part in ((0, slice(15, 17)), (1, slice(17, 18))):
+        fewer = np.delete(J, part, axis=1)
+        r = have.fit.r - have.fit.J[:, part] @ claim[number].theta
+        r = r - fewer @ np.linalg.lstsq(np.vstack([fewer, np.eye(fewer.shape[1])]), np.r_[r, np.zeros(fewer.shape[1])], rcond=None)[0]
+        gains = [per_segment(twin, have, refitted_without(twin, have, prior, *each)) for each in ((fewer, r), (J, have.fit.r))]
+        expected = stats.wilcoxon(gains[0] - gains[1], alternative="greater").pvalue
+        assert improvement_p(twin, have, prior, number) == pytest.approx(expected)
+    assert improvement_p(twin, have, prior, 0) < 0.05 < improvement_p(twin, have, prior, 1)
+
+
+def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
+    """The best of three shapes in each fold, whichever group of candidates it comes in, by exact normal equations."""
+    twin = twin_with((C, [2.0]))
+    have = twin.evidence().nothing
+    J, r = have.fit.J * prior_sigmas(twin, []), have.fit.r
+    shapes = [have.whiten(twin.columns_of(each)) for each in (effect("d", 2), effect("e", 2), effect("f", 2))]
+    with patch.object(decision, "TOGETHER", 2):
+        found = left_out_and_searched(twin, have.whiten, r, J, shapes)
+    stacked_r, expected = have.whiten.back(r), np.full(twin.n, np.nan)
+    chosen = []
+    for held in folds_of(12):
+        seen = fold_rows(twin, have.whiten, held)
+        trials = []
+        for shape in shapes:
+            columns = np.hstack([have.whiten.back(J), have.whiten.back(shape)])
+            inverse = np.linalg.inv(have.whiten.covariance[np.ix_(seen, seen)])
+            normal, right = columns[seen].T @ inverse @ columns[seen] + np.eye(17), columns[seen].T @ inverse @ stacked_r[seen]
+            theta = np.linalg.solve(normal, right)
+            trials.append((-right @ theta, (stacked_r - columns @ theta)[~seen]))
+        chosen.append(int(np.argmin([cost for cost, _ in trials])))
+        expected[~seen] = trials[chosen[-1]][1]
+    assert len(set(chosen)) > 1
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    one = left_out_and_searched(twin, have.whiten, r, J, [0 * shapes[0]])  # a shape that does nothing, and none
+    np.testing.assert_allclose(one, left_out_and_searched(twin, have.whiten, r, J, []), atol=1e-9)
+
+
+@pytest.mark.parametrize(("p", "kept"), [(0.0499, True), (0.05, False)])
+def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_one_of_twenty(monkeypatch, p, kept):
+    step = stepped("step", np.array([1.0, 2.0]))
+    given = []
+    monkeypatch.setattr(decision, "improvement_p", lambda twin, have, prior, number, shapes: given.append(shapes) or p)
+    twin = twin_with()
+    evidence = twin.evidence()
+    assert borne_out(evidence, evidence.of((A,), evidence.nothing), 0) == kept
+    have = evidence.of((step.at(1.0),), evidence.nothing)
+    assert borne_out(evidence, have, 0) == kept
+    assert given[0] is None
+    for shape, at in zip(given[1], (1.0, 2.0), strict=True):
+        np.testing.assert_allclose(shape, have.whiten(twin.columns_of(step.at(at))))
+
+
+def test_held_out_ends_alone_are_those_of_refits_without_them():
+    batch = small_turns(count=24, noise_rad=2e-4)
+    sigma = np.random.default_rng(1).uniform(1e-4, 3e-4, (24, 2))
+    problem = SimpleNamespace(batch=batch, floor=SimpleNamespace(sigma=sigma), first=PERFECT)
+    found, exact = by_ends(problem), np.zeros((24, 2))
+    for held in folds_of(24):
+        seen = np.setdiff1d(np.arange(24), held)
+        model = fit_least_squares(batch.pick(seen), sigma[seen], PERFECT).model
+        exact[held] = closure_angles(batch.pick(held), model)
+    np.testing.assert_allclose(found, exact, atol=0.01 * np.abs(exact).max())
+
+
+def test_the_linear_model_held_out_is_the_better_of_two(monkeypatch):
+    twin = twin_with()
+    have = twin.evidence().nothing
+    alike = held_out(twin, have.whiten, have.fit)
+    for share, chosen in ((0.99, "ends"), (1.01, "alike")):
+        monkeypatch.setattr(decision, "by_ends", lambda problem, share=share: share * alike)
+        found = decision.linear_held_out(twin.problem, twin, have.whiten)
+        assert np.abs(found - (share * alike if chosen == "ends" else alike)).max() < 0.005 * np.abs(alike).max()
+
+
+# What is proved
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "changed", "removed"),
+    [
+        (2.0, 1.0, True, 1.0),
+        (2.0, np.sqrt(2.5), True, 0.5),
+        (2.0, 0.5, True, 1.0),
+        (2.0, 3.0, True, 1 - 8 / 3),
+        (2.0, 1.0, False, None),
+        (np.sqrt(1.51), 1.0, True, 1.0),
+        (np.sqrt(1.49), 1.0, True, None),
+    ],
+)
+def test_what_is_removed_is_a_share_of_the_excess_over_the_floor(before, after, changed, removed):
+    """In variances; an excess of less than half of the floor's is no excess."""
+    angles = [np.array([[0.6, 0.8, 9.0], [0.8, -0.6, 9.0]]) * size for size in (before, after)]
+    proof = Proof(*angles, [1, 2], [1, 2], 1.0, changed)
+    assert proof.removed == (removed if removed is None else pytest.approx(removed))
+
+
+def test_segments_keep_the_numbers_that_they_had_before_a_repair():
+    """By the nearest middle in the same log; of a log without segments, in any."""
+
+    def segment(log, start_s, duration_s, number=0):
+        return SimpleNamespace(log=log, start_s=start_s, duration_s=duration_s, number=number)
+
+    old = [segment(0, 0.0, 2.0, 1), segment(0, 4.0, 2.0, 2), segment(1, 0.0, 2.0, 3), segment(0, 8.0, 4.0, 4)]
+    joined = [segment(0, 0.0, 2.0), segment(0, 4.5, 8.0), segment(1, 5.0, 9.0), segment(2, 4.0, 2.0)]
+    assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2]
+
+
+def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
+    twin = twin_with((A, [6.0, -4.0]))
+    twin.problem.used = twin.problem.segments = twin.segments
+    evidence = twin.evidence()
+    named, nothing = evidence.of((A,), evidence.nothing), evidence.nothing
+    before = np.ones((12, 2))
+    proof = prove(twin.problem, twin, named.whiten, named.fit, before)
+    np.testing.assert_array_equal(proof.after, held_out(twin, named.whiten, named.fit))
+    assert (proof.changed, proof.floor_rms, proof.before is before) == (True, np.sqrt(2.0), True)
+    assert proof.before_numbers == proof.after_numbers == list(range(1, 13))
+    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, before)
+    assert (same.changed, same.after is before) == (False, True)
+    other = SimpleNamespace(**vars(twin.problem))
+    assert prove(other, twin, nothing.whiten, nothing.fit, before).changed
+    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
+    np.testing.assert_array_equal(prove(twin.problem, twin, nothing.whiten, nothing.fit).before, 2 * before)
+
+
+# Decisions
+
+
+def moving(*spoilt, tried=(A, B, C), seed=5):
+    """The evidence of twelve turns without stills."""
+    twin = twin_with(*spoilt, seed=seed, resting=False)
+    evidence = twin.evidence()
+    evidence.will_try(list(tried))
+    return evidence
+
+
+def test_a_named_effect_has_walds_p_value_times_the_number_of_names_and_its_share_of_the_evidence():
+    evidence = moving((B, [6.0, -4.0, 5.0]))
+    best = evidence.of((B,), evidence.nothing)
+    rival = Guess((C,), best.score + 9.9)
+    far = Guess((A,), best.score + 10.1)
+    evidence._guesses |= {"rival": rival, "far": far}
+    naming = decided(evidence, best, 0.5, 7)
+    (named,) = naming.named
+    theta = best.fit.state.claims[0].theta
+    wald = theta @ np.linalg.inv(best.fit.covariance[15:, 15:]) @ theta
+    assert named.gain == pytest.approx(wald)
+    assert named.p_value == pytest.approx(7 * stats.chi2.sf(wald, 3), rel=1e-9)
+    weights = np.exp(-(np.array([best.score, rival.score, far.score, evidence.nothing.score]) - best.score) / 2)
+    share = weights / weights.sum()
+    assert named.probability == pytest.approx(share[0])
+    assert named.rivals == pytest.approx({C.id: share[1], A.id: share[2]})
+    assert named.equivalent == (C.id,)
+    assert naming.considered == pytest.approx({C.id: share[1], A.id: share[2]})
+    assert naming.p_value == named.p_value
+    assert (naming.first_p, naming.beyond, naming.undersampled, naming.unusual) == (0.5, [], [], False)
+    assert naming.fit is best.fit
+    first = decided(evidence, best, 0.0, 7)
+    assert first.p_value == 0.0
+    assert not first.first.state.claims
+
+
+def test_a_scanned_shape_counts_as_one_more_number():
+    step = stepped("step", np.array([1.0, 2.0]), size=2)
+    evidence = moving((step.at(1.0), [1.0, -1.2]))
+    best = evidence.of((step.at(1.0),), evidence.nothing)
+    with patch.object(decision, "borne_out", lambda *_: True), patch.object(decision, "SAID", 0.0):
+        (named,) = decided(evidence, best, 0.5, 1).named
+    assert named.p_value == pytest.approx(stats.chi2.sf(named.gain, 3), rel=1e-9)
+    assert 1e-12 < named.p_value < 0.1
+    with patch.object(decision, "borne_out", lambda *_: True), patch.object(decision, "SAID", 0.0):
+        assert decided(evidence, best, 0.5, 10**15).named[0].p_value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("mine", "equivalent", "kept"), [(0.501, 0.0, True), (0.499, 0.0, False), (0.3, 0.21, True), (0.3, 0.19, False), (0.5, 0.0, True)]
+)
+def test_a_name_is_said_if_it_and_its_equivalents_are_more_probable_than_not(mine, equivalent, kept):
+    evidence = moving((A, [6.0, -4.0]))
+    best = evidence.of((A,), evidence.nothing)
+    chance = {A.id: mine, C.id: equivalent, "": 0.4, "test.other": 0.9, "unknown.line": 0.3}
+    with (
+        patch.object(decision, "probabilities", lambda weighed: chance),
+        patch.object(decision, "rivals_of", lambda weighed, best, effect: {C.id: 5.0, "test.other": 10.0}),
+    ):
+        naming = decided(evidence, best, 0.001, 3)
+    assert [n.effect for n in naming.named] == [A] * kept
+    assert naming.considered == {C.id: equivalent, "test.other": 0.5} | ({} if kept else {A.id: mine})
+    assert naming.refused == (not kept)
+    assert bool(naming.fit.state.claims) == kept
+
+
+def test_names_that_others_do_not_confirm_leave_the_rest_refitted():
+    evidence = moving((A, [6.0, -4.0]), (C, [9.0]))
+    best = evidence.of((C, A), evidence.nothing)
+    with patch.object(decision, "borne_out", lambda evidence, have, number: number == 1):
+        naming = decided(evidence, best, 0.5, 3)
+    assert [n.effect for n in naming.named] == [A]
+    assert [claim.effect for claim in naming.fit.state.claims] == [A]
+    with patch.object(decision, "borne_out", lambda *_: True):
+        naming = decided(evidence, best, 0.5, 3)
+        assert naming.fit is best.fit
+        assert [n.gain for n in naming.named] == sorted((n.gain for n in naming.named), reverse=True)
+    with patch.object(decision, "part_of_a_curve", lambda *_: True):
+        naming = decided(evidence, best, 0.5, 3)
+        assert (naming.named, naming.fit) == ([], evidence.nothing.fit)
+    with patch.object(decision, "NAMELESS", "test.c"):
+        naming = decided(evidence, best, 0.5, 3)
+        assert ([n.effect for n in naming.named], [n.effect for n in naming.beyond]) == ([A], [C])
+
+
+@pytest.mark.parametrize(
+    ("named", "undersampled", "p", "unusual", "refused"),
+    [
+        ([], [], 0.05, False, True),
+        ([], [], 0.0501, False, False),
+        ([], [], 1.0, True, True),
+        ([1], [], 0.0, True, False),
+        ([], [1], 0.0, True, False),
+    ],
+)
+def test_what_no_effect_explains_is_refused(named, undersampled, p, unusual, refused):
+    assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).refused == refused
+
+
+@pytest.mark.parametrize(("p", "unusual"), [(0.0099, True), (0.0101, False)])
+def test_noise_is_unlike_a_sensors_below_one_in_a_hundred(p, unusual):
+    evidence = moving()
+    with patch("tinygc.noise.components.SessionNoise.unusual_p", lambda *_: p):
+        assert decided(evidence, evidence.nothing, 0.5, 3).unusual == unusual
+
+
+def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_first():
+    twin = twin_with((A, [6.0, -4.0]), (C, [9.0]))
+    evidence = twin.evidence()
+    at_rest = effect("rest", 1)
+    object.__setattr__(at_rest, "observable_in", ("still",))
+    best = evidence.of((A, C, at_rest), evidence.nothing)
+    kept = [SimpleNamespace(effect=each, gain=gain) for each, gain in ((A, 30.0), (C, 20.0), (at_rest, 1.0))]
+    angles = tilt_rms(held_out(twin, best.whiten, best.fit))
+    assert no_worse(twin, best, kept, best.fit, angles) == (kept, best.fit)
+    left, fit = no_worse(twin, best, kept, best.fit, 0.0)
+    assert [n.effect for n in left] == [at_rest]
+    assert [claim.effect for claim in fit.state.claims] == [at_rest]
+    with patch.object(decision, "held_out", lambda twin, whiten, fit: np.full((12, 2), 1.0 + (len(fit.state.claims) > 2))):
+        left, fit = no_worse(twin, best, kept, best.fit, 1.5)
+    assert [n.effect for n in left] == [A, at_rest]
+    with (
+        patch.object(decision, "linear_held_out", lambda *_: np.full((12, 2), 5.0)),
+        patch.object(decision, "no_worse", lambda twin, best, kept, fit, before: (kept[:1], (fit, before))),
+        patch.object(decision, "undersampled_claim", lambda *_: []),
+        pytest.raises(AttributeError) as failed,  # the fit that stands in for one has no residuals
+    ):
+        decided(evidence, best, 0.5, 3, most_rad=0.25)
+    assert "tuple" in str(failed.value)
+
+
+def test_a_recording_is_decided_from_the_search_to_the_name():
+    """Two effects of four, beside a shape without a name: each has its probability by all subsets, and the p-value of the detection."""
+    tried = [effect(name, size) for name, size in (("a", 2), ("b", 3), ("c", 1), ("d", 1))]
+    line = effect("e", 2)
+    object.__setattr__(line, "id", f"{NAMELESS}line")
+    twin = twin_with((tried[0], [6.0, -4.0]), (tried[3], [8.0]), resting=False, columns=fixed_columns())
+    said: list[str] = []
+    with (
+        patch("tinygc.explanation.evidence.first_noise", lambda twin, white: twin.noise(white)),
+        patch.object(decision, "candidates", lambda twin: tried),
+        patch.object(decision, "slow_candidates", lambda twin: [line]),
+        patch.object(decision, "unknown_candidates", lambda twin: [line]),
+    ):
+        naming = decide(twin, 3, said.append)
+        begun = decide(twin, 3, begin=(tried[0],))
+    assert [n.effect.id for n in naming.named] == ["test.d", "test.a"] or {n.effect.id for n in naming.named} == {"test.a", "test.d"}
+    assert {n.effect.id for n in begun.named} == {"test.a", "test.d"}
+    assert naming.beyond == []
+    assert said[0] == "detecting"
+    assert said[-2:] == ["lookalikes", "beyond the catalogue"]
+    evidence = twin.evidence()
+    evidence.will_try(tried)
+    chance = probabilities(
+        [evidence.of(tuple(each for each, bit in zip(tried, f"{k:04b}", strict=True) if bit == "1"), evidence.nothing) for k in range(16)]
+    )
+    for n in naming.named:
+        assert n.probability == pytest.approx(chance[n.effect.id], abs=0.02)
+    assert naming.first_p < 1e-3
+
+
+# Further terms of a curve
+
+
+@pytest.mark.parametrize(("share", "alike"), [(0.91, True), (0.89, False)])
+def test_an_effect_that_further_terms_of_a_curve_reproduce_is_one_of_them(share, alike):
+    """Nine tenths of what it does beside all else that is fitted."""
+    columns = fixed_columns()
+    own = effect("own", conditions=("rate", "dps"))
+    curve = effect("curve", conditions=("rate", "dps"))
+    object.__setattr__(curve, "id", f"{NAMELESS}curve_over_rate")
+    term = effect("term")
+    twin = twin_with(columns=lambda each: mixed if each is own else columns(each), resting=False)
+    columns.rows = twin.n
+    evidence = twin.evidence()
+    rest = np.linalg.qr(np.hstack([twin.calibration[:, :2], columns(curve)]))[0]
+    left = [each - rest @ (rest.T @ each) for each in (columns(term), np.random.default_rng(1).normal(size=(twin.n, 1)))]
+    left[1] -= left[0] * (left[0].T @ left[1]) / np.sum(left[0] ** 2)
+    mixed = sum(np.sqrt(part) * each / np.linalg.norm(each) for part, each in zip((share, 1 - share), left, strict=True))
+    fit = SimpleNamespace(J=np.hstack([twin.calibration, mixed, columns(curve)]))
+    fit.state = SimpleNamespace(claims=[SimpleNamespace(theta=np.ones(1), effect=each) for each in (own, curve)])
+    best = SimpleNamespace(effects=(own, curve), fit=fit, whiten=lambda columns: columns)
+    with patch.object(decision, "curves_like", lambda twin, other: [term]):
+        assert part_of_a_curve(evidence, best, 0) == alike
+        assert not part_of_a_curve(evidence, best, 1)  # the curve itself
+        best.effects = (effect("own", conditions=("time", "s")), curve)
+        assert not part_of_a_curve(evidence, best, 0)
+        best.effects = (effect("own"), curve)
+        assert not part_of_a_curve(evidence, best, 0)
+        best.effects = (own, effect("named", conditions=("rate", "dps")))
+        assert not part_of_a_curve(evidence, best, 0)
+    best.effects = (own, curve)
+    with patch.object(decision, "curves_like", lambda twin, other: []):
+        assert not part_of_a_curve(evidence, best, 0)
+
+
+# Undersampling
+
+
+def undersampled(factor=2.0, rms=0.8, gain=8.0, own=3.0, sigma=0.25):
+    """The claim of a twin whose turns miss by ``own`` each, with the noise less probable by ``gain`` without it."""
+    twin = twin_with(resting=False)
+    twin.recorded = np.tile([0.6, 0.8], 12) * own
+    evidence = twin.evidence()
+    found = evidence.nothing
+    missed = SimpleNamespace(
+        rms_rad=rms,
+        rate_hz=120.0,
+        missed_rad=np.array([1.0, 2.0]),
+        predicted_rad=np.linspace(0.1, 1.2, 12),
+        exponent=2.0,
+        rate_needed_hz=lambda size, floor: 1000 * size + floor,
+    )
+    noise = SimpleNamespace(
+        missed=missed,
+        size=lambda name: factor if name == UNDERSAMPLED else 7.0,
+        value=100.0,
+        sigma=np.array([9.0, sigma]),
+        components=(Component(TURN, None, 1.0, "", 1.0, ""), Component(UNDERSAMPLED, None, 1.0, "", 1.0, "")),
+    )
+    passed = []
+    fewer = SimpleNamespace(s="s", estimated=lambda *given: passed.append(given) or SimpleNamespace(value=100.0 + gain))
+    noise.without = lambda name: fewer if name == UNDERSAMPLED else None
+    with (
+        patch.object(decision, "STEPS", (2, 4)),
+        patch.object(twin, "residuals", lambda state: SimpleNamespace(closure=np.full((12, 2), own))),
+    ):
+        claims = undersampled_claim(evidence, found.whiten, found.fit, noise)
+    if passed:
+        whiten, r, J, s = passed[0]
+        np.testing.assert_allclose(r, found.whiten.back(found.fit.r))
+        np.testing.assert_allclose(J, found.whiten.back(found.fit.J) * evidence.prior(found.fit))
+        assert (whiten, s) == (found.whiten, "s")
+    return claims
+
+
+def test_undersampling_is_claimed_with_what_it_predicts_for_every_rate():
+    (claim,) = undersampled()
+    size, own, floor = 1.6, 3 * np.sqrt(2), np.sqrt(2)
+    each = 2 * np.sqrt(2) * np.linspace(0.1, 1.2, 12)
+    assert claim.parameters == {
+        "predicted_deg": pytest.approx(size / DEG),
+        "share": pytest.approx(size**2 / (own**2 - floor**2)),
+        "turns": [number for number, angle in enumerate(each, 1) if angle > floor],
+        "rates_hz": pytest.approx([120.0, 60.0, 30.0]),
+        "closure_deg": pytest.approx(np.sqrt(own**2 + np.array([0, 2.0, 8.0])) / DEG),
+        "exponent": -2.0,
+    }
+    assert claim.std == {"predicted_deg": pytest.approx(0.25 * 0.8 / DEG)}
+    assert claim.probability == pytest.approx(1 / (1 + np.exp(-4)))
+    assert claim.p_value == pytest.approx(stats.chi2.sf(8.0, 1))
+    assert claim.says.endswith("1601 Hz would have been enough")
+    assert undersampled(sigma=np.inf)[0].std == {"predicted_deg": pytest.approx(0.8 / DEG)}
+    assert undersampled(own=0.9)[0].parameters["share"] == 1.0  # below the floor
+    assert undersampled(own=1.1)[0].parameters["share"] == 1.0  # more than all
+    assert undersampled(gain=5000.0)[0].probability == 1.0
+    assert undersampled(gain=0.0)[0].p_value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("known", "claimed"),
+    [
+        ({"rms": 0.501 * np.sqrt(2) / 2}, True),
+        ({"rms": 0.499 * np.sqrt(2) / 2}, False),
+        ({"factor": MOST_FACTOR - 1e-6}, True),
+        ({"factor": MOST_FACTOR + 1e-6}, False),
+        ({"gain": 0.01}, True),
+        ({"gain": -0.01}, False),
+    ],
+)
+def test_undersampling_is_claimed_where_it_matters_and_is_more_probable_than_not(known, claimed):
+    assert bool(undersampled(**known)) == claimed

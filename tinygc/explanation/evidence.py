@@ -90,12 +90,12 @@ class Selection(Generic[Name]):
 
     def p_value(self, r: np.ndarray) -> float:
         """Probability that some candidate explains as much of residuals r (n,) as the best one does if nothing is missing."""
-        return self.family_wise(float(self._lowest_of(r[:, None])[0]))
+        return self.family_wise(float(self.lowest_log_p(r[:, None])[0]))
 
     def family_wise(self, log_p: float) -> float:
         """Probability that the smallest p-value of all groups is as small as this if nothing is missing."""
         if self._lowest is None:
-            self._lowest = np.sort(self._lowest_of(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
+            self._lowest = np.sort(self.lowest_log_p(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
         drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
         if log_p >= self._lowest[DRAWS // 100]:
             return drawn
@@ -116,7 +116,7 @@ class Selection(Generic[Name]):
                 groups.append((Group(name, basis), name in self._along))
         return q, groups
 
-    def _lowest_of(self, r: np.ndarray) -> np.ndarray:
+    def lowest_log_p(self, r: np.ndarray) -> np.ndarray:
         """(draws,) logarithm of the smallest p-value of residuals r (n, draws)."""
         q, groups = self._tested
         r = r - self.q @ (self.q.T @ r)
@@ -180,7 +180,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: 
         return effect
     values = scanned(twin, effect)
     at = effect.shape[effect.scan.name] * effect.scan.si
-    reach = float(np.median(np.diff(values))) if effect.scan.grid is None else _spacing(values, at)
+    reach = float(np.median(np.diff(values))) if effect.scan.grid is None else spacing(values, at)
     for _ in range(3):
         at = effect.shape[effect.scan.name] * effect.scan.si
         trials = effect.variants(np.linspace(at - reach, at + reach, 15))
@@ -192,7 +192,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: 
     return effect
 
 
-def _spacing(values: np.ndarray, at: float) -> float:
+def spacing(values: np.ndarray, at: float) -> float:
     """Distance to the farther neighbour of a value on its grid, kept short of zero so that the value keeps its sign."""
     number = int(np.argmin(np.abs(values - at)))
     reach = float(np.max(np.abs(np.delete(values, number)[max(number - 1, 0) : number + 1] - at), initial=0.0))

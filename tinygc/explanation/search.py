@@ -166,7 +166,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
         trials = []
         for effect in best.effects:
             own = evidence.guess(best, without=effect).score - best.score
-            for other in _in_place_of(evidence, tried, best, effect, own):
+            for other in in_place_of(evidence, tried, best, effect, own):
                 guess = evidence.guess(best, without=effect, add=other)
                 if guess.score < best.score + NEAR or (_delays(effect) and _delays(other)):
                     trials.append(evidence.of(guess.effects, best))
@@ -177,7 +177,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
     return best
 
 
-def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
+def in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
     """Candidates whose linear columns remove nearly as much as an effect worth ``own`` in -2 log evidence."""
     whiten, number = best.whiten, next(i for i, e in enumerate(best.effects) if e is effect)
     part = claim_slice(best.fit.state.claims, number)

@@ -1,144 +1,415 @@
-"""Spread, drift and repeatability of a lot: what is put in comes back, within its own uncertainty, and nothing else moves it."""
+"""Mean, drift, spread and repeatability of a lot: each against a Gaussian or a Student's t with every entry written out."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, optimize, stats
 from simulated_lots import COUNT, SPREAD, simulated_lot, truth
+from small_lots import Dense, believed, small_lot
 
 from tinygc import CalibrationError
-from tinygc.annexes.lots.hierarchy import hierarchy
+from tinygc.annexes.lots import hierarchy as subject
+from tinygc.annexes.lots.hierarchy import EXACT_UNITS, OFF_SCALES, Sums, add, hierarchy, in_si, tails_of, updated, without_tails
 from tinygc.annexes.lots.lot import lot_sessions
 
 MEAN, COVARIANCE = truth()
+KNOWN = [0, 10]
+TWICE = [0, 10, 21, 31]  # of mean and drift
+S = np.array([[0.8, 0.3], [0.3, 0.5]])
+V = np.array([[0.2, -0.05], [-0.05, 0.1]])
 
 
-def found(*words, **more):
-    return hierarchy(lot_sessions(simulated_lot(*words, **more)))
+def passed(lot, belief, units=3):
+    """Sums of one pass."""
+    sums = Sums()
+    for _, chunk in lot.chunks():
+        add(sums, chunk, belief, units)
+    return sums
 
 
-def sizes(matrix):
-    return np.sqrt(np.diag(matrix)) / SPREAD
+def with_gls(lot, spread, repeatability, **more):
+    """A belief whose mean and drift are those of generalised least squares, with their covariance."""
+    found, covariance = Dense(lot, spread, repeatability).solved()
+    whole = np.zeros((2 * COUNT,) * 2)
+    whole[np.ix_(TWICE, TWICE)] = covariance
+    return believed(spread, repeatability, mean=found[:2], drift=found[2:], beta_covariance=whole, **more)
 
 
-@pytest.fixture(scope="module")
-def many():
-    """Lots of 60 units, every second of them with three sessions, over seeds."""
-    return [found(60, seed, [1, 3]) for seed in range(12)]
+def slope(of, spread, i, j, step=1e-5):
+    """Derivative of a function of the spread, along a symmetric change of one of its entries."""
+    change = np.zeros((2, 2))
+    change[i, j] += step / 2
+    change[j, i] += step / 2
+    return (of(spread + change) - of(spread - change)) / (2 * step)
 
 
-def test_means_are_within_their_sigmas(many):
-    """21 correlated numbers of 12 lots: the mean square in sigmas is 1, by chi-square of one number's 12 draws at the least."""
-    z = np.array([(each.mean - MEAN) / np.sqrt(np.diag(each.mean_covariance)) for each in many])
-    lo, hi = stats.chi2.ppf([0.001, 0.999], z.size / 3) / (z.size / 3)
-    assert lo < np.mean(z**2) < hi
+# One pass, against generalised least squares and the gradient of the restricted likelihood
 
 
-def test_spreads_are_not_biased_and_within_their_sigmas(many):
-    ratio = np.array([np.diag(each.spread) / SPREAD**2 for each in many])
-    sigma = np.array([np.sqrt(2 / each.spread_freedom) for each in many])
-    z = (ratio - 1) / sigma
-    assert abs(np.mean(ratio) - 1) < 4 * np.mean(sigma) / np.sqrt(ratio.size / 3)
-    assert 0.6 < np.mean(z**2) < 1.6
+def test_mean_and_drift_are_generalised_least_squares():
+    lot = small_lot([1, 2, 3, 1])
+    belief = believed(S, V)
+    sums = passed(lot, belief)
+    found = in_si(lot, updated(lot, belief, sums, 3, False), sums, 1, True)
+    dense, s = Dense(lot, S, V), lot.scale[KNOWN]
+    beta, covariance = dense.solved()
+    pair = np.ix_(KNOWN, KNOWN)
+    assert found.mean[KNOWN] == pytest.approx(lot.centre[KNOWN] + s * beta[:2], rel=1e-6)
+    assert found.drift[KNOWN] == pytest.approx(s * beta[2:], rel=1e-6)
+    assert found.mean_covariance[pair] == pytest.approx(covariance[:2, :2] * np.outer(s, s), rel=1e-6)
+    assert found.drift_covariance[pair] == pytest.approx(covariance[2:, 2:] * np.outer(s, s), rel=1e-6)
+    # Without a drift that shows, the next unit's mean is that of a fit without one.
+    without, of_without = dense.solved(slice(0, 2))
+    assert not found.drifts
+    assert found.next_mean[KNOWN] == pytest.approx(lot.centre[KNOWN] + s * without, rel=1e-6)
+    assert found.next_covariance[pair] == pytest.approx(of_without * np.outer(s, s), rel=1e-6)
+    z = np.abs(beta[2:]) / np.sqrt(np.diag(covariance[2:, 2:]))
+    assert found.drift_p == pytest.approx(min(1, 2 * 2 * stats.t.sf(z.max(), 4 - 2)))
+    hidden = np.setdiff1d(np.arange(COUNT), KNOWN)
+    for part in (found.mean, found.drift, found.next_mean, np.diag(found.spread), np.diag(found.repeatability), found.noise):
+        assert np.isnan(part[hidden]).all()
+        assert np.isfinite(part[KNOWN]).all()
+    sigma = np.sqrt(dense.noise.diagonal().reshape(-1, 2)) * s
+    assert found.noise[KNOWN] == pytest.approx(np.sqrt(np.mean(sigma**2, axis=0)))
 
 
-def test_repeatability_is_apart_from_noise_and_spread(many):
-    """It is half of the stated noise: only the repeats tell it."""
-    ratio = np.array([sizes(each.repeatability) for each in many])
-    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(0.1, abs=0.02)
+def test_the_next_unit_comes_one_step_after_the_last_of_a_drift():
+    lot = small_lot([1] * 8)
+    at = lot.place[:, None] / 7
+    lot = dataclasses.replace(lot, values=lot.values + 20 * lot.scale * at)
+    belief = believed(S, V)
+    sums = passed(lot, belief)
+    found = in_si(lot, updated(lot, belief, sums, 3, False), sums, 1, True)
+    beta, covariance = Dense(lot, S, V).solved()
+    s, ahead = lot.scale[KNOWN], np.hstack([np.eye(2), (0.5 + 1 / 7) * np.eye(2)])
+    assert found.drifts
+    assert found.drift_p == pytest.approx(4 * stats.t.sf((beta[2:] / np.sqrt(np.diag(covariance)[2:])).max(), 6), rel=1e-5)
+    assert found.next_mean[KNOWN] == pytest.approx(lot.centre[KNOWN] + s * (ahead @ beta), rel=1e-6)
+    assert found.next_covariance[np.ix_(KNOWN, KNOWN)] == pytest.approx(ahead @ covariance @ ahead.T * np.outer(s, s), rel=1e-6)
 
 
-def test_correlations_come_back():
-    each = found(800, 1, 1)
-    size = np.sqrt(np.diag(each.spread))
-    true = COVARIANCE / np.outer(SPREAD, SPREAD)
-    assert np.abs(each.spread / np.outer(size, size) - true).max() < 5 / np.sqrt(800)
+@pytest.mark.parametrize("p", [0.0099, 0.0101])
+def test_a_drift_shows_at_one_percent(p):
+    """Two equal units of one number, in perfect order: the p-value is set by the size of the drift."""
+    lot = small_lot([1] * 8, known=(10,))
+    belief = believed([[0.5]], [[0.0]], known=(10,))
+    _, covariance = Dense(lot, [[0.5]], [[0.0]], (10,)).solved()
+    exact = stats.t.isf(p / 2, 6) * np.sqrt(covariance[1, 1])
+    lot = dataclasses.replace(lot, values=lot.centre + lot.scale * exact * (lot.place[:, None] / 7 - 0.5))
+    sums = passed(lot, belief)
+    found = in_si(lot, updated(lot, belief, sums, 3, False), sums, 1, True)
+    assert found.drift_p == pytest.approx(p, rel=1e-5)
+    assert found.drifts == (p < 0.01)
 
 
-@pytest.mark.parametrize("units", [6, 12])
-def test_small_lots_are_not_biased(units):
-    """Maximum likelihood would have a share of 1/units less (the mean), and 2/units with the drift; the restricted one has not."""
-    ratio = np.array([np.diag(found(units, seed, 1, noise=0.05).spread) / SPREAD**2 for seed in range(40)])
-    error = ratio.std(axis=0).mean() / np.sqrt(40 * 3)
-    assert abs(ratio.mean() - 1) < 4 * error
-    assert 4 * error < 2 / units
+def test_the_spread_moves_along_the_restricted_likelihoods_gradient():
+    """S (outer - weight) S / units is a step of EM, and outer - weight twice the gradient; the uncertainty of mean and drift is in it."""
+    lot = small_lot([1, 2, 3, 2])
+    belief = with_gls(lot, S, V)
+    sums = passed(lot, belief)
+    gradient = (sums.outer - sums.weight)[np.ix_(KNOWN, KNOWN)] / 2
+    of = lambda spread: Dense(lot, spread, V).restricted()  # noqa: E731
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        assert gradient[i, j] == pytest.approx(slope(of, S, i, j), rel=1e-5)
+    after = updated(lot, belief, sums, 3, False).spread[np.ix_(KNOWN, KNOWN)]
+    step = S + S @ (2 * gradient) @ S / 4
+    keep = 2**2 / (2**2 + 3**2)  # freedom of four units less mean and drift, against two numbers and one
+    assert np.diag(after) == pytest.approx(np.diag(step), rel=1e-6)
+    assert after[0, 1] == pytest.approx(after[1, 0])
+    assert after[0, 1] == pytest.approx(keep * step[0, 1], rel=1e-6)
 
 
+def test_a_large_lot_shares_out_the_uncertainty_of_its_mean():
+    """Where all units are alike, exactly as one by one."""
+    lot = small_lot([1] * 5)
+    covariances = np.repeat(lot.covariances[:1], lot.sessions, axis=0)
+    lot = dataclasses.replace(lot, covariances=covariances)
+    belief = with_gls(lot, S, V, off=1e-300)
+    one, shared = passed(lot, belief), passed(lot, belief, EXACT_UNITS + 1)
+    assert passed(lot, belief, EXACT_UNITS).outer == pytest.approx(one.outer, rel=1e-9)
+    assert shared.outer == pytest.approx(one.outer, rel=1e-9, abs=1e-12)
+    uneven = dataclasses.replace(lot, covariances=np.where(np.arange(5)[:, None] < 2, 9.0, 1.0) * covariances)
+    belief = with_gls(uneven, S, V, off=1e-300)
+    assert passed(uneven, belief, EXACT_UNITS + 1).outer[0, 0] != pytest.approx(passed(uneven, belief).outer[0, 0], rel=1e-4)
+
+
+def test_repeatability_is_the_mean_square_of_what_a_session_adds_given_all():
+    """Conditional on the unit's sessions, mean and drift known: mean and covariance of every session's own part."""
+    lot = small_lot([1, 2, 3])
+    belief = believed(S, V, mean=0.2, drift=-0.3)
+    sums = passed(lot, belief)
+    dense = Dense(lot, S, V)
+    r = dense.y - dense.design @ [0.2, 0.2, -0.3, -0.3]
+    gain = dense.again @ np.linalg.inv(dense.C)
+    left, moved = gain @ r, dense.again - gain @ dense.again
+    expected = np.zeros((2, 2))
+    for row in range(2, 12, 2):  # of the units with several sessions
+        at = slice(row, row + 2)
+        expected += np.outer(left[at], left[at]) + moved[at, at]
+    assert sums.repeats == 5
+    pair = np.ix_(KNOWN, KNOWN)
+    assert sums.repeated[pair] == pytest.approx(expected, rel=1e-6)
+    after = updated(lot, belief, sums, 3, False).repeatability[pair]
+    assert np.diag(after) == pytest.approx(np.diag(expected) / 5, rel=1e-6)
+    assert after[0, 1] == pytest.approx(expected[0, 1] / 5 * 5**2 / (5**2 + 3**2), rel=1e-6)
+
+
+@pytest.mark.parametrize("p", [0.9e-4, 1.1e-4])
+def test_a_session_at_one_in_ten_thousand_does_not_count_for_repeatability(p):
+    """By the distance from the unit as all of its sessions tell it, whose covariance is that of one session less the unit's."""
+    lot = small_lot([1, 1, 2], known=(10,))
+    belief = believed([[1e6]], [[0.2]], known=(10,))
+    rows = np.flatnonzero(lot.unit == 2)
+    noise = lot.covariance(rows)[:, 10, 10] + 0.2
+    # Two sessions of an unknown unit: each is off by its share of their difference, and the distance of both is the same.
+    apart = np.sqrt(stats.chi2.isf(p, 1) * noise.sum())
+    values = lot.values.copy()
+    values[rows[1], 10] = values[rows[0], 10] + apart * lot.scale[10]
+    sums = passed(dataclasses.replace(lot, values=values), belief)
+    assert sums.repeats == (2 if p > 1e-4 else 0)
+
+
+# Student's t, and units that do not belong
+
+
+@pytest.mark.parametrize("tails", [4.0, np.inf])
+def test_a_units_density_is_the_multivariate_t(tails):
+    lot = small_lot([1, 2, 1])
+    belief = believed(S, V, mean=0.3, drift=0.4, tails=tails)
+    sums = passed(lot, belief)
+    y, noise = joined_units(lot)
+    along = lot.place / 2 - 0.5
+
+    def of(theta, spread=S):
+        return sum(
+            stats.multivariate_t(theta[:2] + a * theta[2:], N + spread, df=tails).logpdf(each)
+            for a, N, each in zip(along, noise, y, strict=True)
+        )
+
+    at, step = np.array([0.3, 0.3, 0.4, 0.4]), 1e-5
+    numeric = [(of(at + step * e) - of(at - step * e)) / (2 * step) for e in np.eye(4)]
+    assert (sums.right - sums.information @ belief.beta.ravel())[TWICE] == pytest.approx(numeric, rel=1e-5)
+    gradient = (sums.outer - sums.weight)[np.ix_(KNOWN, KNOWN)] / 2
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        assert gradient[i, j] == pytest.approx(slope(lambda spread: of(at, spread), S, i, j), rel=1e-4)
+    # The density of the distances, less the determinant, which belongs to the spread.
+    delta, told = np.concatenate(sums.delta), np.concatenate(sums.told)
+    logs = subject.log_density(delta, told, tails) - [0.5 * np.linalg.slogdet(N + S)[1] for N in noise]
+    assert told.tolist() == [2, 2, 2]
+    assert logs.sum() == pytest.approx(of(at), rel=1e-9)
+
+
+def joined_units(lot):
+    """The sessions of each unit as one, by least squares with their own covariances and V: y (U, 2), noise (U, 2, 2)."""
+    y, noise = [], []
+    for unit in range(lot.units):
+        rows = np.flatnonzero(lot.unit == unit)
+        weights = [np.linalg.inv(C) for C in lot.covariance(rows)[:, KNOWN][:, :, KNOWN] + V]
+        values = ((lot.values - lot.centre) / lot.scale)[rows][:, KNOWN]
+        noise.append(np.linalg.inv(sum(weights)))
+        y.append(noise[-1] @ sum(w @ v for w, v in zip(weights, values, strict=True)))
+    return np.array(y), np.array(noise)
+
+
+@pytest.mark.parametrize("tails", [5.0, np.inf])
+def test_a_unit_belongs_by_bayes_theorem(tails):
+    """Against one number, or all, being 5, 15 or 50 times as far off, all alike probable; in all, 3 in 100."""
+    lot = small_lot([1, 2, 1])
+    lot = dataclasses.replace(lot, values=lot.values + np.where(np.arange(COUNT) == 10, 9.0, 0.0) * lot.scale * (lot.unit == 1)[:, None])
+    belief = believed(S, V, tails=tails, off=0.03)
+    sums = passed(lot, belief, subject.FEWEST_JUDGED)
+    member = np.concatenate(sums.member)
+    for u, (y, N) in enumerate(zip(*joined_units(lot), strict=True)):
+        pdf = lambda C: stats.multivariate_t(np.zeros(2), C, df=tails).pdf(y)  # noqa: B023, E731
+        # Of the 21 numbers, 19 are unknown: being off leaves the known ones alone.
+        one = np.mean(
+            [[pdf(N + S + k**2 * np.diag(S * np.eye(2)[n]) * np.eye(2)[n][:, None]) for k in OFF_SCALES] for n in range(2)], axis=1
+        )
+        none = pdf(N + S)
+        every = np.mean([pdf(k**2 * (N + S)) for k in OFF_SCALES])
+        off = 0.5 * (one.sum() + 19 * none) / COUNT + 0.5 * every
+        assert member[u] == pytest.approx(0.97 * none / (0.97 * none + 0.03 * off), rel=1e-5)
+    assert member[1] < 0.5 < member[0]
+    # Each counts by this probability, and the share of those that do not belong has the prior of 0.2 in 20.
+    assert sums.belongs == pytest.approx(member.sum())
+    assert updated(lot, belief, sums, 3, False).off == pytest.approx((3 - member.sum() + 0.2) / 23)
+    alone = passed(lot, believed(S, V, tails=tails), subject.FEWEST_JUDGED - 1)
+    assert np.concatenate(alone.member).tolist() == [1, 1, 1]
+    assert list(OFF_SCALES) == [5, 15, 50]
+
+
+def test_the_weight_of_a_unit_that_may_not_belong_enters_every_sum():
+    lot = small_lot([1, 2, 2], seed=1)
+    belief = believed(S, V, off=0.5)
+    sums = passed(lot, belief, subject.FEWEST_JUDGED)
+    member, (y, noise) = np.concatenate(sums.member), joined_units(lot)
+    W, along = np.linalg.inv(noise + S), lot.place / 2 - 0.5
+    pair = np.ix_(KNOWN, KNOWN)
+    assert sums.weight[pair] == pytest.approx(np.einsum("u,uij->ij", member, W), rel=1e-6)
+    pulled = np.einsum("uij,uj->ui", W, y)
+    assert sums.outer[pair] == pytest.approx((member[:, None] * pulled).T @ pulled, rel=1e-6)
+    assert sums.right[TWICE] == pytest.approx(np.concatenate([member @ pulled, (member * along) @ pulled]), rel=1e-6)
+    for power, block in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
+        part = sums.information.reshape(2, COUNT, 2, COUNT)[block[0], :, block[1]][pair]
+        assert part == pytest.approx(np.einsum("u,uij->ij", member * along**power, W), rel=1e-6, abs=1e-9)
+    assert sums.repeats == pytest.approx(2 * member[1:].sum())
+
+
+def test_tails_are_those_of_the_largest_likelihood():
+    """Against a fine grid, with SciPy's t; each unit by its probability of belonging."""
+    delta = stats.f.ppf((np.arange(60) + 0.5) / 60, 2, 4) * 2
+    told, member = np.full(60, 2), np.linspace(0.5, 1, 60)
+
+    def logs(tails):
+        return member @ [stats.multivariate_t([0, 0], df=tails).logpdf([np.sqrt(d), 0]) for d in delta]
+
+    best = optimize.minimize_scalar(lambda tails: -logs(tails), bounds=(2.5, 30), method="bounded").x
+    assert tails_of(delta, told, member) == pytest.approx(best, rel=1e-3)
+    # Heavier tails than any covariance has.
+    assert tails_of(stats.f.ppf((np.arange(60) + 0.5) / 60, 2, 1) * 2, told, member) == pytest.approx(2.5, rel=1e-3)
+
+
+@pytest.mark.parametrize(("p", "taken"), [(0.0095, True), (0.0105, False)])
+def test_tails_are_taken_at_one_percent(p, taken):
+    """Half of chi-square with one degree of freedom, since tails lie on one side of none: the last distance is moved to that p-value."""
+    told, member, rest = np.full(40, 2), np.ones(40), stats.chi2.ppf((np.arange(39) + 0.5) / 40, 2)
+
+    def gain(last):
+        delta = np.append(rest, last)
+        of = lambda inverse: np.sum([stats.multivariate_t([0, 0], df=1 / inverse).logpdf([np.sqrt(d), 0]) for d in delta])  # noqa: E731
+        return 2 * (
+            -optimize.minimize_scalar(lambda i: -of(i), bounds=(1e-4, 0.4), method="bounded").fun
+            - np.sum(stats.norm.logpdf(np.sqrt(delta)) + stats.norm.logpdf(0))
+        )
+
+    last = optimize.brentq(lambda last: stats.chi2.sf(max(gain(last), 0), 1) / 2 - p, 10, 60, xtol=1e-3)
+    assert np.isfinite(tails_of(np.append(rest, last), told, member)) == taken
+
+
+def test_few_units_have_no_tails():
+    """More than three units for each number."""
+    far = [0.1] * 6 + [400.0]
+    for count, finite in ((6, False), (7, True)):
+        lot = small_lot([1] * count)
+        belief = believed(S, V)
+        sums = passed(lot, belief)
+        sums.delta = [np.array(far[-count:])]
+        assert np.isfinite(updated(lot, belief, sums, count, True).tails) == finite
+        assert np.isinf(updated(lot, belief, sums, count, False).tails)
+
+
+# What is said of it, in SI
+
+
+def test_tails_widen_the_mean_and_the_spread():
+    """Spread is the covariance, tails / (tails - 2) times the scale; Fisher's information of a mean is (tails + p) / (tails + p + 2) of the
+    normal one."""
+    lot = small_lot([1, 2, 3, 1])
+    belief = believed(S, V)
+    sums = passed(lot, belief)
+    after = updated(lot, belief, sums, 3, False)
+    normal, heavy = (in_si(lot, dataclasses.replace(after, tails=tails), sums, 1, True) for tails in (np.inf, 6.0))
+    for name, factor in (("spread", 6 / 4), ("mean_covariance", 10 / 8), ("drift_covariance", 10 / 8), ("next_covariance", 10 / 8)):
+        np.testing.assert_allclose(getattr(heavy, name), factor * getattr(normal, name), rtol=1e-12)
+    np.testing.assert_array_equal(heavy.repeatability, normal.repeatability)
+    assert without_tails(dataclasses.replace(after, tails=6.0)).spread == pytest.approx(1.5 * after.spread)
+    assert np.isinf(without_tails(dataclasses.replace(after, tails=6.0)).tails)
+    assert without_tails(after).spread == pytest.approx(after.spread)
+    s = lot.scale
+    assert normal.spread[0, 10] == pytest.approx(after.spread[0, 10] * s[0] * s[10])
+    assert normal.repeatability[0, 10] == pytest.approx(after.repeatability[0, 10] * s[0] * s[10])
+    assert normal.off == pytest.approx(0.0)
+    sums.belongs = 3.0
+    assert in_si(lot, after, sums, 1, True).off == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("tails", [np.inf, 5.0])
+def test_freedom_is_fishers_information_of_the_variance(tails):
+    """2 variance^2 times the information of each unit by quadrature, less a share for mean and drift; of an exact session, with tails."""
+    lot = small_lot([1, 1, 2, 1], known=(10,))
+    if np.isfinite(tails):
+        lot = dataclasses.replace(lot, covariances=lot.covariances * 1e-9)
+    belief = believed([[0.7]], [[0.2 if np.isinf(tails) else 1e-9]], known=(10,), tails=tails, beta_covariance=np.eye(2 * COUNT))
+    found = in_si(lot, belief, passed(lot, belief), 1, True)
+    noise = [1 / sum(1 / (lot.covariance(np.flatnonzero(lot.unit == u))[:, 10, 10] + belief.repeatability[10, 10])) for u in range(4)]
+
+    def information(N):
+        logs = lambda y, variance: stats.t.logpdf(y, tails, scale=np.sqrt(N + variance))  # noqa: E731
+        score = lambda y: (logs(y, 0.7 + 1e-5) - logs(y, 0.7 - 1e-5)) / 2e-5  # noqa: E731
+        return integrate.quad(lambda y: score(y) ** 2 * np.exp(logs(y, 0.7)), -60, 60, points=[-3, 0, 3], limit=200)[0]
+
+    assert found.spread_freedom[10] == pytest.approx(2 * 0.7**2 * sum(map(information, noise)) * (4 - 2) / 4, rel=1e-4)
+    assert np.isnan(found.spread_freedom[0])
+    if np.isfinite(tails):
+        return
+    # Two sessions of one unit have one contrast: 2 V^2 times its information.
+    rows = np.flatnonzero(lot.unit == 2)
+    variance = lot.covariance(rows)[:, 10, 10] + belief.repeatability[10, 10]
+    assert found.repeatability_freedom[10] == pytest.approx(belief.repeatability[10, 10] ** 2 * np.sum(0.5 / variance**2))
+
+
+def test_freedom_of_several_numbers_with_tails():
+    """The inverse of the information matrix of a bivariate t's three shape numbers, by a million draws of its scores."""
+    lot = small_lot([1] * 4)
+    lot = dataclasses.replace(lot, covariances=lot.covariances * 1e-9)
+    belief = believed(np.eye(2), 1e-9 * np.eye(2), tails=5.0, beta_covariance=np.eye(2 * COUNT))
+    freedom = in_si(lot, belief, passed(lot, belief), 1, True).spread_freedom[KNOWN]
+    y = stats.multivariate_t([0, 0], np.eye(2), df=5.0, seed=1).rvs(1_000_000)
+    weight = 7 / (5 + np.sum(y**2, axis=1))
+    scores = np.column_stack([(weight * y[:, 0] ** 2 - 1) / 2, (weight * y[:, 1] ** 2 - 1) / 2, weight * y[:, 0] * y[:, 1]])
+    variance = np.linalg.inv(np.cov(scores.T))[0, 0]
+    assert freedom == pytest.approx(2 / variance * 4 * (4 - 2) / 4, rel=0.005)
+
+
+# To the end
+
+
+def test_one_number_ends_at_the_largest_restricted_likelihood():
+    lot = small_lot([2, 3, 1, 2, 2, 1, 3, 2], known=(10,), seed=4)
+
+    def cost(logs):
+        return -Dense(lot, np.exp(logs[:1, None]), np.exp(logs[1:, None]), (10,)).restricted()
+
+    best = np.exp(optimize.minimize(cost, [-1.0, -1.0], method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9}).x)
+    found = hierarchy(lot, tails=False)
+    assert found.settled
+    # Settled within a tenth of its own sigma.
+    off = np.array([found.spread[10, 10], found.repeatability[10, 10]]) / lot.scale[10] ** 2 / best - 1
+    assert (np.abs(off) < 0.1 * np.sqrt(2 / np.array([found.spread_freedom[10], found.repeatability_freedom[10]]))).all()
+    beta, covariance = Dense(lot, best[:1, None], best[1:, None], (10,)).solved()
+    assert found.mean[10] == pytest.approx(lot.centre[10] + lot.scale[10] * beta[0], abs=0.1 * np.sqrt(covariance[0, 0]) * lot.scale[10])
+
+
+@pytest.mark.broad
 def test_one_unit_in_twenty_that_does_not_belong_moves_nothing():
-    clean, wild = found(300, 4, [1, 2]), found(300, 4, [1, 2], wild=0.05)
+    clean, wild = (hierarchy(lot_sessions(simulated_lot(300, 4, [1, 2], wild=share))) for share in (0.0, 0.05))
     assert 0.02 < wild.off < 0.09
     assert np.all(np.abs(wild.mean - clean.mean) < 3 * np.sqrt(np.diag(clean.mean_covariance)))
-    assert sizes(wild.spread) == pytest.approx(np.ones(COUNT), abs=0.17)  # four of its own sigmas
-    assert np.mean(sizes(wild.spread)) == pytest.approx(1, abs=0.04)
+    size = np.sqrt(np.diag(wild.spread)) / SPREAD
+    assert size == pytest.approx(np.ones(COUNT), abs=0.17)  # four of its own sigmas
+    assert np.mean(size) == pytest.approx(1, abs=0.04)
 
 
-def test_tails_are_found_and_not_imagined():
-    heavy, normal = found(400, 2, 1, tails=5.0), found(400, 2, 1)
-    assert 3.5 < heavy.tails < 8
-    assert np.mean(sizes(heavy.spread)) == pytest.approx(1, abs=0.12)
-    assert np.isinf(normal.tails)
-
-
-def test_drift_over_production():
-    each = found(200, 3, 1, drift=1.0)
-    z = (each.drift - SPREAD) / np.sqrt(np.diag(each.drift_covariance))
-    assert np.sqrt(np.mean(z**2)) < 1.6
-    assert each.drifts
-    # The next unit's mean is at the end of the drift.
-    assert np.sqrt(np.mean(((each.next_mean - MEAN - 0.5 * SPREAD) / np.sqrt(np.diag(each.next_covariance))) ** 2)) < 1.6
-    without = found(200, 3, 1)
-    assert not without.drifts
-    assert np.all(np.diag(without.next_covariance) < 0.6 * np.diag(each.next_covariance))
-
-
-def test_accelerometers_that_are_not_told():
-    none, some = found(60, 5, [1, 2], without_accelerometer=1.0), found(120, 5, [1, 2], without_accelerometer=0.5)
+def test_without_a_repeated_session_or_an_accelerometer_neither_is_told():
+    none = hierarchy(lot_sessions(simulated_lot(40, 5, 1, without_accelerometer=1.0)))
+    assert np.isnan(none.repeatability).all()
     assert np.isnan(none.mean[12:]).all()
-    assert np.isnan(np.diag(none.spread)[12:]).all()
     assert np.isfinite(none.spread[:12, :12]).all()
-    assert sizes(some.spread) == pytest.approx(np.ones(COUNT), abs=0.4)
-    assert np.all(some.spread_freedom[12:] < some.spread_freedom[:12].min())
 
 
-def test_without_a_repeated_session_repeatability_is_not_told():
-    assert np.isnan(found(40, 0, 1).repeatability).all()
-
-
-def test_noise_alone_is_no_spread():
-    """Units that are all alike: the spread is a small part of the noise, and its freedom says that it is not told from none."""
-    results = simulated_lot(80, 1, 1, noise=0.5, repeat=0.0)
-    rng = np.random.default_rng(0)
-    alike = [dataclasses.replace(r, values=MEAN + np.linalg.cholesky(r.covariance) @ rng.normal(size=COUNT)) for r in results]
-    each = hierarchy(lot_sessions(alike))
-    assert np.mean(sizes(each.spread)) < 0.25
-
-
-def test_order_of_the_records_and_copies_do_not_matter():
-    results = simulated_lot(30, 6, [1, 2])
-    once = hierarchy(lot_sessions(results))
-    again = hierarchy(lot_sessions([*results[::-1], *results[:5]]))
-    assert again.mean == pytest.approx(once.mean, rel=1e-9)
-    assert np.allclose(again.spread, once.spread, rtol=1e-9, atol=0)
-
-
-def test_units_of_the_numbers_do_not_matter():
-    """Everything a thousand times as large."""
-    results = simulated_lot(30, 6, [1, 2])
-    large = [dataclasses.replace(r, values=1e3 * r.values, covariance=1e6 * r.covariance) for r in results]
+def test_order_of_the_records_copies_and_units_do_not_matter():
+    results = simulated_lot(20, 6, [1, 2])
+    large = [dataclasses.replace(r, values=1e3 * r.values, covariance=1e6 * r.covariance) for r in [*results[::-1], *results[:5]]]
     once, again = (hierarchy(lot_sessions(each)) for each in (results, large))
     assert again.mean == pytest.approx(1e3 * once.mean, rel=1e-6)
-    assert np.allclose(again.repeatability, 1e6 * once.repeatability, rtol=1e-6, atol=0)
+    assert np.allclose(again.spread, 1e6 * once.spread, rtol=1e-6, atol=0)
 
 
-def test_fewer_than_two_units_are_no_lot():
-    with pytest.raises(CalibrationError, match="two units or more, got 1"):
-        lot_sessions(simulated_lot(1, 0, 5))
-    with pytest.raises(CalibrationError, match="got 0"):
-        lot_sessions([])
-
-
-def test_two_units_are_one():
-    each = found(2, 0, 2)
+def test_two_units_are_a_lot_and_one_is_none():
+    each = hierarchy(lot_sessions(simulated_lot(2, 0, 2)))
     assert np.isfinite(each.spread).all()
-    assert np.isfinite(each.next_mean).all()
+    assert each.drift_p == 1.0
+    for units in (1, 0):
+        with pytest.raises(CalibrationError, match=f"two units or more, got {units}"):
+            lot_sessions(simulated_lot(units, 0, 5))

@@ -163,7 +163,8 @@ def _repeats(sums: Sums, chunk: UnitChunk, of: Combined, W: np.ndarray, pulled: 
     left = np.einsum("sij,sj->si", gain, d)
     moved = gain @ doubt[unit] @ gain.swapaxes(1, 2) + V - gain @ V
     told = (np.einsum("sii->si", chunk.noise[of.several]) < 1e7).sum(axis=1)
-    total = np.linalg.inv(np.linalg.inv(of.precision) + doubt[unit])
+    # The session has its part in the unit's estimate: what is left of it varies by less than the session itself.
+    total = np.linalg.inv(np.linalg.inv(of.precision) - doubt[unit])
     far = np.einsum("si,sij,sj->s", d, total, d)
     keep = member[unit] * (chdtrc(told, far) > BAD_SESSION_P)
     sums.repeated += (left * keep[:, None]).T @ left + (keep @ moved.reshape(len(moved), -1)).reshape(COUNT, COUNT)
@@ -241,7 +242,7 @@ def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
         belief, sums, done, settled = _settle(lot, belief, units, most, tails)
         passes += done
         if units is None:
-            return _told(lot, belief, sums, passes, settled)
+            return in_si(lot, belief, sums, passes, settled)
         size *= GROWTH
 
 
@@ -276,7 +277,7 @@ def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: in
         sums = Sums()
         for _, chunk in lot.chunks(units):
             add(sums, chunk, belief, count)
-        after = _updated(lot, belief, sums, count, tails)
+        after = updated(lot, belief, sums, count, tails)
         steps.append(_step(lot, belief, after))
         rate = _rates(steps)
         moved = _moved(lot, belief, after, sums, steps[-1], rate)
@@ -310,7 +311,8 @@ def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray, longest: float) -
     return replace(belief, spread=grown, repeatability=belief.repeatability * np.outer(again, again))
 
 
-def _updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bool) -> Belief:
+def updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bool) -> Belief:
+    """Return the estimate after a pass: generalised least squares for beta, one step of expectation and maximisation for the rest."""
     known = np.tile(lot.known, 2)
     block = np.ix_(known, known)
     covariance = np.zeros((2 * COUNT,) * 2)
@@ -324,7 +326,7 @@ def _updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bo
     if sums.repeats > 1:
         repeatability = _sound(sums.repeated / sums.repeats, sums.repeats, told, lot.twice)
     delta, numbers, member = (np.concatenate(part) for part in (sums.delta, sums.told, sums.member))
-    found = _tails(delta, numbers, member) if tails and units > 3 * told else np.inf
+    found = tails_of(delta, numbers, member) if tails and units > 3 * told else np.inf
     off = (len(member) - sums.belongs + 0.2) / (len(member) + 20)
     return Belief(beta, covariance, spread, repeatability, found, float(off))
 
@@ -337,7 +339,7 @@ def _sound(matrix: np.ndarray, freedom: float, told: int, known: np.ndarray) -> 
     return np.where(known[:, None] & known, found, 0.0)
 
 
-def _tails(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
+def tails_of(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
     """Return the maximum-likelihood degrees of freedom; infinity where a normal distribution fits the distances as well."""
     from scipy.optimize import minimize_scalar
 
@@ -360,7 +362,7 @@ def _moved(lot: LotSessions, before: Belief, after: Belief, sums: Sums, step: np
     return float(max(np.max(np.abs(after.beta - before.beta) / sigma), np.max(sizes)))
 
 
-def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bool) -> Hierarchy:
+def in_si(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bool) -> Hierarchy:
     """Convert the estimate to SI."""
     factor = belief.tails / (belief.tails - 2) if np.isfinite(belief.tails) else 1.0
     numbers = max(int(lot.known.sum()), 1)
@@ -425,10 +427,13 @@ def _hidden(matrix: np.ndarray, hidden: np.ndarray) -> np.ndarray:
 def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
     """Return the degrees of freedom of chi-square of the spread's and the repeatability's variances (21,).
 
-    2 variance^2 / (its own variance), by Fisher's information of each alone; tails reduce them.
+    2 variance^2 / (its own variance), by Fisher's information of each alone; tails reduce them: a Student's t of p numbers tells less of
+    its scale, and of the scale of all together least (Tyler 1982).
     """
     spread, again = np.diag(belief.spread), np.diag(belief.repeatability)
-    kurtosis = (belief.tails + 2) / (belief.tails + 3) if np.isfinite(belief.tails) else 1.0
+    kurtosis, numbers = 1.0, max(int(lot.known.sum()), 1)
+    if np.isfinite(belief.tails):
+        kurtosis = (belief.tails + numbers) / (belief.tails + numbers + 2) * belief.tails / (belief.tails + 1)
     freedom = spread**2 * sums.spread_info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
     return np.where(lot.known, freedom, np.nan), np.where(lot.twice, again**2 * sums.repeat_info, np.nan)
 

@@ -144,10 +144,17 @@ class LengthFit:
         return () if self.rung is not None and not self.rung.left else ("all of them",) if self.rung is None else self.rung.left
 
 
-def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | None = None, gravity_sigma_mps2: float = 0.0) -> LengthFit:
+def fit_lengths(
+    force: np.ndarray,
+    gravity_mps2: float,
+    before: Accelerometer | None = None,
+    gravity_sigma_mps2: float = 0.0,
+    white_mps2: float = 0.0,
+) -> LengthFit:
     """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length, known to a sigma.
 
-    A few stills that are none hardly count.  Where the attitudes fix no number, the fit is ``before``.
+    white_mps2: what white noise alone scatters a still's mean by; counts where few stills are to spare.  A few stills that are none hardly
+    count.  Where the attitudes fix no number, the fit is ``before``.
     """
     before = before or Accelerometer(source="none")
     attitudes = attitudes_of(force)
@@ -163,7 +170,7 @@ def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | 
         if _gain(design) > WORST_GAIN:
             continue
         left = _miss(x, force, gravity_mps2)
-        weight, sigma = _weight(left, bar), _sigma(left, bar, rung.count)
+        weight, sigma = _weight(left, bar), _sigma(left, bar, rung.count, white_mps2)
         covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
         # All lengths in common: the matrix as a whole, and nothing else.
         common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
@@ -208,16 +215,22 @@ def _weight(miss: np.ndarray, bar: float) -> np.ndarray:
     return 1 / (1 + (miss / bar) ** 2)
 
 
-def _sigma(miss: np.ndarray, bar: float, count: int) -> float:
-    """m/s^2 of one still, such that sigma^2 (X' X)^-1 is the covariance of Cauchy's estimate (Huber 1981, equation 6.5)."""
+def _sigma(miss: np.ndarray, bar: float, count: int, white_mps2: float) -> float:
+    """m/s^2 of one still, such that sigma^2 (X' X)^-1 is the covariance of Cauchy's estimate (Huber 1981, equation 6.5).
+
+    Where fewer stills are to spare than numbers are fitted, never less than their scatter is known to be beforehand.
+    """
     spare = len(miss) - count
-    if spare < count:
-        return max(float(sigma_of(miss)), WANDERS_MPS2)
+    least = float(np.hypot(WANDERS_MPS2, white_mps2)) if spare < count else 0.0
+    if not spare:
+        return least
     u2 = (miss / bar) ** 2
     pull, slope = miss / (1 + u2), (1 - u2) / (1 + u2) ** 2
     mean = max(float(np.mean(slope)), 0.1)  # no estimate rests on a tenth of its stills
     small = 1 + count / len(miss) * float(np.var(slope)) / mean**2
-    return small * float(np.sqrt(np.sum(pull**2) / spare)) / mean
+    sigma = small * float(np.sqrt(np.sum(pull**2) / spare)) / mean
+    # Of few, the weights make too little of what misses by more than the median does.
+    return sigma if spare >= count else max(sigma, float(sigma_of(miss)) * np.sqrt(len(miss) / spare), least)
 
 
 def _least_squares(

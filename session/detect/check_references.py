@@ -295,11 +295,13 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     known: the session's stills, where they were found before.
     """
     known = known or SessionStills(session)
-    stills = [still for log in session.logs for still in known.of(log).stills]
-    force, site = force_of(references(stills)), session.config.site
+    logs = [known.of(log) for log in session.logs]
+    force, site = force_of(references([still for log in logs for still in log.stills])), session.config.site
     if not len(force):
         return None
-    found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2)
+    noises = [(log.noise, still.duration_s) for log in logs if log.noise for still in references(log.stills)]
+    white_mps2 = float(np.sqrt(np.mean([np.mean(noise.velocity_random_walk**2) / duration_s for noise, duration_s in noises])))
+    found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2, white_mps2)
     # A zero of half a g moves the lengths by as much; what is wrong with the units shows in the scale.
     length = np.median(np.linalg.norm(force, axis=1)) / site.expected_gravity_mps2 if found.rung is None else np.mean(found.x[SCALES])
     return found if abs(length - 1) < UNITS_RIGHT else None

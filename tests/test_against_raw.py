@@ -3,15 +3,11 @@
 import json
 import shutil
 
-import numpy as np
 import pytest
-from test_report_decision import JudgedFit, decide
 
 import calibrate
 import tinygc
-from session.io.units import DEG
 from tinygc import SimulationOptions
-from tinygc.estimation.choice import AgainstRaw
 from tinygc.simulation.write import write_session
 
 
@@ -57,28 +53,3 @@ def test_a_usual_session_is_far_better_than_raw(simulated):
         "worse": [],
         "passed": True,
     }
-
-
-@pytest.mark.parametrize(
-    ("held_out", "worse", "failed"),
-    [
-        ({"least_squares": 0.9, "pso": 1.1}, ("pso",), False),
-        ({"least_squares": 1.2, "pso": 1.1}, ("least_squares", "pso"), True),
-        ({"least_squares": 1.0}, (), False),
-        ({"least_squares": float("nan")}, ("least_squares",), True),
-        ({}, (), False),
-    ],
-)
-def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_out, worse, failed):
-    against = AgainstRaw("raw_bias_removed", 1.0, held_out)
-    assert (against.worse, against.failed) == (worse, failed)
-    assert bool(against.words) == bool(worse)
-
-
-@pytest.mark.parametrize("limit_deg", [None, 5.0])
-def test_no_limit_makes_a_pass_of_what_is_worse_than_raw(limit_deg):
-    adopted = JudgedFit(np.full((40, 2), DEG / np.sqrt(2)), list(range(40)), np.zeros(12), 0.9 * DEG, 0.5, None, [], [], [])
-    assert decide(adopted, [], limit_deg, AgainstRaw("raw", 1.1, {})).answer == "pass"
-    worse = decide(adopted, [], limit_deg, AgainstRaw("raw", 0.9, {}))
-    assert worse.answer == "fail"
-    assert any("worse than the 0.90° of the raw rates" in text for met, text in worse.reasons if not met)

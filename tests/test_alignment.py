@@ -115,36 +115,6 @@ def test_a_truth_of_another_recording_is_left_as_it_is():
     assert set(mixed.alignment.source.values()) == {"assumed"}
 
 
-#: benchmarks/truth_alignment.py takes 40
-SEEDS = 20
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        pytest.param(Wrong(late_s=0.00406), marks=pytest.mark.slow),
-        Wrong(turns=10),
-        pytest.param(Wrong(sigma_deg=0.2, every_s=0.5), marks=pytest.mark.slow),
-        pytest.param(Wrong(mounting_deg=(3, -2, 1), frame="enu"), marks=pytest.mark.slow),
-    ],
-)
-def test_sigmas_are_what_they_say_and_none_is_claimed_that_is_not_there(wrong):
-    offset, turned, claimed = [], [], 0
-    for seed in range(SEEDS):
-        session, E = made(wrong, seed)
-        alignment = align(session).alignment
-        offset.append((alignment.offset_s + wrong.late_s) / alignment.offset_sigma_s)
-        own = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix() @ polar(E)[0]
-        turned.append((Rotation.from_matrix(own).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec() / alignment.turned_sigma)
-        claimed += alignment.source["offset_s"] == "found"
-    # So many offsets, and three times as many angles that go together by threes: three sigmas of a share of 68 %.
-    assert abs(np.mean(np.abs(offset) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / SEEDS)
-    assert abs(np.mean(np.abs(turned) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / (2 * SEEDS))
-    assert np.sqrt(np.mean(np.square(offset))) < 1.4
-    assert claimed == (SEEDS if wrong.late_s else 0)
-
-
 @pytest.mark.slow
 def test_parameters_behind_a_found_clock_and_mounting_are_within_their_sigmas():
     wrong, pulls = Wrong(late_s=0.00406, mounting_deg=(3, -2, 1), frame="enu", sense="world_to_body"), []

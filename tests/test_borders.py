@@ -43,9 +43,8 @@ def test_a_session_toml_with_numbers_that_nobody_has_is_refused_in_one_line(toml
     with pytest.raises(FormatError) as caught:
         read_config(tmp_path / "s" / "session.toml")
     assert says in str(caught.value)
-    for command in ("check", "fit", "explain"):
-        assert calibrate.main([command, str(tmp_path / "s"), "--quiet"]) == 2
-        assert len(capsys.readouterr().err.strip().splitlines()) <= 1
+    assert calibrate.main(["fit", str(tmp_path / "s"), "--quiet"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def written(folder, columns, name="log0001.csv"):

@@ -5,7 +5,6 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import Table, write_session
 
 import calibrate
 import tinygc
@@ -86,23 +85,6 @@ def test_a_number_that_no_text_can_hold_is_refused_without_a_warning():
         warnings.simplefilter("error")
         with pytest.raises(ValueError, match="cannot be written"):
             numeric.decimal_rows([np.array([1e300, 1.0])], [9])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("text", ["[" * 100_000, "{", "[]", '{"goodness": {"p_value": null}}', '{"goodness": 3}'])
-def test_a_broken_fit_is_named_by_compare_and_does_not_stop_a_report_from_fitting(tmp_path, text, capsys):
-    for seed, name in enumerate(("one", "two")):
-        write_session(tmp_path / name, Table().tumble(8, seed=seed).samples(bias_dps=(0.5, -0.3, 0.6), seed=seed))
-        assert calibrate.main(["fit", str(tmp_path / name), "--methods", "least_squares", "--quiet"]) == 0
-    for name in ("fit.json", "fitted.json"):
-        (tmp_path / "two" / "fit" / name).write_text(text)
-    capsys.readouterr()
-    assert calibrate.main(["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--quiet"]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "two/fit/fit.json" in said
-    assert "calibrate.py fit" in said
-    assert "\n" not in said
-    assert calibrate.main(["report", str(tmp_path / "two"), "--methods", "least_squares", "--no-explain", "--quiet"]) == 0
 
 
 @pytest.mark.parametrize(

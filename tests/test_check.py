@@ -36,13 +36,6 @@ def test_recordings_with_nothing_wrong_have_no_warning(shared, name):
     assert serious(check_folder(shared / name)) == set()
 
 
-@pytest.mark.slow
-def test_no_recording_of_the_other_bench_has_an_error(shared):
-    """What is concealed there are effects, not mistakes of units, axes or files."""
-    for folder in sorted((shared / "concealed").glob("case*")):
-        assert worst(check_folder(folder)) != "error", folder.name
-
-
 # Units and full scales
 
 

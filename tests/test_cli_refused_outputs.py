@@ -55,17 +55,6 @@ def test_out_twice_replaces_and_out_a_file_is_refused(run, folder, tmp_path):
     assert (out / "notes.txt").read_text() == "mine"
 
 
-def test_fit_is_a_file(run, folder):
-    (folder / "fit").write_text("mine")
-    refused(run("fit", folder, *QUICK), "fit", "exists")
-    assert (folder / "fit").read_text() == "mine"
-
-
-def test_json_cannot_be_written(run, folder, tmp_path):
-    refused(run("fit", folder, *QUICK, "--json", tmp_path / "none" / "x.json"), "x.json", "--json")
-    refused(run("check", folder, "--quiet", "--json", tmp_path), "cannot be written")
-
-
 @pytest.mark.parametrize("command", ["fit", "explain"])
 def test_what_cannot_be_written_is_found_before_the_work(run, folder, tmp_path, monkeypatch, command):
     def worked(*args, **settings):

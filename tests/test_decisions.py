@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from recording_wires import caught_up, make_wire, record, replayed
-from streams import frame_list, samples, sent
+from streams import frame_list, sent
 
-from session.bench.rawfile import Mark, RecordingDecision, decision_of, name_kept, read_marks
+from session.bench.rawfile import Mark, RecordingDecision, decision_of, name_kept
 from session.bench.recorder import Recorder
 
 wire = pytest.fixture(make_wire, name="wire")
@@ -105,18 +105,3 @@ def test_marks_that_make_no_sense_decide_nothing():
         Mark(0, i, event) for i, event in enumerate(["begin a", "open x", "keep closure", "begin b", "note n", "keep closure", "begin c"])
     ]
     assert [name_kept(marks, i) for i in (0, 3, 6)] == [None, "closure", None]
-
-
-def test_raw_times_says_what_was_decided_and_where(wire, tmp_path):
-    master, name = wire
-    _, data = parts(1)
-    recorder = Recorder(tmp_path / "s", name)
-    record(recorder, master, data[0])
-    recorder.decide(PAUSE)
-    recorder.close()
-    (mark,) = [mark for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event == "pause"]
-    assert mark.offset == len(data[0])
-    again = Recorder(tmp_path / "s", name)
-    told = caught_up(again)
-    again.close()  # a reader that is left waits for its port to come back, and takes the next test's
-    assert len(samples(told)[0]) >= 299

@@ -134,38 +134,6 @@ def test_skewed_axes_show_the_rate_of_seconds_ago():
     np.testing.assert_allclose(back, moved.rate, atol=1e-4 * np.abs(expected).max())
 
 
-def test_asymmetry_is_even_and_nonlinearity_is_odd():
-    moved = movement()
-    other = moved.with_rate(-moved.rate)
-    for name, sign in (("gyro.scale_asymmetry", 1), ("gyro.scale_nonlinearity", -1), ("gyro.thermal_scale", -1)):
-        effect = catalogue()[name]
-        theta = theta_of(effect)
-        there, back = (effect.distort(m, theta) - m.rate for m in (moved, other))
-        np.testing.assert_allclose(back, sign * there, rtol=1e-12, atol=1e-14)
-    there, back = (catalogue()["gyro.g2_sensitivity"].columns(m) for m in (moved, replace(moved, force_g=-moved.force_g)))
-    np.testing.assert_array_equal(there, back)
-    there, back = (catalogue()["gyro.g_sensitivity"].columns(m) for m in (moved, replace(moved, force_g=-moved.force_g)))
-    np.testing.assert_array_equal(there, -back)
-
-
-def test_asymmetry_is_the_difference_of_two_sensitivities():
-    """IEEE 528: half the difference between the scale of positive and of negative turns."""
-    effect, moved = catalogue()["gyro.scale_asymmetry"], movement()
-    half = np.array([0.001, -0.002, 0.003])
-    scale = effect.distort(moved, half)[moved.rate != 0] / moved.rate[moved.rate != 0]
-    axis = np.broadcast_to(np.arange(3), moved.rate.shape)[moved.rate != 0]
-    positive = moved.rate[moved.rate != 0] > 0
-    for i in range(3):
-        np.testing.assert_allclose(scale[(axis == i) & positive], 1 + half[i], rtol=1e-9)
-        np.testing.assert_allclose(scale[(axis == i) & ~positive], 1 - half[i], rtol=1e-9)
-
-
-def test_the_cubic_is_its_parameter_at_full_scale():
-    effect = catalogue()["gyro.scale_nonlinearity"]
-    moved = movement().with_rate(np.full((len(movement().t_s), 3), FS))
-    np.testing.assert_allclose(effect.distort(moved, np.array([0.01, 0.02, -0.03])) / FS, np.tile([1.01, 1.02, 0.97], (len(moved.t_s), 1)))
-
-
 @pytest.mark.parametrize("name", ["gyro.thermal_bias", "gyro.thermal_scale"])
 def test_temperature_effects_are_nothing_at_the_first_temperature(name):
     """And need a thermometer."""

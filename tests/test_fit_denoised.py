@@ -67,13 +67,6 @@ def test_where_conditions_do_not_matter_they_are_left_alone(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_published_variant_has_26(tmp_path):
-    _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc", "--variant", "published", "--folds", "2")
-    assert table["methods"]["tinygc"]["parameters"] == 26
-    assert table["options"]["variant"] == "published"
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [

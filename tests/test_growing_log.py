@@ -124,14 +124,3 @@ def test_how_the_events_are_cut_does_not_matter_to_the_logs(tmp_path):
         made.append([path.read_text() for path in logs.paths])
     assert made[0] == made[1]
     assert made[0][-1].count("left out as implausible: 3 (t_us 5)") == 1
-
-
-def test_a_stream_that_resets_every_few_frames_makes_few_logs(tmp_path):
-    for every in (3, 4, 9, 30, 70, 500):
-        folder = tmp_path / str(every)
-        folder.mkdir()
-        (folder / "raw.bin").write_bytes(b"".join(frame_list(*sent(every))) * (20_000 // every))
-        logs = play(folder)
-        assert len(logs.paths) <= SHORT_STARTS
-        for path in logs.paths:
-            assert path.stat().st_size > 0

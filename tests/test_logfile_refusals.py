@@ -7,7 +7,7 @@ import pytest
 from four_readings import HEADER, SENSOR, TIMES, read, text_of
 
 from session.io.config import Sensor
-from session.io.errors import DataError, FormatError
+from session.io.errors import FormatError
 from session.io.logfile import read_log
 from tinygc import CalibrationError
 
@@ -119,18 +119,8 @@ def test_line_numbers_count_comments_and_blank_lines(tmp_path):
         read(tmp_path, text)
 
 
-def test_a_single_sample_is_no_recording(tmp_path):
-    with pytest.raises(DataError, match="single sample"):
-        read(tmp_path, HEADER + "\n1,1,2,3,4,5,6,7\n")
-
-
 def test_text_that_calls_itself_gzip_is_refused(tmp_path):
     path = tmp_path / "log.csv.gz"
     path.write_text(text_of())
     with pytest.raises(FormatError, match="not a gzip file"):
         read_log(path, SENSOR)
-
-
-def test_bytes_that_are_no_text_are_refused(tmp_path):
-    with pytest.raises(CalibrationError):
-        read(tmp_path, bytes(range(256)) * 40)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from session.io.errors import FitError, FormatError
+from session.io.errors import FitError
 from session.io.samples import Samples
 from tinygc import models
 from tinygc.effects import Conditions
@@ -93,33 +93,3 @@ def test_conditions_come_from_the_log():
     np.testing.assert_allclose(ConditionsModel(net, KNOWN).calibrate(samples) - samples.gyro, np.tile([2.0, 0, 0], (count, 1)), atol=1e-12)
     with pytest.raises(FitError, match="temperature"):
         inputs_of(Samples(samples.t_ns, samples.gyro, samples.accel), ("temperature",), KNOWN)
-
-
-def table_of(model, **changes):
-    return {**json.loads(json.dumps(models.to_dict(model))), **changes}
-
-
-@pytest.mark.parametrize(
-    ("changes", "complaint"),
-    [
-        ({"inputs": ["weather"]}, "inputs"),
-        ({"inputs": [["force"]]}, "inputs"),
-        ({"inputs": ["force"]}, "shape"),
-        ({"conditions": None}, "conditions"),
-        ({"weights": 3}, "weights"),
-        ({"net": None}, "net"),
-    ],
-)
-def test_malformed_conditions_are_refused(changes, complaint):
-    with pytest.raises(FormatError, match=complaint):
-        models.from_dict(table_of(ConditionsModel(ConditionsNet.identity(BOTH), KNOWN), **changes))
-
-
-@pytest.mark.parametrize(
-    ("weights", "complaint"), [(None, "weights is null"), ({}, "weights.W1 is missing"), ({"W1": "x"}, "weights.W1 is")]
-)
-def test_malformed_published_nets_are_refused(weights, complaint):
-    with pytest.raises(FormatError, match=complaint):
-        models.from_dict(table_of(PublishedNet.identity(), weights=weights))
-    with pytest.raises(FormatError, match="kind"):
-        models.from_dict(table_of(PublishedNet.identity(), kind=["tinygc"]))

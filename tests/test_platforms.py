@@ -85,10 +85,18 @@ print(*failed)
     assert done.stdout.split() == ["tinygc.simulation.terminal"], done.stderr
 
 
-@pytest.mark.parametrize("name", list(present_commands()))
-def test_every_command_says_its_help(name):
-    done = calibrate(name, "--help")
-    assert "usage:" in done.stdout, done.stderr
+def test_every_command_says_its_help():
+    names = list(present_commands())
+    code = f"""
+import calibrate
+for name in {names!r}:
+    try:
+        calibrate.main([name, "--help"])
+    except SystemExit:
+        pass
+"""
+    done = hidden(code)
+    assert done.stdout.count("usage:") == len(names), done.stderr
 
 
 @pytest.fixture(scope="module")

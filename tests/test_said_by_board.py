@@ -110,10 +110,6 @@ def test_what_no_sensor_has_is_refused_before_it_is_written(info, says, tmp_path
     assert right.configure(None).sensor.odr_hz == 416.0
 
 
-def test_an_emoji_in_the_serial_is_a_serial():
-    assert is_read_or_refused(Info(500.0, 4.0, 416.0, "\U0001f600"), False)
-
-
 def test_a_disk_that_fills_while_it_is_written_leaves_no_half_of_it(tmp_path, monkeypatch):
     def full(file: int) -> None:
         raise OSError(28, os.strerror(28))

@@ -3,7 +3,6 @@
 import importlib
 import sys
 
-import processes
 import pytest
 from conftest import ROOT
 
@@ -35,8 +34,3 @@ def test_every_listed_constant_is_there_and_is_halved_doubled_and_put_back(thres
 def test_a_constant_is_changed_where_it_was_imported_to(thresholds):
     places = {place.__name__ for place in thresholds.Changed(thresholds.EVIDENCE, "PRIOR_ODDS", 2.0).places}
     assert places >= {thresholds.EVIDENCE, thresholds.REPAIR}
-
-
-def test_the_benchmark_says_what_it_does():
-    found = processes.run([sys.executable, f"{BENCHMARKS}/thresholds.py", "--help"], capture_output=True, text=True, check=True)
-    assert "mends, naming, strong, truth" in found.stdout

@@ -191,11 +191,3 @@ def test_recordings_whose_motion_is_slow_enough_are_left_in_peace(shared, name):
     if not (shared / name).exists():
         pytest.skip(f"no recordings: {name} is not there")
     assert all(line.level == "ok" for line in check_folder(shared / name) if line.what == "fast motion")
-
-
-@pytest.mark.slow
-def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
-    folders = [ROOT / "data" / "session1", *sorted((shared / "concealed").glob("case*"))]
-    lines = [line for folder in folders for line in check_folder(folder) if line.what == "fast motion"]
-    assert lines
-    assert all(line.level == "ok" for line in lines)

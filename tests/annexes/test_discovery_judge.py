@@ -194,20 +194,6 @@ def simulated_with(tmp_path_factory):
     return make
 
 
-@pytest.mark.slow
-def test_a_law_that_no_catalogue_has_is_found(discovered):
-    answer = discovered(rectifying)
-    assert answer.verdict == "found"
-    (law,) = answer.laws
-    assert law.form == PRODUCT
-    error = law.theta / FS_RPS - np.array([0.02, -0.015, 0.01])
-    sigma = np.sqrt(np.diag(law.covariance)) / FS_RPS
-    assert np.all(np.abs(error) < 4 * sigma)
-    assert np.all(sigma < 0.002)
-    assert law.chance_p < 1e-6
-    assert law.held_out[0].removed > 0.97
-
-
 LEAKS = LawForm((Factor("acceleration", "square"),), "full")
 MATRIX = 6e-4 * np.array([[1.0, -0.6, 0.4], [0.5, -1.2, 0.3], [-0.4, 0.7, 0.9]])  #: rad/s per (rad/s²)²
 

@@ -20,7 +20,7 @@ from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.law_fits import best_trial, pairs_of
 from tinygc.annexes.discovery.report import DiscoveryReport
 from tinygc.annexes.discovery.result import discovery_page
-from tinygc.annexes.discovery.words import in_words, terms_of
+from tinygc.annexes.discovery.words import terms_of
 from tinygc.closure.residual import Batch
 from tinygc.explanation.engine import explain_session
 from tinygc.library import explanations
@@ -241,10 +241,6 @@ def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
     assert not ran.exists()
 
 
-def test_without_the_option_the_json_has_no_such_key(e):
-    assert "discovery" not in explanations.Why(e).table
-
-
 def test_a_session_beside_a_truth_file_is_refused_in_one_line(folder, tmp_path):
     text = (folder / "session.toml").read_text(encoding="utf-8")
     place = tmp_path / "session.toml"
@@ -272,11 +268,6 @@ def test_what_is_left_beyond_noise_is_said(e):
     assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
     (law,) = DiscoveryReport(e, found(told_law(held_out=(more,)))).to_json()["discovery"]["laws"]
     assert law["held_out"][0]["noise_p"] == 2e-5
-
-
-def test_degrees_and_radians(e):
-    (law,) = DiscoveryReport(e, found(told_law())).to_json()["discovery"]["laws"]
-    assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
 
 
 def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
@@ -311,14 +302,6 @@ def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_el
     assert not [
         line for line in lines_of(DiscoveryReport(e, found(law_of(*LAWS["cross"]))).to_json()) if line.startswith("in these equations")
     ]
-
-
-def test_a_lag_of_a_neighbour_is_said_beside_it():
-    words = in_words(LawForm((Factor("rate", "itself", None, 0.124), Factor("force")), "next"))
-    assert words == (
-        "The error of each axis is proportional to the rate of the next axis (through a first-order lag of 0.124 s), "
-        "times the specific force of the one after that (after x comes y, after y z, after z x)."
-    )
 
 
 def test_a_file_in_the_place_of_the_effects_folder_is_said_before_the_search(folder, tmp_path, monkeypatch, capsys):

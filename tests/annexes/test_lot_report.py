@@ -13,11 +13,10 @@ from rich.console import Console
 from simulated_lots import simulated_lot
 
 import calibrate
-from tinygc.annexes.lots.lot import NAMES, OWN, SENSOR_ERRORS, PooledEffect, error_covariance, jacobian, sensor_errors
+from tinygc.annexes.lots.lot import NAMES, PooledEffect
 from tinygc.annexes.lots.page import page
 from tinygc.annexes.lots.report import lot_of, read_lot, save, to_json
 from tinygc.annexes.lots.text import lot_page
-from tinygc.models.linear import field_vector
 
 LIMITS = {"gyro_bias_y_mdps": (-1500.0, 1500.0), "accel_bias_z_mg": (-np.inf, 30.0)}
 PEOPLE = (("Mara", 0.4), ("Ben <b>", -0.4))
@@ -38,35 +37,6 @@ def printed(report):
     with console.capture() as capture:
         console.print(lot_page(report))
     return capture.get()
-
-
-def test_numbers_of_people_are_those_of_the_model():
-    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0) + np.random.default_rng(0).normal(size=21) * 0.01
-    field = field_vector(values[:12])
-    in_si = sensor_errors(values) * [each.si for each in SENSOR_ERRORS]
-    assert in_si[:9] == pytest.approx(field[:9], abs=1e-15)
-    assert in_si[9:12] == pytest.approx(field[15:18], abs=1e-15)
-    # The accelerometer: f = M (m - b), so that its output at no force is b, and its scale the length of a row of M^-1.
-    M = np.eye(3)
-    M[np.triu_indices(3)] += values[12:18]
-    assert in_si[12:15] == pytest.approx(np.linalg.norm(np.linalg.inv(M), axis=1) - 1)
-    assert in_si[18:] == pytest.approx(values[18:])
-
-
-def test_a_covariance_goes_over_as_draws_do():
-    rng = np.random.default_rng(1)
-    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
-    B = rng.normal(size=(21, 21))
-    covariance = 1e-8 * B @ B.T
-    draws = sensor_errors(rng.multivariate_normal(values, covariance, size=20_000))
-    told = error_covariance(covariance, jacobian(values))
-    assert np.cov(draws.T).diagonal() == pytest.approx(told.diagonal(), rel=0.05)
-
-
-def test_what_is_not_told_hides_its_own_number_only():
-    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
-    values[[3, 13]] = np.nan
-    assert set(np.flatnonzero(np.isnan(sensor_errors(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
 
 
 def test_the_report_says_what_was_put_in(report):

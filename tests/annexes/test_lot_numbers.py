@@ -1,0 +1,195 @@
+"""A lot's numbers as sensor errors, its sessions as arrays in the order of production, and the test of the stated sigmas, by hand."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from small_lots import small_lot
+
+from session.io.units import DEG, G
+from tinygc import CalibrationError
+from tinygc.annexes.lots.lot import (
+    COUNT,
+    NAMES,
+    OWN,
+    SENSOR_ERRORS,
+    UNITS,
+    UNTOLD,
+    SessionErrors,
+    UnitResult,
+    error_covariance,
+    jacobian,
+    lot_sessions,
+    sensor_errors,
+    session_errors,
+    stated,
+)
+from tinygc.models.linear import field_vector
+
+NONE = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
+
+
+def test_sensor_errors_are_those_that_a_sensor_is_made_of():
+    """Large errors, so that every second-order term shows: rows of given lengths that lean by given angles, and a bias in the reading."""
+    scale, bias = np.array([0.2, -0.1, 0.3]), np.array([0.02, -0.03, 0.05])
+    lean = {(0, 1): 0.1, (0, 2): -0.2, (1, 0): 0.3, (1, 2): -0.15, (2, 0): 0.25, (2, 1): -0.05}
+    rows = np.array([[1.0 if i == j else np.tan(lean[i, j]) for j in range(3)] for i in range(3)])
+    M = rows / np.linalg.norm(rows, axis=1)[:, None] * (1 + scale)[:, None]
+    E = np.linalg.inv(M)
+    # The triad's rows: along z, in the plane of y and z, and free, with given cosines between them.
+    xy, xz, yz = 0.1, -0.2, 0.3
+    second = np.array([0, np.cos(yz), np.sin(yz)])
+    first = np.array([0, (np.sin(xy) - np.sin(xz) * np.sin(yz)) / np.cos(yz), np.sin(xz)])
+    first[0] = np.sqrt(1 - first @ first)
+    own, force_bias = np.array([0.1, 0.05, -0.2]), np.array([0.3, -0.4, 0.5])
+    T = np.linalg.inv(np.array([first, second, [0, 0, 1]]) * (1 + own)[:, None]) - np.eye(3)
+    values = np.concatenate([E.ravel(), -E @ bias, T[np.triu_indices(3)], force_bias])
+    expected = [*scale / 1e-6, *(lean[key] / 1e-3 for key in sorted(lean)), *bias / (1e-3 * DEG), *own / 1e-6]
+    expected += [xy / 1e-3, xz / 1e-3, yz / 1e-3, *force_bias / (1e-3 * G)]
+    assert sensor_errors(values) == pytest.approx(expected, rel=1e-9)
+    assert sensor_errors(np.stack([NONE, values])) == pytest.approx(np.array([np.zeros(COUNT), expected]), rel=1e-9)
+    assert (sensor_errors(values) * UNITS)[:9] == pytest.approx(field_vector(values[:12])[:9], rel=1e-9)
+    names = [each.key for each in SENSOR_ERRORS]
+    assert (names[0], names[3]) == ("gyro_scale_factor_error_x_ppm", "gyro_misalignment_x_to_y_mrad")
+    assert (names[11], names[20]) == ("gyro_bias_z_mdps", "accel_bias_z_mg")
+
+
+def test_each_error_has_its_own_number_to_first_order():
+    """The sign is the correction's: a scale that is too large is corrected by one that is too small."""
+    for n in range(COUNT):
+        moved = sensor_errors(NONE + 1e-6 * (np.arange(COUNT) == OWN[n])) * UNITS
+        assert abs(moved[n]) == pytest.approx(1e-6, rel=1e-4)
+        assert np.sort(np.abs(moved))[:-1].max() < 1e-11
+    values = NONE.copy()
+    values[[3, 13]] = np.nan
+    assert set(np.flatnonzero(np.isnan(sensor_errors(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
+
+
+def test_a_covariance_goes_over_by_the_derivative():
+    rng = np.random.default_rng(1)
+    at, root = NONE + 0.05 * rng.normal(size=COUNT), 1e-4 * rng.normal(size=(COUNT, COUNT))
+    J = jacobian(at)
+    for n in range(COUNT):
+        step = 1e-4 * (np.arange(COUNT) == n)
+        assert J[:, n] == pytest.approx(
+            (sensor_errors(at + step) - sensor_errors(at - step)) / 2e-4, rel=1e-5, abs=1e-4 / UNITS.min() * 1e-4
+        )
+    covariance = root @ root.T
+    np.testing.assert_allclose(error_covariance(covariance, J), J @ covariance @ J.T, rtol=1e-9, atol=1e-12 / UNITS.min())
+    hidden = covariance.copy()
+    hidden[4], hidden[:, 4] = np.nan, np.nan
+    found = error_covariance(hidden, J)
+    lost = int(np.flatnonzero(OWN == 4)[0])
+    assert np.isnan(found[lost]).all()
+    assert np.isnan(found[:, lost]).all()
+    keep, rest = np.delete(np.arange(COUNT), lost), np.delete(np.arange(COUNT), 4)
+    expected = J[:, rest] @ covariance[np.ix_(rest, rest)] @ J[:, rest].T
+    np.testing.assert_allclose(found[np.ix_(keep, keep)], expected[np.ix_(keep, keep)], rtol=1e-9, atol=1e-12 / UNITS.min())
+
+
+def result(key, serial, order, number=None, sigma=0.1, values=(1.0,), known=(10,), **more):
+    x, covariance = np.full(COUNT, np.nan), np.full((COUNT, COUNT), np.nan)
+    x[list(known)] = values
+    covariance[np.ix_(known, known)] = np.diag(np.full(len(known), sigma**2))
+    return UnitResult(key, serial, f"session {key}", x, covariance, order=order, **more)
+
+
+def test_sessions_lie_by_unit_and_units_by_their_first_session():
+    """A unit's sessions in the order of time; one without a serial number is a unit of its own; a key counts once, and a result without
+    any number not at all."""
+    lot = lot_sessions(
+        [
+            result("c", "B", 3.0, closure_deg=0.3, floor_deg=0.1, operator="Mara", station="1"),
+            result("a", "A", 2.0, values=(2.0,)),
+            result("b", "B", 1.0, values=(4.0,)),
+            result("b", "B", 1.0, values=(9.0,)),
+            result("d", "", 0.5, values=(8.0,)),
+            result("e", "", 5.0, values=(16.0,)),
+            result("f", "F", 0.0, values=(np.nan,)),
+            result("g", "G", 0.0, sigma=0.0),
+        ]
+    )
+    assert lot.serials == ["", "B", "A", ""]
+    assert lot.names == ["session d", "session b", "session c", "session a", "session e"]
+    assert lot.values[:, 10].tolist() == [8, 4, 1, 2, 16]
+    assert lot.count.tolist() == [1, 2, 1, 1]
+    assert lot.first.tolist() == [0, 1, 3, 4]
+    assert lot.unit.tolist() == [0, 1, 1, 2, 3]
+    assert lot.order.tolist() == [0.5, 1, 3, 2, 5]
+    assert (lot.units, lot.sessions) == (4, 5)
+    assert lot.operators[2] == "Mara"
+    assert lot.stations[2] == "1"
+    assert lot.closure_deg[2] == 0.3
+    assert lot.floor_deg[2] == 0.1
+    assert np.isnan(lot.closure_deg[[0, 1, 3, 4]]).all()
+    # Centre and scale are median and robust sigma over the sessions: medians of 4, and of 0, 2, 3, 4, 12 apart.
+    assert lot.centre[10] == 4
+    assert lot.scale[10] == pytest.approx(3 / 0.6745)
+    assert lot.sigmas()[:, 10] == pytest.approx([0.1] * 5)
+    assert np.isnan(lot.sigmas()[:, :10]).all()
+    ((numbers, chunk),) = lot.chunks()
+    assert numbers.tolist() == [0, 1, 2, 3]
+    assert chunk.place == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    assert chunk.y[:, 10] == pytest.approx(np.array([4, 0, -3, -2, 12]) / lot.scale[10])
+    assert chunk.noise[2, 10, 10] == pytest.approx(0.01 / lot.scale[10] ** 2)
+    assert chunk.noise[2, 3, 3] == UNTOLD
+    assert np.count_nonzero(chunk.noise) == 5 * COUNT
+    parts = list(lot.chunks(np.array([3, 1, 2]), at_once=2))
+    assert [part.tolist() for part, _ in parts] == [[3, 1], [2]]
+    assert parts[0][1].y[:, 10] == pytest.approx(np.array([12, 0, -3]) / lot.scale[10])
+    assert parts[0][1].first.tolist() == [0, 1]
+    assert parts[0][1].place == pytest.approx([1, 1 / 3])
+
+
+def test_numbers_known_of_one_unit_are_no_lots_and_two_sessions_make_them_known_twice():
+    both = result("c", "C", 2.0, values=(5.0, 6.0), known=(3, 10))
+    lot = lot_sessions([result("a", "A", 0.0), result("b", "A", 1.0), both, result("d", "D", 3.0)])
+    assert np.flatnonzero(lot.known).tolist() == [10]
+    assert np.flatnonzero(lot.twice).tolist() == [10]
+    ((_, chunk),) = lot.chunks()
+    assert chunk.told.tolist() == [1, 2, 1]
+    more = lot_sessions([result("a", "A", 0.0), both, result("b", "C", 1.0, values=(7.0, 8.0), known=(3, 18)), result("d", "D", 3.0)])
+    assert np.flatnonzero(more.twice).tolist() == [3]
+    ((_, chunk),) = more.chunks()
+    assert chunk.told.tolist() == [1, 3, 1]
+    with pytest.raises(CalibrationError, match="got 1"):
+        lot_sessions([result("a", "A", 0.0), result("b", "A", 1.0)])
+
+
+def test_the_scale_is_no_less_than_the_noise():
+    lot = lot_sessions([result(str(k), f"u{k}", float(k), sigma=sigma, values=(2.0,)) for k, sigma in enumerate((0.1, 0.3, 0.7))])
+    assert lot.scale[10] == pytest.approx(0.3)
+    assert lot.scale[3] == 1
+    assert lot.covariance(slice(None))[:, 10, 10] == pytest.approx((np.array([0.1, 0.3, 0.7]) / 0.3) ** 2)
+
+
+def test_a_sessions_sigmas_in_displayed_units():
+    lot = small_lot([1, 2], known=(0, 5, 10))
+    J = jacobian(NONE)
+    J[:, 3] = 1e9  # an unknown number has no part in it
+    found = session_errors(lot, J)
+    for s in range(3):
+        covariance = lot.covariance(slice(s, s + 1))[0] * np.outer(lot.scale, lot.scale)
+        own = np.ix_([0, 5, 10], [0, 5, 10])
+        part = J[:, [0, 5, 10]]
+        expected = np.sqrt(np.diag(part @ covariance[own] @ part.T))
+        shown = np.isin(OWN, [0, 5, 10])
+        assert found.sigmas[s][shown] == pytest.approx(expected[shown], rel=1e-9)
+        assert np.isnan(found.sigmas[s][~shown]).all()
+    np.testing.assert_allclose(found.values, sensor_errors(lot.values))
+    assert found.first.tolist() == [0, 1]
+    assert found.unit.tolist() == [0, 1, 1]
+
+
+def test_stated_sigmas_are_tested_by_chi_square_about_each_units_weighted_mean():
+    """Units of three, two and one session; one number unknown in one of them, another in all but one of each."""
+    values, sigmas = np.full((6, 21), np.nan), np.full((6, 21), np.nan)
+    values[:, 0], sigmas[:, 0] = [1, 2, 5, 7, 3, 9], [1, 2, 1, 0.5, 1, 1]
+    values[:2, 1], sigmas[:2, 1] = [4, 5], [1, 1]
+    values[[0, 3], 2], sigmas[[0, 3], 2] = [4, 5], [1, 1]
+    ratio, p = stated(SessionErrors(values, sigmas, np.array([0, 0, 0, 1, 1, 2]), np.array([0, 3, 5])))
+    first = (1 + 2 / 4 + 5) / 2.25
+    square = (1 - first) ** 2 + (2 - first) ** 2 / 4 + (5 - first) ** 2 + (7 - 3) ** 2 / (0.25 + 1)
+    assert ratio[:2] == pytest.approx([np.sqrt(square / 3), np.sqrt(0.5)])
+    assert p[:2] == pytest.approx([stats.chi2.sf(square, 3), stats.chi2.sf(0.5, 1)])
+    assert np.isnan(ratio[2:]).all()
+    assert np.isnan(p[2:]).all()

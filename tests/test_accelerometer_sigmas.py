@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, af
 from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions, read_session
-from tinygc.estimation.accelerometer import AccelerometerFit, jacobian, unobserved_values
+from tinygc.estimation.accelerometer import AccelerometerFit, accelerometer_fit, jacobian, triad_errors, unobserved_values
 from tinygc.estimation.compare import SessionTriad, compare_triads
 from tinygc.estimation.fit import fit_session
 
@@ -32,17 +33,70 @@ def fitted(turn, sigmas_mps2=SIGMAS_MPS2, x=X, **more):
     return AccelerometerFit("prior", after(x, Accelerometer(turn @ UPPER, BIAS_MPS2)), covariance, x=x, **more)
 
 
+def numbers_of(x, before):
+    """Scales - 1, shears, bias of the sensor's own triad; and its errors: each axis' sensitivity - 1, 90 deg less the angles between."""
+    matrix = np.array([x[:3], [0, *x[3:5]], [0, 0, x[5]]]) @ before
+    upper = np.linalg.cholesky(matrix.T @ matrix).T
+    bias = BIAS_MPS2 + np.linalg.solve(before, x[6:])
+    sensor = np.linalg.inv(upper)
+    length = np.linalg.norm(sensor, axis=1)
+    angle = [np.pi / 2 - np.arccos(sensor[i] @ sensor[j] / length[i] / length[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
+    errors = [length[0] - 1, angle[0], angle[1], length[1] - 1, angle[2], length[2] - 1]
+    return np.concatenate([(upper - np.eye(3))[np.triu_indices(3)], bias]), np.concatenate([errors, bias])
+
+
 @pytest.mark.parametrize("turn", [np.eye(3), QUARTER, Rotation.from_rotvec([0.4, -1.1, 2.0]).as_matrix()])
-def test_values_scatter_as_their_sigmas_say(turn):
-    found, rng = fitted(turn), np.random.default_rng(0)
-    before = Accelerometer(turn @ UPPER, BIAS_MPS2)
-    drawn = X + rng.normal(size=(4000, PARAMETERS)) * SIGMAS_MPS2 * units(GRAVITY)
-    values = np.array([AccelerometerFit("prior", after(x, before)).values for x in drawn])
-    # The spread of a spread over 4000 draws is 1.1 %: four of these.
-    np.testing.assert_allclose(values.std(axis=0) / found.sigmas, 1, atol=0.045)
-    covariance = found.jacobian @ found.covariance @ found.jacobian.T
-    pulls = np.einsum("ki,ij,kj->k", values - found.values, np.linalg.inv(covariance), values - found.values)
-    assert abs(pulls.mean() - PARAMETERS) < 4 * np.sqrt(2 * PARAMETERS / len(pulls))
+def test_sigmas_are_those_of_numeric_derivatives(turn):
+    """In the sensor's own triad, and of the errors that a person reads: ppm, mrad and mg."""
+    rng, before = np.random.default_rng(0), turn @ UPPER
+    mixed = np.diag(SIGMAS_MPS2 * units(GRAVITY)) @ (np.eye(9) + 0.3 * rng.normal(size=(9, 9)))
+    found = AccelerometerFit("fit", after(X, Accelerometer(before, BIAS_MPS2)), mixed @ mixed.T, x=X)
+    values, errors = numbers_of(X, before)
+    slopes = [np.subtract(numbers_of(X + step, before), numbers_of(X - step, before)) / 2e-5 for step in 1e-5 * np.eye(9)]
+    of_values, of_errors = np.stack(slopes, axis=-1)
+    np.testing.assert_allclose(found.values, values, atol=1e-12)
+    np.testing.assert_allclose(found.jacobian, of_values, atol=1e-6)
+    sigmas = [np.sqrt(np.diag(J @ mixed @ mixed.T @ J.T)) for J in (of_values, of_errors)]
+    np.testing.assert_allclose(found.sigmas, sigmas[0], rtol=1e-5)
+    np.testing.assert_allclose(triad_errors(values), errors, atol=1e-9)
+    for table, numbers, sigma in ((found.rows(), values, sigmas[0]), (found.errors(), errors, sigmas[1])):
+        for (_, unit, shown, spread, names), which, size in zip(table, ([0, 3, 5], [1, 2, 4], [6, 7, 8]), (1e-6, 1e-3, MG), strict=True):
+            assert unit == {1e-6: "ppm", 1e-3: "mrad", MG: "mg"}[size]
+            assert names == [NAMES[i] for i in which]
+            np.testing.assert_allclose(shown, numbers[which] / size, rtol=1e-6)
+            np.testing.assert_allclose(spread, sigma[which] / size, rtol=1e-4)
+
+
+def test_without_a_covariance_there_are_numbers_and_no_sigmas():
+    table = AccelerometerFit("given", after(X, Accelerometer()), misses_mps2=(np.array([-2.0, 2.0]) * MG, np.array([1.0, 1.0, 4.0]) * MG))
+    assert table.sigmas is None
+    assert {sigma is None for _, _, _, sigma, _ in (*table.rows(), *table.errors())} == {True}
+    said = table.to_json()
+    assert set(said["sigma"].values()) == {None}
+    assert (said["gravity_spread_before_mg"], said["gravity_spread_mg"]) == pytest.approx((2.0, np.sqrt(2)))
+    assert replace(table, misses_mps2=None).to_json()["gravity_spread_mg"] is None
+    assert fitted(np.eye(3)).to_json()["sigma"]["bias_mg"] == pytest.approx(fitted(np.eye(3)).sigmas[6:] / MG)
+
+
+def test_an_accelerometer_of_a_fit_is_told_with_what_it_knew_before():
+    given, none = Accelerometer(UPPER, BIAS_MPS2), Accelerometer(source="none")
+    assert accelerometer_fit(given, None, None, GRAVITY).unobserved == ()
+    assert accelerometer_fit(none, None, None, GRAVITY).unobserved == NAMES
+    made = after(X, given)
+    force = np.array([[1.0, 2, 9], [-3, 9, 1], [8, 4, -4]])
+    joint = SimpleNamespace(
+        mode="prior", accelerometer=made, x=X, prior=np.ones(9), unobserved=(), p_value=0.3, covariance=np.eye(9), force=force,
+        before=np.array([1.0, 2.0]), after=np.array([0.5, 0.1]),
+    )  # fmt: skip
+    own, joined = accelerometer_fit(made, joint, None, GRAVITY), accelerometer_fit(made, joint, np.diag(np.arange(21.0)), GRAVITY)
+    assert own.misses_mps2[0] is joint.before
+    np.testing.assert_array_equal(own.covariance, np.eye(9))
+    np.testing.assert_array_equal(joined.covariance, np.diag(np.arange(9.0)))
+    joint.mode = "fit"  # what the sensor read before anything was known of it
+    measured = np.linalg.solve(made.matrix, force.T).T + made.bias_mps2
+    misses = accelerometer_fit(made, joint, None, GRAVITY).misses_mps2
+    np.testing.assert_allclose(misses[0], np.linalg.norm(measured, axis=1) - GRAVITY)
+    assert misses[1] is joint.after
 
 
 def test_behind_a_quarter_turn_the_axes_have_each_others_sigmas():
@@ -62,14 +116,19 @@ def test_without_a_matrix_before_they_are_the_corrections_own():
 @pytest.mark.parametrize(("number", "same"), [(0, 3), (3, 0), (5, 5)])
 def test_a_number_that_nobody_observed_is_named_in_the_sensors_axes(number, same):
     """Behind a quarter turn about z: the body's x, which nobody observed, is the sensor's y."""
+    prior = np.full(PARAMETERS, 20 * MG) * units(GRAVITY)
+    joint = SimpleNamespace(x=X, accelerometer=fitted(QUARTER).calibration, prior=prior, unobserved=(NAMES[number],))
+    assert unobserved_values(joint) == (NAMES[same],)
 
-    class Joint:
-        x = X
-        accelerometer = fitted(QUARTER).calibration
-        prior = np.full(PARAMETERS, 20 * MG) * units(GRAVITY)
-        unobserved = (NAMES[number],)
 
-    assert unobserved_values(Joint) == (NAMES[same],)
+@pytest.mark.parametrize(("share", "named"), [(0.0999, ("scale x",)), (0.1001, ("scale x", "scale y"))])
+def test_a_tenth_of_a_numbers_spread_from_one_that_nobody_observed_is_named(share, named):
+    """A turn of the body about z by an angle mixes the scales of x and y by the squares of its cosine and sine; all else is known."""
+    prior = np.array([1.0, 0, 0, 1.0, 0, 0, 0, 0, 0]) + 1e-9
+    turn = np.arctan(np.sqrt(share / np.sqrt(1 - share**2)))
+    matrix = Rotation.from_rotvec([0, 0, turn]).as_matrix()
+    joint = SimpleNamespace(x=IDENTITY, accelerometer=Accelerometer(matrix, np.zeros(3)), prior=prior, unobserved=("scale x",))
+    assert tuple(name for name in unobserved_values(joint) if name.startswith("scale")) == named
 
 
 def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
@@ -83,6 +142,7 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
     assert found.chi_square == pytest.approx((MG / sigma) ** 2, rel=0.03)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("mode", ["fit", "prior"])
 def test_a_turn_of_the_body_frame_changes_nothing_of_the_sensor(mode):
     """data/session1 with another body frame, gyroscope and given matrix alike: the triad's nine numbers and their sigmas stay."""

@@ -128,17 +128,6 @@ def test_noise_that_is_not_the_sensors_is_a_warning_for_the_sensor_it_is_known_o
     assert serious(look(session_of(samples, model="another"))) == set()
 
 
-def test_a_sensor_of_which_nothing_is_known_is_held_against_no_other_s_figures():
-    session = session_of(Table().tumble(14, seed=5).samples(gyro_mdps=25.0, accel_ug=600.0, bias_dps=(0.2, -4.5, 0.1)), model="another")
-    findings = look(session)
-    for what in ("gyro noise", "accelerometer noise", "zero-rate level"):
-        assert of(findings, what).level == "note"
-        assert "not known" in of(findings, what).says
-        assert "ASM330" not in of(findings, what).says
-        assert "bar" not in of(findings, what).says
-    assert "gyro_noise_mdps_rthz" in of(findings, "gyro noise").do
-
-
 @pytest.mark.parametrize(("given", "level"), [(25.0, "ok"), (6.0, "warning"), (100.0, "note")])
 def test_noise_is_held_against_what_session_toml_says_of_the_sensor(given, level):
     session = session_of(Table().tumble(14, seed=5).samples(gyro_mdps=25.0), model="another")

@@ -29,9 +29,10 @@ def test_the_hosted_service_runs_the_same_script():
     oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
     assert jobs["whole"]["strategy"]["matrix"]["python"] == [oldest, "3.x"]
     assert {"windows-latest", "macos-latest"} == set(jobs["elsewhere"]["strategy"]["matrix"]["system"])
-    assert steps(jobs["slow"]) == ['python -m pip install -e ".[test]" -c constraints.txt', "python -m pytest -m slow"]
-    assert steps(jobs["mutants"]) == ['python -m pip install -e ".[test,mutation]" -c constraints.txt', "python benchmarks/mutation.py --week"]
-    assert steps(jobs["elsewhere"]) == ['python -m pip install -e ".[test]" -c constraints.txt', "python -m pytest"]
+    installs = 'python -m pip install -e ".[{}]" -c constraints.txt'.format
+    assert steps(jobs["slow"]) == [installs("test"), "python -m pytest -m slow"]
+    assert steps(jobs["mutants"]) == [installs("test,mutation"), "python benchmarks/mutation.py --week"]
+    assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest"]
 
 
 def test_a_commit_is_checked_by_the_commands_of_the_script():

@@ -243,17 +243,6 @@ def test_the_earths_rate_is_taken_off(turns):
     assert angle == pytest.approx(19.9 * np.linalg.norm(earth), rel=1e-9)
 
 
-@pytest.mark.slow
-def test_nearest_yaw_is_nearest():
-    p, q = unit(20, 1), unit(20, 2)
-    for near, tilt in zip(p, q, strict=True):
-        found = closure.nearest_yaw(near, tilt)
-        there = [rotation.multiply(yaw(angle), tilt) for angle in np.linspace(-np.pi, np.pi, 1441)]
-        best = max(abs(near @ other) for other in there)
-        assert abs(near @ found) >= best - 1e-12
-        np.testing.assert_allclose(closure.residual(found, tilt, False), 0, atol=1e-15)  # the same tilt
-
-
 def test_picking_segments_keeps_their_rows(turns):
     batch = turns.batch(PERFECT)
     picked = batch.pick(np.array([False, True, False, True, False, False]))

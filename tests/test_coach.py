@@ -74,22 +74,3 @@ def test_what_a_turn_tells_is_what_mechanics_says():
     for name in ("E_xz", "E_yz"):
         assert np.linalg.norm(J[1][:, at[name]]) == pytest.approx(2.0, rel=1e-2)
     assert np.linalg.norm(J[1][:, at["E_zz"]]) < 1e-2  # gravity does not see a turn about itself
-
-
-@pytest.mark.slow
-def test_its_turn_helps_more_than_most(taken):
-    """What it proposes lowers the worst sigma at least as much as 90 % of all turns it could have proposed."""
-    _, segments = taken
-    coach = Coach()
-    coach(Progress(tuple(segments[:7])))
-    accel = segments[6].segment.last.accel_mean
-    weight = 1 / np.sqrt(np.mean([np.trace(seen.own) / 2 for seen in coach._seen.values()]))
-    information = np.linalg.inv(coach.covariance)
-
-    def worst_after(turn):
-        J = columns(accel, [turn])[0] * weight
-        return np.max(np.sqrt(np.diag(np.linalg.inv(information + J.T @ J))) / TARGETS)
-
-    proposed = worst_after(coach.best_turn(accel))
-    others = [worst_after(turn) for turn in turns_from(accel)]
-    assert proposed <= np.quantile(others, 0.10)

@@ -226,17 +226,3 @@ def test_a_log_that_is_removed_is_said_and_made_again(wire, other_wire, tmp_path
         code, out, _ = ended(process)
     assert code == 130
     assert "log0001.csv: was removed meanwhile; --resume makes it again of raw.bin" in out
-
-
-@pytest.mark.broad
-def test_a_second_record_is_refused_in_one_line(wire, other_wire, tmp_path):
-    with recording(wire, tmp_path / "s") as process:
-        for more in ([], ["--resume"]):
-            with begun("record", "--no-coach", "--port", other_wire[1], "--out", tmp_path / "s", *more) as second:
-                code, out, said = ended(second)
-            assert (code, out) == (2, "")
-            assert len(said.splitlines()) == 1
-            assert "another record is writing there now" in said
-        process.send_signal(signal.SIGTERM)
-        assert ended(process)[0] == 130
-    assert (tmp_path / "s" / "raw.bin").read_bytes() == DATA

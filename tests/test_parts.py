@@ -10,7 +10,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure import problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.estimation.network import train_adamw, train_second_order
+from tinygc.estimation.network import train_second_order
 from tinygc.models.linear import bias_only
 
 ORDER = np.array([0, 1, 2, 3, 5, 6, 7, 8])
@@ -63,10 +63,3 @@ def test_training_on_sequences_finds_the_same_sensor(m):
     net = train_second_order(batch, sigma, before=problem.previous(np.arange(24), m)).net
     linear = fit_least_squares(batch, sigma, bias_only()).model
     assert rms(fresh, net) < 1.15 * rms(fresh, linear)
-
-
-@pytest.mark.slow
-def test_adamw_on_sequences_goes_down():
-    batch, sigma = recording(0, count=8)
-    trained = train_adamw(batch, sigma, epochs=40, before=problem.previous(np.arange(8), 4))
-    assert trained.loss[-1] < 0.2 * trained.loss[0]

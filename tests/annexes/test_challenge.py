@@ -12,7 +12,7 @@ from session.io.units import DEG
 from tinygc import SimulationOptions
 from tinygc.annexes.challenge import examination
 from tinygc.annexes.challenge.cases import ALIKE, INSTABILITY_SOURCES, LEAST_HZ, MAKERS, NEEDS, STRENGTHS, Case, conceal, draw_cases
-from tinygc.annexes.challenge.examination import OPENED, SEALED, SESSIONS, challenge_tables, markdown, seal, totals
+from tinygc.annexes.challenge.examination import SESSIONS, challenge_tables, markdown, seal, totals
 from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.rate_effects import Scene
 from tinygc.annexes.challenge.score import calibration_error, parameter_errors, reliability, score
@@ -46,25 +46,6 @@ def test_every_session_is_explained_and_scored(small):
     assert table["totals"]["sessions"] == CASES
     assert markdown(result).count("\n") > 5
     assert challenge_tables(result).renderables
-
-
-@pytest.mark.slow
-def test_sealed_before_anything_is_explained(small):
-    _, result, announced = small
-    ((text, files),) = announced
-    assert result.sha256 in text
-    assert SEALED in files
-    assert not files & {OPENED, "truth.json", "answers.json"}
-
-
-@pytest.mark.slow
-def test_the_folder_that_the_worker_is_given_holds_no_truth(small):
-    folder, *_ = small
-    for session in (folder / SESSIONS).iterdir():
-        assert _files(session) == {"session.toml", "log0001.csv.gz"}
-        words = (session / "session.toml").read_text()
-        assert "simulate" not in words.lower()
-        assert "seed" not in words
 
 
 def test_the_seal_cannot_be_read_and_not_be_changed(tmp_path):

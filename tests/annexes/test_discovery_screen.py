@@ -2,7 +2,6 @@
 
 from copy import copy
 from dataclasses import replace
-from functools import partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -11,8 +10,6 @@ from scipy import stats
 from simulated_twins import make_twin_of
 
 from session.io.units import DEG
-from tinygc import SimulationOptions
-from tinygc.annexes.discovery import engine
 from tinygc.annexes.discovery import screening as spread
 from tinygc.annexes.discovery.constants import refined
 from tinygc.annexes.discovery.detection_limits import learnable, learnable_from
@@ -23,16 +20,13 @@ from tinygc.annexes.discovery.projections import FAINT, Projection, basis_of
 from tinygc.annexes.discovery.quantities import largest_of
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.screening import Chance, beside_calibration, screened
-from tinygc.annexes.discovery.search_state import beside_calibration as rate_beside_calibration
 from tinygc.annexes.discovery.search_state import without
 from tinygc.annexes.discovery.selection import takes_calibration
 from tinygc.effects import catalogue, signals
-from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import left_of, orthonormal
 from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
 from tinygc.noise.twin import Twin
-from tinygc.simulation.write import write_session
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = LawForm((Factor("rate", "root_cube"),))
@@ -267,32 +261,6 @@ FEW = [
     LawForm((Factor("force", "square"),), "full"),
     LawForm((Factor("rate_size"), Factor("rate"))),
 ]
-
-
-def _squared(t_s, rate, force, temp_c, size=0.0):
-    """size: of what it adds at 1 rad/s."""
-    return rate + size * rate**2
-
-
-@pytest.mark.slow
-def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monkeypatch):
-    """Screening, refit, the untouched third and the refusals: at 1.5 times the size that a session with nothing in it names, and at 0.6."""
-    monkeypatch.setattr(engine, "enumerated", lambda largest: FEW)
-
-    def explained(name, size):
-        chosen = SimulationOptions(segments=24, closure_s=0.0, seed=3, odr_hz=104.0)
-        return explain_session(write_session(chosen, tmp_path / name, distort=partial(_squared, size=size)))
-
-    nothing = explained("nothing", 0.0)
-    answer = engine.discover(nothing)
-    assert answer.verdict == "none"
-    (movement,) = nothing.twin.movements
-    unit = rate_beside_calibration(movement.rate**2, [movement])
-    size = answer.learnable["rate"] / np.sqrt(np.mean(unit**2))
-    large, small = (engine.discover(explained(f"{share}", share * size)) for share in (1.5, 0.6))
-    assert large.verdict in ("found", "ambiguous")
-    assert FEW[0] in [form for law in large.laws for form in (law.form, *law.same)]
-    assert small.verdict != "found"
 
 
 def _says(seen, form, theta):

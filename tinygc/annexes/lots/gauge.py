@@ -289,7 +289,9 @@ def gauge(
     part_sigma, who_sigma, both, again = np.sqrt(np.nan_to_num(found))
     grr, pv = float(np.sqrt(who_sigma**2 + both**2 + again**2)), float(part_sigma)
     tv = float(np.hypot(grr, pv))
-    spread = np.sum(draws[:, 1:], axis=1)
+    spread = np.maximum(np.sum(draws[:, 1:], axis=1), 1e-300)  # no measurement repeats itself exactly
+    with np.errstate(over="ignore"):
+        shares, ratios = spread / (spread + draws[:, 0]), draws[:, 0] / spread
     return Gauge(
         ev=float(again),
         av=float(np.hypot(who_sigma, both)) if several else NAN,
@@ -300,8 +302,8 @@ def gauge(
         percent_grr=100 * grr / tv if tv else NAN,
         percent_tolerance=100 * WIDTH * grr / tolerance if np.isfinite(tolerance) else NAN,
         ndc=NDC * pv / grr if grr else float("inf"),
-        percent_grr_interval=_ends(100 * np.sqrt(spread / np.maximum(spread + draws[:, 0], 1e-300))),
-        ndc_interval=_ends(NDC * np.sqrt(draws[:, 0] / np.maximum(spread, 1e-300))),
+        percent_grr_interval=_ends(100 * np.sqrt(shares)),
+        ndc_interval=_ends(NDC * np.sqrt(ratios)),
         method=method,
         table=table,
         appraisers=what if several else "",

@@ -4,26 +4,27 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import integrate, stats
 
 from session.io.errors import FormatError
-from tinygc.annexes.lots.capability import GUARD_SIGMAS, capability, indices, outside_ppm, read_limits, risks
+from tinygc.annexes.lots.capability import capability, indices, outside_ppm, read_limits, risks
 
 
-def test_indices_by_hand():
-    found = indices(-6, 6, 1.5, 1.0, 99, 100)
-    assert found.index == pytest.approx(2.0)
-    assert found.centred == pytest.approx(1.5)
-    one_sided = indices(-math.inf, 6, 1.5, 1.0, 99, 100)
-    assert np.isnan(one_sided.index)
-    assert one_sided.centred == pytest.approx(1.5)
-
-
-def test_six_sigma_is_two_parts_per_billion():
-    assert outside_ppm(-6, 6, 0, 1) == pytest.approx(1.973e-3, rel=1e-3)
-    assert outside_ppm(-3, 3, 0, 1) == pytest.approx(2699.8, rel=1e-4)
-    assert outside_ppm(-3, 3, 0, 1, tails=5.0) > 2 * outside_ppm(-3, 3, 0, 1)
-    assert outside_ppm(-3, 3, 0, 1, tails=1e6) == pytest.approx(2699.8, rel=1e-3)
+def test_indices_and_their_intervals():
+    """Cp has the distribution of a sigma, by chi-square; Cpk that of Bissell's formula."""
+    found = indices(-6, 6, 1.5, 0.9, 30, 40)
+    assert (found.index, found.centred) == pytest.approx((12 / 5.4, 4.5 / 2.7))
+    assert found.index_interval == pytest.approx(12 / 5.4 * np.sqrt(stats.chi2.ppf([0.025, 0.975], 30) / 30))
+    half = stats.norm.isf(0.025) * np.sqrt(1 / (9 * 40) + found.centred**2 / (2 * 30))
+    assert found.centred_interval == pytest.approx((found.centred - half, found.centred + half))
+    assert indices(-6, 6, -1.5, 0.9, 30, 40).centred == pytest.approx(4.5 / 2.7)
+    assert indices(-6, 6, 0, 1, 0.3, 40).index_interval == pytest.approx(2 * np.sqrt(stats.chi2.ppf([0.025, 0.975], 1)))
+    for lower, upper, mean in ((-math.inf, 6, 1.5), (-6, math.inf, -1.5)):
+        one = indices(lower, upper, mean, 1.0, 99, 100)
+        assert np.isnan([one.index, *one.index_interval]).all()
+        assert one.centred == pytest.approx(1.5)
+    nothing = indices(-6, 6, 0, 0.0, 99, 100)
+    assert np.isnan([nothing.index, nothing.centred, *nothing.index_interval, *nothing.centred_interval]).all()
 
 
 def test_intervals_hold_the_truth():
@@ -36,30 +37,64 @@ def test_intervals_hold_the_truth():
     assert inside.min() >= stats.binom.ppf(1e-4, 400, 0.95)
 
 
-def test_risks_against_a_million_units():
-    rng = np.random.default_rng(0)
-    x = rng.normal(0.2, 1, 1_000_000)
-    y = x + rng.normal(0, 0.3, 1_000_000)
-    for guard in (0.0, 0.2):
-        accept, reject = risks(-2, 2, 0.2, 1, 0.3, guard)
-        kept, good = np.abs(y) <= 2 - guard, np.abs(x) <= 2
-        assert accept == pytest.approx(np.sum(kept & ~good), rel=0.05)
-        assert reject == pytest.approx(np.sum(~kept & good), rel=0.05)
+@pytest.mark.parametrize("tails", [np.inf, 5.0])
+def test_parts_per_million_outside_are_those_of_the_distribution(tails):
+    """Of the normal one, or of Student's t with that sigma."""
+    of = stats.t(tails, 0.5, 1.2 * (np.sqrt(3 / 5) if tails == 5 else 1))
+    assert outside_ppm(-3, 3.5, 0.5, 1.2, tails) == pytest.approx(1e6 * (of.cdf(-3) + of.sf(3.5)), rel=1e-9)
+    assert outside_ppm(-math.inf, 3.5, 0.5, 1.2, tails) == pytest.approx(1e6 * of.sf(3.5), rel=1e-9)
+    assert outside_ppm(-3, 3, 2, 0.0) == 0
+    assert outside_ppm(-3, 3, 3.1, 0.0) == 1e6
 
 
-def test_a_guard_band_keeps_a_unit_at_its_limit_to_one_in_twenty():
-    assert stats.norm.sf(GUARD_SIGMAS) == pytest.approx(0.05)
-    found = capability((-2, 2), 0.0, 1.0, 0.3, 1.0, 99, np.inf, np.zeros(100))
-    assert found.guard_band == pytest.approx(0.3 * GUARD_SIGMAS)
-    assert found.guarded_accept_ppm < found.false_accept_ppm / 5
-    assert found.guarded_reject_ppm > found.false_reject_ppm
+@pytest.mark.parametrize(("lower", "upper", "guard"), [(-2, 2, 0.0), (-2, 2.5, 0.2), (-math.inf, 1.5, 0.1), (-1, math.inf, 0.3)])
+def test_risks_by_direct_integration(lower, upper, guard):
+    """Units outside that a reading within the guarded limits accepts, and units inside that it rejects."""
+    mean, sigma, noise = 0.2, 0.8, 0.3
+
+    def accepted(x):
+        return stats.norm.cdf((upper - guard - x) / noise) - stats.norm.cdf((lower + guard - x) / noise)
+
+    def over(what, ends):
+        total = 0.0
+        for low, high in ends:
+            points = [x for x in (mean, lower, upper) if low < x < high]
+            total += integrate.quad(lambda x: what(x) * stats.norm.pdf(x, mean, sigma), low, high, points=points or None, limit=200)[0]
+        return 1e6 * total
+
+    low, high = max(lower, mean - 9 * sigma), min(upper, mean + 9 * sigma)
+    outside = [(low - 8 * noise, low)] * math.isfinite(lower) + [(high, high + 8 * noise)] * math.isfinite(upper)
+    accept, reject = risks(lower, upper, mean, sigma, noise, guard)
+    assert accept == pytest.approx(over(accepted, outside), rel=1e-3)
+    assert reject == pytest.approx(over(lambda x: 1 - accepted(x), [(low, high)]), rel=1e-3)
+    assert risks(lower, upper, mean, sigma, 0.0) == (0, 0)
+    assert risks(lower, upper, mean, 0.0, noise) == (0, 0)
 
 
-def test_noise_is_taken_out_and_seen():
-    found = capability((-6, 6), 0.0, 1.0, 0.75, 1.0, 99, np.inf, np.array([0.0, 7.0, np.nan]))
-    assert found.overall.index == pytest.approx(2.0)
-    assert found.observed.index == pytest.approx(2.0 / 1.25)
-    assert (found.found_outside, found.units) == (1, 2)
+def test_limits_narrower_than_their_guard_accept_nothing():
+    accept, reject = risks(-0.1, 0.1, 0, 1, 0.3, 0.2)
+    assert accept == 0
+    assert reject == pytest.approx(1e6 * (2 * stats.norm.cdf(0.1) - 1), rel=1e-3)
+
+
+def test_a_capability_is_put_together_from_these():
+    """Overall with the lot's freedom, observed with its noise, within by the moving ranges' six tenths; a guard of 1.64 sigmas."""
+    readings = np.array([0.0, 7.0, np.nan, -6.5, 1, 2, 3, 5.0])
+    found = capability((-6, 6), 0.5, 1.0, 0.75, 0.9, 12.0, 5.0, readings)
+    assert (found.found_outside, found.units) == (2, 7)
+    for part, expected in (
+        (found.within, indices(-6, 6, 0.5, 0.9, 0.6 * 6, 7)),
+        (found.overall, indices(-6, 6, 0.5, 1.0, 12.0, 7)),
+        (found.observed, indices(-6, 6, 0.5, 1.25, 6, 7)),
+    ):
+        assert part == expected
+    assert found.guard_band == pytest.approx(0.75 * stats.norm.isf(0.05))
+    assert (found.mean, found.sigma, found.observed_sigma) == pytest.approx((0.5, 1.0, 1.25))
+    assert (found.ppm_normal, found.ppm_tails) == (outside_ppm(-6, 6, 0.5, 1), outside_ppm(-6, 6, 0.5, 1, 5))
+    assert (found.false_accept_ppm, found.false_reject_ppm) == risks(-6, 6, 0.5, 1, 0.75)
+    assert (found.guarded_accept_ppm, found.guarded_reject_ppm) == risks(-6, 6, 0.5, 1, 0.75, found.guard_band)
+    few = capability((-6, 6), 0.5, 1.0, 0.75, 0.9, 12.0, 5.0, np.array([1.0]))
+    assert (few.within, few.observed) == (indices(-6, 6, 0.5, 0.9, 1, 1), indices(-6, 6, 0.5, 1.25, 1, 1))
 
 
 def limits(tmp_path, text, head='schema = "tinygc-limits/1"\n'):

@@ -1,12 +1,10 @@
-"""Control charts: what rings by chance, and what must ring."""
+"""Control charts: limits and scores by hand, how often they ring by chance, and what must ring."""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart
-
-CHARTS = 21
+from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart, rung
 
 
 def normal(seed, n=300, noise=0.3):
@@ -15,55 +13,121 @@ def normal(seed, n=300, noise=0.3):
     return rng.normal(size=n) + sigma * rng.normal(size=n), sigma
 
 
+def test_limits_of_a_short_chart_by_hand():
+    """Mean, and mean moving range over 1.128; 0.63 degrees of freedom for each step of a point."""
+    y, noise = np.array([1.0, 4.0, 2.0, 7.0, 3.0]), np.array([0.5, 1.0, 0.5, 0.2, 2.0])
+    found = chart(y, noise, charts=21)
+    whole = 3.5 / (2 / np.sqrt(np.pi))
+    short = np.sqrt(whole**2 - np.mean(noise**2))
+    assert (found.centre, found.short_term) == pytest.approx((3.4, short))
+    assert found.sigma == pytest.approx(np.sqrt(short**2 + noise**2))
+    assert np.isnan(found.moving_range[0])
+    assert found.moving_range[1:].tolist() == [3, 2, 5, 4]
+    assert found.range_limit == pytest.approx(3.267 * 3.5)
+    t = stats.t.sf(np.abs(y - 3.4) / found.sigma, 0.63 * 4)
+    assert found.score == pytest.approx(np.sign(y - 3.4) * stats.norm.isf(t))
+    assert found.limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / 5 / 21 / 2))
+    # The moving average of bounded scores, in sigmas of its own; four independent points for each of its own twenty.
+    average, variance = 0.0, 0.0
+    for k in range(5):
+        average, variance = 0.95 * average + 0.05 * np.clip(found.score[k], -3, 3), 0.95**2 * variance + 0.05**2
+        assert found.ewma[k] == pytest.approx(average / np.sqrt(variance))
+    assert found.ewma_limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / 21 / 2))
+    assert found.place.tolist() == [0, 1, 2, 3, 4]
+    assert found.chance == pytest.approx({name: 5 * rate for name, rate in RULES.items()})
+    assert chart(y, noise, place=np.array([3, 4, 6, 8, 9])).place.tolist() == [3, 4, 6, 8, 9]
+    assert chart(y, 10 * noise).short_term == 0
+
+
+@pytest.mark.parametrize("n", [20, 21])
+def test_a_long_chart_takes_medians(n):
+    """Of more than twenty points the median, and the median moving range over 0.954; 0.31 degrees of freedom for each step."""
+    y, noise = np.random.default_rng(0).normal(size=n) + np.where(np.arange(n) == 5, 40.0, 0.0), np.full(n, 0.1)
+    found = chart(y, noise)
+    ranges = np.abs(np.diff(y))
+    whole = np.median(ranges) / (np.sqrt(2) * stats.norm.isf(0.25)) if n > 20 else np.mean(ranges) / 1.1283792
+    centre = np.median(y) if n > 20 else np.mean(y)
+    assert (found.centre, found.short_term) == pytest.approx((centre, np.sqrt(whole**2 - 0.01)))
+    freedom = (0.31 if n > 20 else 0.63) * (n - 1)
+    assert found.score == pytest.approx(np.sign(y - centre) * stats.norm.isf(stats.t.sf(np.abs(y - centre) / found.sigma, freedom)))
+    assert found.ewma_limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / max(n * 0.05 * 4, 1) / 2))
+    # With a lot's tails: its variance has scaled the numbers, and both freedoms together are fewer than either.
+    tails = chart(y, noise, tails=6.0).score
+    scaled = np.abs(y - centre) / found.sigma * np.sqrt(6 / 4)
+    assert tails == pytest.approx(np.sign(y - centre) * stats.norm.isf(stats.t.sf(scaled, 1 / (1 / 6 + 1 / freedom))))
+
+
+@pytest.mark.parametrize(
+    ("rule", "scores", "rings"),
+    [
+        ("beyond 3 sigma", [3.01, 2.99, -3.01], [0, 2]),
+        ("2 of 3 beyond 2 sigma", [2.01, 0, 2.01, 0, 1.99, 2.01, 0, 0, -2.01, -2.01, 2.01], [2, 9, 10]),
+        ("4 of 5 beyond 1 sigma", [1.01, 1.01, 0, 1.01, 1.01, 0, 0.99, 1.01, 1.01, 1.01, -1.01, 1.01], [4, 11]),
+        ("9 on one side", [1] * 8 + [-1] * 9 + [1], [16]),
+        ("9 on one side", [0.01] * 9 + [-1], [8]),
+    ],
+)
+def test_where_each_rule_rings(rule, scores, rings):
+    (found,) = [hits for name, hits in rung(np.array(scores, dtype=float)).items() if name == rule]
+    assert np.flatnonzero(found).tolist() == rings
+
+
+def test_the_chance_of_each_rule():
+    above = lambda z: stats.norm.sf(z)  # noqa: E731
+    assert RULES["beyond 3 sigma"] == pytest.approx(2 * above(3))
+    assert RULES["2 of 3 beyond 2 sigma"] == pytest.approx(2 * (3 * above(2) ** 2 * (1 - above(2)) + above(2) ** 3))
+    assert RULES["4 of 5 beyond 1 sigma"] == pytest.approx(2 * (5 * above(1) ** 4 * (1 - above(1)) + above(1) ** 5))
+    assert RULES["9 on one side"] == pytest.approx(2 / 512)
+
+
+def test_a_count_of_a_rule_rings_where_chance_has_one_in_a_hundred():
+    """Over four rules and all charts, by Poisson's distribution of runs: of points beyond three sigma, one by one."""
+    y, rule = np.tile([1.0, -1.0, 2.0, -2.0, 1.0, -1.5], 60), "beyond 3 sigma"
+    noise, rate = np.full(360, 1e-3), 360 * RULES["beyond 3 sigma"]
+    for charts in (1, 21):
+        least = next(k for k in range(20) if stats.poisson.sf(k - 1, rate) < 0.01 / (4 * charts))
+        for count in (least - 1, least):
+            wild = y.copy()
+            wild[::50][:count] = 1000.0
+            found = chart(wild, noise, charts=charts)
+            assert found.counts[rule] == count
+            assert (rule in found.broken) == (count >= least)
+
+
+@pytest.mark.parametrize(("times", "rings"), [(0.999, False), (1.001, True)])
+def test_a_point_rings_at_its_limit(times, rings):
+    y, noise = np.random.default_rng(3).normal(size=60), np.full(60, 0.1)
+    found = chart(y, noise, charts=21)
+    freedom = 0.31 * 59
+    far = stats.t.isf(stats.norm.sf(found.limit), freedom) * times
+    # Only the median range and the median are used: a point already beyond both moves neither.
+    k = int(np.argmax(y))
+    y[k] = found.centre + far * found.sigma[k]
+    again = chart(y, noise, charts=21)
+    assert again.short_term == pytest.approx(found.short_term, rel=0.1)
+    y[k] = again.centre + far * again.sigma[k]
+    assert (k in chart(y, noise, charts=21).alarms) == rings
+
+
+@pytest.mark.broad
 def test_a_process_in_control_rings_no_more_than_is_said():
     """300 lots of one chart: points and moving average at 1 % each half, rules at 1 %; at most 11 of 300 by chance, p = 0.001."""
-    rung = {"point": 0, "ewma": 0, "rule": 0}
+    times = {"point": 0, "ewma": 0, "rule": 0}
     for seed in range(300):
         found = chart(*normal(seed))
-        rung["point"] += len(found.alarms) > 0
-        rung["ewma"] += len(found.ewma_alarms) > 0
-        rung["rule"] += len(found.broken) > 0
-    assert max(rung.values()) <= stats.binom.isf(0.001, 300, FAMILY_P), rung
-
-
-def test_rules_ring_by_chance_as_often_as_is_said():
-    """100 000 independent points; the error of a count of runs is below 8 % of it."""
-    rng = np.random.default_rng(0)
-    found = chart(rng.normal(size=100_000), np.full(100_000, 1e-6))
-    for rule, rate in RULES.items():
-        assert found.counts[rule] == pytest.approx(1e5 * rate, rel=0.2), rule
-        assert found.chance[rule] == pytest.approx(1e5 * rate)
-
-
-def test_the_short_term_sigma_is_without_noise_and_without_drift():
-    rng = np.random.default_rng(1)
-    y = rng.normal(size=4000) + 0.5 * rng.normal(size=4000)
-    found = chart(y + np.linspace(-3, 3, 4000), np.full(4000, 0.5))
-    assert found.short_term == pytest.approx(1.0, abs=0.06)
+        times["point"] += len(found.alarms) > 0
+        times["ewma"] += len(found.ewma_alarms) > 0
+        times["rule"] += len(found.broken) > 0
+    assert max(times.values()) <= stats.binom.isf(0.001, 300, FAMILY_P), times
 
 
 def test_a_step_of_one_sigma_is_found_by_the_average_and_a_wild_point_is_not_taken_for_one():
     y, sigma = normal(5, noise=0.1)
-    assert len(chart(np.where(np.arange(300) < 150, y, y + 1.5), sigma, charts=CHARTS).ewma_alarms) > 0
+    assert len(chart(np.where(np.arange(300) < 150, y, y + 1.5), sigma, charts=21).ewma_alarms) > 0
     y[100] += 30
-    found = chart(y, sigma, charts=CHARTS)
+    found = chart(y, sigma, charts=21)
     assert list(found.alarms) == [100]
     assert len(found.ewma_alarms) == 0
-
-
-def test_a_point_that_is_not_known_well_has_wider_limits():
-    y, sigma = normal(6, noise=0.1)
-    y[50] = y[60] = 7.0
-    sigma[60] = 3.0
-    assert list(chart(y, sigma, charts=CHARTS).alarms) == [50]
-
-
-def test_tails_of_the_lot_ring_no_alarms():
-    rng, tails = np.random.default_rng(2), 5.0
-    y = rng.standard_t(tails, size=2000) * np.sqrt((tails - 2) / tails)
-    by_normal, by_tails = (chart(y, np.full(2000, 0.01), each) for each in (np.inf, tails))
-    assert len(by_normal.alarms) > 5
-    assert len(by_tails.alarms) <= 1
 
 
 def test_the_sign_and_the_unit_of_a_number_do_not_matter():
@@ -73,6 +137,7 @@ def test_the_sign_and_the_unit_of_a_number_do_not_matter():
     assert other.counts == one.counts
 
 
-def test_two_points_are_no_chart():
+def test_two_points_are_no_chart_and_three_are():
     with pytest.raises(ValueError, match="needs 3 points"):
         chart(np.zeros(2), np.ones(2))
+    assert chart(np.array([1.0, 2.0, 4.0]), np.zeros(3)).short_term > 0

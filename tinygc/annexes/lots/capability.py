@@ -288,13 +288,13 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
     limit = float(-ndtri(FAMILY_P / 2 / (n * charts) / 2))
     ewma, ewma_limit = _ewma(score, charts)
-    counts = {name: int(hits.sum()) for name, hits in _rung(score).items()}
+    counts = {name: int(hits.sum()) for name, hits in rung(score).items()}
     chance = {name: rate * n for name, rate in RULES.items()}
     seldom = COUNT_P / (len(RULES) * charts)
     # hits of a rule come in runs; a run of up to this length counts as one draw
     runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
-    rung = [name for name in RULES if counts[name]]
-    broken = tuple(name for name in rung if pdtrc((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
+    often = [name for name in RULES if counts[name]]
+    broken = tuple(name for name in often if pdtrc((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
     return ControlChart(
         np.arange(n) if place is None else place,
         y,
@@ -333,7 +333,7 @@ def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
     return found / own, float(-ndtri(FAMILY_P / 2 / independent / 2))
 
 
-def _rung(score: np.ndarray) -> dict[str, np.ndarray]:
+def rung(score: np.ndarray) -> dict[str, np.ndarray]:
     """Return (N,) bool for each rule: whether it triggers at a point."""
 
     def of(span: int, least: int, beyond: float) -> np.ndarray:

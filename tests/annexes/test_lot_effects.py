@@ -12,116 +12,13 @@ from processes import calibrate
 import tinygc
 from session.io.units import DEG, G
 from tinygc import CalibrationError, SimulationOptions
-from tinygc.annexes.lots.effects import FAMILY_WISE, pooled
 from tinygc.annexes.lots.explanation import LotEffects, effects_of
-from tinygc.annexes.lots.lot import PooledEffect, UnitResult, Weighed
+from tinygc.annexes.lots.lot import PooledEffect
 from tinygc.annexes.lots.report import read_lot, write_lot
 from tinygc.effects import catalogue
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.evidence import component_names, linear_estimate
 from tinygc.simulation.write import write_session
-
-#: effect -> how many numbers; as a session tells them
-NUMBERS = {"a.nine": 9, "b.three": 3, "c.three": 3, "d.one": 1, "e.nine": 9, "f.three": 3}
-SIZE = sum(NUMBERS.values())
-
-
-def design(rng) -> np.ndarray:
-    """(SIZE, SIZE): a root of the covariance of a session's estimates, which are correlated across effects."""
-    return np.linalg.cholesky(np.eye(SIZE) + 0.3 * (raw := rng.standard_normal((SIZE, SIZE)) / np.sqrt(SIZE)) @ raw.T)
-
-
-def units(rng, count, add=None, root=None) -> list[UnitResult]:
-    """Units whose estimates have errors of about one sigma; add(unit) -> (SIZE,) what is truly there."""
-    root = design(rng) if root is None else root
-    found = []
-    for number in range(count):
-        sigma = np.exp(0.3 * rng.standard_normal(SIZE))
-        noise = np.sqrt(np.sum(root**2, axis=1))
-        x = root @ rng.standard_normal(SIZE) / noise * sigma + (0 if add is None else add(number))
-        effects, at = {}, 0
-        for name, size in NUMBERS.items():
-            own = slice(at, at := at + size)
-            keys = [str(i) for i in range(size)]
-            told = (dict(zip(keys, map(float, values[own]), strict=True)) for values in (x, sigma))
-            effects[name] = Weighed(*told, chi_square=float(np.sum((x[own] / sigma[own]) ** 2)), named=False)
-        empty = np.full((21, 21), np.nan)
-        found.append(UnitResult(f"u{number}", f"u{number}", f"s{number}", empty[0], empty, effects=effects))
-    return found
-
-
-def at(name: str, values) -> np.ndarray:
-    """(SIZE,) with an effect's numbers, nothing of the others."""
-    start = sum(size for other, size in NUMBERS.items() if other < name)
-    made = np.zeros(SIZE)
-    made[start : start + NUMBERS[name]] = values
-    return made
-
-
-@pytest.mark.slow
-def test_a_lot_with_nothing_in_it_names_nothing(monkeypatch):
-    """Family-wise 5 %: of 120 lots of 30 units at most 5 % + 3 sigmas of that (binomial) name anything."""
-    monkeypatch.setattr("tinygc.annexes.lots.effects.DRAWS", 400)
-    rng = np.random.default_rng(11)
-    root = design(rng)
-    named = sum(bool(pooled(units(rng, 30, root=root), seed=k)) for k in range(120))
-    assert named <= 120 * (FAMILY_WISE + 3 * np.sqrt(FAMILY_WISE * (1 - FAMILY_WISE) / 120))
-
-
-@pytest.mark.parametrize(("name", "values"), [("b.three", [1.5, 0, 0]), ("a.nine", [1.5, *[0] * 8]), ("d.one", [1.5])])
-def test_what_is_weak_in_each_of_fifty_units_is_found(name, values):
-    """z = 1.5 in each: named in none of them by itself, and its mean recovered within three of its sigmas."""
-    rng = np.random.default_rng(3)
-    found = pooled(units(rng, 50, lambda number: at(name, values)))
-    assert list(found) == [name]
-    assert found[name].p_value < 1e-3
-    assert found[name].units == 50
-    assert found[name].share == 1.0
-    mean = np.array(list(found[name].mean.values()))
-    assert np.abs(mean).argmax() == 0
-    assert mean[0] == pytest.approx(1.5, abs=3 / np.sqrt(50))
-
-
-def test_units_with_either_sign_have_no_mean_and_are_found_by_their_spread():
-    rng = np.random.default_rng(4)
-    found = pooled(units(rng, 80, lambda number: at("c.three", 2.5 * rng.standard_normal(3))))
-    assert list(found) == ["c.three"]
-    assert min(found["c.three"].spread.values()) > 1
-
-
-def test_one_odd_unit_does_not_speak_for_the_lot():
-    """300 sigmas in one of thirty, as a board that fell."""
-    rng = np.random.default_rng(5)
-    assert pooled(units(rng, 30, lambda number: at("a.nine", 300.0) if number == 7 else 0)) == {}
-
-
-def test_a_part_of_the_units_has_it():
-    """Half of two hundred units, 4 sigmas: the share within 15 %, the mean that of those that have it."""
-    rng = np.random.default_rng(6)
-    found = pooled(units(rng, 200, lambda number: at("b.three", [4.0, 0, 0]) if number % 2 else 0))
-    assert list(found) == ["b.three"]
-    assert found["b.three"].share == pytest.approx(0.5, abs=0.15)
-    assert found["b.three"].mean["0"] == pytest.approx(4.0, rel=0.3)
-
-
-def test_what_an_effect_leaves_in_the_columns_of_another_is_not_named_for_itself():
-    """Estimates of f follow those of b with 0.9: one is named, the other may as well be it, or goes unsaid."""
-    rng = np.random.default_rng(7)
-    root = np.eye(SIZE)
-    b, f = (np.flatnonzero(at(name, 1.0)) for name in ("b.three", "f.three"))
-    root[f, b], root[f, f] = 0.9, np.sqrt(1 - 0.81)
-    found = pooled(units(rng, 60, lambda number: at("b.three", [2.0, 0, 0]) + at("f.three", [1.8, 0, 0]), root))
-    assert len(found) == 1
-    ((name, effect),) = found.items()
-    assert {name, *effect.equivalent} == {"b.three", "f.three"}
-    apart = pooled(units(rng, 60, lambda number: at("b.three", [2.0, 0, 0]) + at("e.nine", [0, 2.0, *[0] * 7])))
-    assert set(apart) == {"b.three", "e.nine"}
-
-
-def test_few_units_tell_nothing():
-    rng = np.random.default_rng(8)
-    assert pooled(units(rng, 5, lambda number: at("d.one", 9.0))) == {}
-    assert pooled([]) == {}
 
 
 def test_the_linear_estimate_is_that_of_least_squares_with_everything():

@@ -126,8 +126,8 @@ def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect
     if not effects:
         return {}
     found: dict[str, PooledEffect] = {}
-    scores = [_scores(each) for each in effects]
-    first = _tested(effects, scores, seed)
+    scores = [scores_of(each) for each in effects]
+    first = corrected_p(effects, scores, seed)
     strength = {each.id: -2 * log_p for each, (_, log_p) in zip(effects, first, strict=True)}
     p_values = {each.id: p for each, (p, _) in zip(effects, first, strict=True)}
     leaders: list[Estimates] = []
@@ -136,7 +136,7 @@ def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect
         best = max(left.values(), key=lambda each: strength[each.id]) if not leaders else None
         p_value = 0.0
         if best is None:
-            beside = {name: min(1.0, len(effects) * _beside(each, leaders)) for name, each in left.items()}
+            beside = {name: min(1.0, len(effects) * beside_leaders(each, leaders)) for name, each in left.items()}
             name = min(beside, key=lambda name: beside[name])
             if beside[name] > FAMILY_WISE:
                 break
@@ -151,48 +151,48 @@ def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect
     return found
 
 
-def _scores(effect: Estimates) -> np.ndarray:
+def scores_of(effect: Estimates) -> np.ndarray:
     """Return (N, P): each unit's contribution to the mean, odd in its sign, bounded; zero for a unit that does not determine it."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
-    wide = np.hypot(sigma, np.sqrt(_spread_about(x, sigma, 0.0)))
+    wide = np.hypot(sigma, np.sqrt(spread_about(x, sigma, 0.0)))
     found = np.zeros(effect.x.shape)
     found[effect.told] = np.clip(x / wide, -MOST_SIGMAS, MOST_SIGMAS) * (np.median(wide, axis=0) / wide)
     return found
 
 
-def _spread_about(x: np.ndarray, sigma: np.ndarray, mean: np.ndarray | float) -> np.ndarray:
+def spread_about(x: np.ndarray, sigma: np.ndarray, mean: np.ndarray | float) -> np.ndarray:
     """Return (P,) variance between units about a mean, by the median of squares: half of the units lie within 0.67 sigmas."""
     excess = (x - mean) ** 2 / stats.chi2.ppf(0.5, 1) - sigma**2
     return np.maximum(np.median(excess, axis=0), 0.0)
 
 
-def _tested(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> list[tuple[float, float]]:
+def corrected_p(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> list[tuple[float, float]]:
     """Return for each effect the p-value that no unit has it, corrected for the catalogue, and the logarithm of its own."""
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (DRAWS, len(scores[0])))
-    drawn = np.array([_log_p(score, signs) for score in scores])
+    drawn = np.array([log_p(score, signs) for score in scores])
     lowest = np.sort(drawn.min(axis=0))
     found = []
-    spread = _spread_log_p(effects)
+    spread = spread_log_p(effects)
     for each, score, wide in zip(effects, scores, spread, strict=True):
-        mean = float(_log_p(score, np.ones((1, len(score))))[0])
+        mean = float(log_p(score, np.ones((1, len(score))))[0])
         chance = float((1 + np.searchsorted(lowest, mean, side="right")) / (DRAWS + 1))
         if chance <= 2 / (DRAWS + 1):  # below the resolution of the draws: corrected as for this many independent tests (Sidak)
             tests = np.log1p(-0.1) / np.log1p(-np.exp(lowest[DRAWS // 10]))
             chance = min(chance, float(-np.expm1(tests * np.log1p(-np.exp(max(mean, -700.0))))))
-        chance = max(chance, min(1.0, len(effects) * _stated_p(each)))
+        chance = max(chance, min(1.0, len(effects) * stated_p(each)))
         by_spread = min(1.0, len(effects) * float(np.exp(wide)))
         found.append((min(1.0, 2 * min(chance, by_spread)), min(mean, wide)))
     return found
 
 
-def _stated_p(effect: Estimates) -> float:
+def stated_p(effect: Estimates) -> float:
     """Return the p-value of so large a mean in one of its numbers, by the stated sigmas."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
     z = np.sum(x / sigma**2, axis=0) / np.sqrt(np.sum(sigma**-2.0, axis=0))
     return min(1.0, len(effect.names) * float(2 * stats.norm.sf(np.abs(z).max())))
 
 
-def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
+def log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
     """Return (draws,) log probability of so large a mean: Hotelling's square with the scores' second moment, which signs do not change."""
     moment = score.T @ score
     size, axes = np.linalg.eigh(moment)
@@ -203,7 +203,7 @@ def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
     return np.asarray(stats.chi2.logsf(np.sum(means**2, axis=1), int(seen.sum())))
 
 
-def _spread_log_p(effects: list[Estimates]) -> list[float]:
+def spread_log_p(effects: list[Estimates]) -> list[float]:
     """Test for each effect whether its mean square exceeds the whole catalogue's, relative to its own scatter over the units."""
     squares = []
     for each in effects:
@@ -222,13 +222,13 @@ def _spread_log_p(effects: list[Estimates]) -> list[float]:
 _BOUNDED = float(stats.norm.expect(lambda z: min(z * z, MOST_SIGMAS**2)))
 
 
-def _along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return each unit's share (N,) of the lot's mean, its sigma (N,), and the mean (P,)."""
     told = effect.told
     x, sigma = effect.x[told], effect.sigma[told]
-    mean = _mean(x, sigma)
+    mean = mean_of(x, sigma)
     centred = (x - mean) / sigma
-    correlation = _correlation(np.clip(centred, -MOST_SIGMAS, MOST_SIGMAS))
+    correlation = correlation_of(np.clip(centred, -MOST_SIGMAS, MOST_SIGMAS))
     share, of_share = np.full(len(effect.x), np.nan), np.full(len(effect.x), np.nan)
     inverse = np.linalg.inv(correlation)
     toward = mean / sigma
@@ -238,27 +238,27 @@ def _along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return share, of_share, mean
 
 
-def _correlation(z: np.ndarray) -> np.ndarray:
+def correlation_of(z: np.ndarray) -> np.ndarray:
     """Return (P, P), the correlation of the estimates' errors over the units, shrunk towards zero for few units."""
     raw = np.atleast_2d(np.corrcoef(z.T)) if z.shape[1] > 1 else np.eye(1)
     keep = len(z) / (len(z) + 4.0 * z.shape[1])
     return np.asarray(keep * np.nan_to_num(raw) + (1 - keep) * np.eye(z.shape[1]))
 
 
-def _mean(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def mean_of(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return (P,), the mean weighted by sigma and spread; outlying units are clipped (Huber)."""
     mean = np.median(x, axis=0)
     for _ in range(20):
-        wide = np.hypot(sigma, np.sqrt(_spread_about(x, sigma, mean)))
+        wide = np.hypot(sigma, np.sqrt(spread_about(x, sigma, mean)))
         z = (x - mean) / wide
         weight = np.minimum(1.0, MOST_SIGMAS / np.maximum(np.abs(z), 1e-12)) / wide**2
         mean = np.sum(weight * x, axis=0) / np.sum(weight, axis=0)
     return np.asarray(mean)
 
 
-def _beside(effect: Estimates, leaders: list[Estimates]) -> float:
+def beside_leaders(effect: Estimates, leaders: list[Estimates]) -> float:
     """Return the p-value of no effect in a unit without the leaders: the intercept of a regression on them."""
-    shares = [_along(leader)[0] for leader in leaders]
+    shares = [along(leader)[0] for leader in leaders]
     told = effect.told & np.isfinite(shares).all(axis=0)
     design = np.column_stack([np.ones(told.sum()), *(np.clip(share[told], -9, 9) for share in shares)])
     spare = len(design) - design.shape[1] - len(effect.names)
@@ -280,12 +280,12 @@ def _beside(effect: Estimates, leaders: list[Estimates]) -> float:
 def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
     """Estimate the share of units, and mean and spread among them, by a maximum-likelihood mixture: zero, or a part of the mean."""
     told = effect.told
-    share, of_share, mean = _along(effect)
+    share, of_share, mean = along(effect)
     y, s = share[told], of_share[told]
     x, sigma = effect.x[told], effect.sigma[told]
     # an effect of either sign has no mean to take a part of
-    of_units, about, wide = _mixture(y, s) if _stated_p(effect) <= FAMILY_WISE else (1.0, 1.0, 0.0)
-    among = np.sqrt(_spread_about(x, sigma, mean))
+    of_units, about, wide = mixture(y, s) if stated_p(effect) <= FAMILY_WISE else (1.0, 1.0, 0.0)
+    among = np.sqrt(spread_about(x, sigma, mean))
     found = mean * about
     if of_units < 1:  # units without the effect do not add to the spread of those with it
         among = np.minimum(among, np.hypot(np.abs(found) * wide, among * of_units))
@@ -293,7 +293,7 @@ def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
     return PooledEffect(float(of_units), of(found), of(among), p_value, int(told.sum()))
 
 
-def _mixture(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
+def mixture(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
     """Return the share of units with a part y of the mean that is normal about ``about`` with ``wide`` times it; the others have zero.
 
     Where the share is not significantly below one (chi-square of 5 %), all units are taken to have it, as the simplest model.

@@ -1,10 +1,10 @@
-"""Still phases: found where the table rested, measured right, and nothing taken for rest that is none."""
+"""Still phases of a played table: found where it rested, and nothing taken for rest that is none; thresholds: test_stills_exact.py."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, GRAVITY, Table
+from conftest import DEG, GRAVITY, Table, broad
 
 from session.detect.stills import find_stills
 from session.io.samples import Samples
@@ -19,16 +19,15 @@ def edges(samples, stills):
 
 
 @pytest.mark.parametrize(("odr_hz", "mdps"), BENCHES)
-@pytest.mark.parametrize("seed", [1, 2])
-def test_every_rest_is_found_and_its_edges_are_right(odr_hz, mdps, seed):
-    table = Table().tumble(10, rest_s=1.6, seed=seed)
-    samples = table.samples(odr_hz, mdps, seed=seed)
+def test_every_rest_is_found_and_its_edges_are_right(odr_hz, mdps):
+    table = Table().tumble(10, rest_s=1.6, seed=1)
+    samples = table.samples(odr_hz, mdps, seed=1)
     stills, _ = find_stills(samples)
     assert [still.problem for still in stills] == [None] * len(table.rests)
     np.testing.assert_allclose(edges(samples, stills), table.rests, atol=0.2)
 
 
-@pytest.mark.parametrize(("odr_hz", "mdps"), BENCHES)
+@pytest.mark.parametrize(("odr_hz", "mdps"), BENCHES[:2])
 def test_nothing_of_a_turn_is_in_a_still(odr_hz, mdps):
     """The true rate inside a still stays below what its noise could hide: a few hundredths of a degree over its length."""
     table = Table().tumble(6, seed=3)
@@ -55,16 +54,7 @@ def test_a_still_is_measured_as_it_was_made():
         assert abs(still.temp_c - 25.0) < 0.01
 
 
-def test_a_bias_that_drifts_within_a_still_is_its_slope():
-    samples = Table().rest(30).samples(registers=False)
-    drift = np.array([0.002, -0.001, 0.0]) * DEG  # rad/s^2: 0.06 dps in the whole still
-    samples = Samples(samples.t_ns, samples.gyro + samples.t_s[:, None] * drift, samples.accel)
-    (still,) = find_stills(samples)[0]
-    std = 5 * MDPS / np.sqrt(2 * 30) * np.sqrt(12) / 30
-    np.testing.assert_allclose(still.gyro_slope, drift, atol=4 * std)
-
-
-@pytest.mark.parametrize(("odr_hz", "mdps", "ug"), [(100.0, 10.0, 120.0), (208.0, 5.0, 60.0), (833.0, 5.0, 60.0), (1600.0, 3.0, 60.0)])
+@pytest.mark.parametrize(("odr_hz", "mdps", "ug"), [(100.0, 10.0, 120.0), (208.0, 5.0, 60.0), broad(1600.0, 3.0, 60.0)])
 def test_the_noise_densities_are_recovered(odr_hz, mdps, ug):
     """168 s of rest tell them to 3 % an axis (1 sigma), three axes to 2 %."""
     _, noise = find_stills(Table().tumble(20, rest_s=8.0).samples(odr_hz, mdps, ug, registers=False))
@@ -73,6 +63,7 @@ def test_the_noise_densities_are_recovered(odr_hz, mdps, ug):
         assert np.mean(found) == pytest.approx(true, rel=0.06)
 
 
+@pytest.mark.broad
 def test_the_sensors_own_filter_hides_little_of_the_noise():
     """Behind a low-pass of ODR/4 at 104 Hz, neighbouring blocks of 0.1 s hang together and would hide 3 % of the noise; three hide 1 %."""
     still = Table().rest(1000).samples(104, gyro_mdps=0, accel_ug=0, registers=False)
@@ -83,39 +74,19 @@ def test_the_sensors_own_filter_hides_little_of_the_noise():
     assert found.mean() == pytest.approx(0.99, abs=0.013)  # six axes of 1 % each: three sigmas
 
 
-@pytest.mark.parametrize("rest_s", [0.3, 0.45, 0.6])
-def test_stills_too_short_for_twice_three_blocks_still_tell_the_noise(rest_s):
-    """Spans of one or two blocks then; the estimate is rough, and neither missing nor wrong."""
-    stills, noise = find_stills(Table().tumble(120, rest_s=rest_s, turn_s=1.5).samples(), still_s=0.2)
-    assert len(stills) == 121
-    ratios = np.concatenate([noise.gyro / (5 * MDPS), noise.accel / (0.06 * MG)])
-    np.testing.assert_allclose(ratios, 1, rtol=0.4)
-    assert ratios.mean() == pytest.approx(1, abs=0.15)
-
-
-def test_the_angle_random_walk_is_the_spread_of_the_integral():
-    """500 integrals over 4 s at rest spread by walk x sqrt(4 s)."""
-    samples = Table().rest(500).samples(registers=False, bias_dps=(0, 0, 0))
-    _, noise = find_stills(samples)
-    size = 4 * 208
-    integrals = samples.gyro[: 125 * size].reshape(125, size, 3).sum(axis=1) / 208
-    np.testing.assert_allclose(noise.angle_random_walk * 2, integrals.std(axis=0), rtol=0.2)
-
-
 def covered(samples, stills, start, stop):
     """Seconds of (start, stop) that lie in good stills."""
     good = edges(samples, [still for still in stills if still.problem is None])
     return np.clip(np.minimum(good[:, 1], stop) - np.maximum(good[:, 0], start), 0, None).sum()
 
 
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, -1, 0), (1, 1, 0)])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_slow_creep_between_turns_is_no_reference(axis, seed):
+@pytest.mark.parametrize("axis", [(1, 0, 0), (1, 1, 0)])
+def test_a_slow_creep_between_turns_is_no_reference(axis):
     """0.1 dps about a horizontal axis turns gravity by 0.2 deg in 2 s: sixteen times what a segment closes to."""
     table = Table().rest(2).turn(80, (1, 0, 0)).rest(2).turn(-80, (1, 0, 0))
     start = table.duration_s
     table.steady(0.1, axis, 2.0).turn(-120, (0, 1, 0)).rest(2).turn(50, (0, 0, 1)).rest(2)
-    samples = table.samples(seed=seed)
+    samples = table.samples()
     stills, _ = find_stills(samples)
     assert covered(samples, stills, start, start + 2.0) == 0
     (creeping,) = [still for still in stills if still.problem]
@@ -126,8 +97,7 @@ def test_a_slow_creep_between_turns_is_no_reference(axis, seed):
 
 
 @pytest.mark.parametrize("first", [True, False])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_creep_that_comes_to_rest_is_cut_off(first, seed):
+def test_a_creep_that_comes_to_rest_is_cut_off(first):
     """The hand lets go, or takes hold, slowly: the rest is used, the creep hardly."""
     table = Table().rest(2).turn(80, (1, 0, 0)).rest(2).turn(-80, (1, 0, 0))
     start = table.duration_s
@@ -137,13 +107,13 @@ def test_a_creep_that_comes_to_rest_is_cut_off(first, seed):
         start += 2.5
         table.rest(2.5).steady(0.1, (1, 0, 0), 2.0)
     table.turn(-120, (0, 1, 0)).rest(2)
-    samples = table.samples(seed=seed)
+    samples = table.samples()
     stills, _ = find_stills(samples)
     assert covered(samples, stills, start, start + 2.0) < 0.5
     assert covered(samples, stills, *table.rests[2]) > 1.5
 
 
-@pytest.mark.parametrize("dps", [0.3, 10.0, 60.0])
+@pytest.mark.parametrize("dps", [0.3, 60.0])
 def test_a_steady_turn_about_a_horizontal_axis_is_no_still(dps):
     table = Table().tumble(4).steady(dps, (0, 1, 0), 4.0).tumble(4, seed=1)
     start = 2 + 4 * 5
@@ -153,7 +123,7 @@ def test_a_steady_turn_about_a_horizontal_axis_is_no_still(dps):
             assert inside < 0.5
 
 
-@pytest.mark.parametrize("dps", [10.0, -10.0, 40.0])
+@pytest.mark.parametrize("dps", [-10.0, 40.0])
 def test_a_steady_turn_about_the_vertical_is_no_still(dps):
     """Gravity does not move in it and its rate is as quiet as rest: only the rest of the log tells."""
     table = Table().rest(2).turn(90, (1, 0, 0)).rest(2).turn(-90, (1, 0, 0)).rest(2)
@@ -165,33 +135,7 @@ def test_a_steady_turn_about_the_vertical_is_no_still(dps):
     assert all(still.start_s + still.duration_s < start + 0.2 or still.start_s > start + 4.8 for still in stills)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_short_bump_does_not_end_a_still(seed):
-    """A knock on the table: 0.15 s of shaking that leaves the attitude where it was."""
-    table = Table().tumble(3, rest_s=3.0, seed=seed)
-    samples = table.samples(seed=seed)
-    (start, _), number = table.rests[2], 2
-    t = samples.t_s - (start + 1.5)
-    knock = np.where((t > 0) & (t < 0.15), 3 * DEG * np.sin(2 * np.pi * t / 0.05), 0.0)
-    gyro = samples.gyro + knock[:, None] * [1, 0.5, 0.2]
-    accel = samples.accel + knock[:, None] / DEG * 0.05 * [0.3, 1, 0.2]
-    stills, _ = find_stills(Samples(samples.t_ns, gyro, accel, samples.temp_c))
-    assert len(stills) == 4
-    assert stills[number].bumps == 1
-    assert stills[number].problem is None
-    np.testing.assert_allclose(edges(samples, stills), table.rests, atol=0.2)
-    # What is measured leaves the bump out.
-    np.testing.assert_allclose(stills[number].gyro_std, stills[1].gyro_std, rtol=0.3)
-
-
-def test_a_small_turn_is_not_taken_for_a_bump():
-    """1 deg in 0.4 s: another attitude, so another still."""
-    table = Table().rest(3).turn(1.0, (1, 0, 0), 0.4).rest(3)
-    stills, _ = find_stills(table.samples())
-    assert len(stills) == 2
-
-
-@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 1), (0, 0, 1)])
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 0, 1)])
 def test_a_log_that_never_rests_has_no_still(axis):
     table = Table()
     for i in range(20):
@@ -201,21 +145,12 @@ def test_a_log_that_never_rests_has_no_still(axis):
     assert noise is None
 
 
-@pytest.mark.parametrize("odr_hz", [100.0, 208.0, 1600.0])
+@pytest.mark.parametrize("odr_hz", [100.0, 1600.0])
 def test_a_log_that_only_rests_is_one_still(odr_hz):
     samples = Table().rest(40).samples(odr_hz)
     (still,), _ = find_stills(samples)
     assert still.problem is None
     assert still.duration_s > 39.5
-
-
-def test_rests_shorter_than_the_protocol_asks_for_do_not_count():
-    table = Table().rest(3).turn(90, (1, 0, 0)).rest(0.4).turn(90, (0, 1, 0)).rest(3)
-    samples = table.samples()
-    stills, _ = find_stills(samples, still_s=1.0)
-    assert len(stills) == 2
-    stills, _ = find_stills(samples, still_s=0.4)
-    assert len(stills) == 3
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 30])

@@ -51,7 +51,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
                 bar = run_bar(float(sigma_of_steps(readings)), 2 * step)
                 start, stop = _longest_run(at)
                 if stop - start >= bar:
-                    found.append((top, at, _has_corners(values, start, stop, step)))
+                    found.append((top, at, has_corners(values, start, stop, step)))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
@@ -65,7 +65,8 @@ def _longest_run(mask: np.ndarray) -> tuple[int, int]:
     return int(starts[longest]), int(stops[longest])
 
 
-def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+    """Whether values (N,) fall from a plateau start:stop on both sides, as far beyond its ends as it is long."""
     beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
     return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)
 
@@ -95,7 +96,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | N
         readings = samples.gyro[:, axis]
         noise, peak = float(sigma_of_steps(readings)), max(peak, readings.max(), -readings.min())
         for sign in (1.0, -1.0):
-            found = _plateaus(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
+            found = plateaus_of(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
             levels += [level for level, _, _ in found]
             masks += [(level, start, stop) for level, start, stop in found]
     if len(levels) < FEWEST:
@@ -113,7 +114,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | N
     return ReachedCeiling(level, mask)
 
 
-def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
+def plateaus_of(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
     """(level, start, stop) of the flat top of each stroke that has one."""
     found = []
     high = values > max(least, 0.5 * values.max())
@@ -172,14 +173,14 @@ def find_clipping(problem: Problem) -> Clipping | None:
     numbers = [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
     if not numbers:
         return None
-    excess = _excess(problem, numbers)
+    excess = excess_of(problem, numbers)
     level = float(np.median(levels))
     return Clipping(
         level, known_to * level, numbers, min(chance, 1.0), excess, excess > bar or (np.isnan(excess) and bar == CEILING_EXCESS)
     )
 
 
-def _excess(problem: Problem, numbers: list[int]) -> float:
+def excess_of(problem: Problem, numbers: list[int]) -> float:
     """Ratio of these segments' closure to that of the others, by the linear model of the others (or of all, if those are few)."""
     hit = np.isin([segment.number for segment in problem.used], numbers)
     if not hit.any():

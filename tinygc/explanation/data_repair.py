@@ -170,7 +170,7 @@ class ClosureTrial:
         one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
         return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
 
-    def _choices(
+    def likelihoods(
         self, i: int, own: list[RegisterFault], others: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int
     ) -> dict[Choice, float]:
         """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired."""
@@ -217,7 +217,7 @@ class ClosureTrial:
 
         return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
 
-    def _tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
+    def tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
         """rms tilt, rad, of segments with these of their events repaired."""
         squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
         return float(np.sqrt(np.mean(squares))) if squares else 0.0
@@ -233,7 +233,7 @@ class ClosureTrial:
         if can_be:
             for i, own in inside.items():
                 beside = [e for e in others if self.segment_of(e) == i]
-                likely[i] = self._choices(i, [events[k] for k in own], beside, cross, length)
+                likely[i] = self.likelihoods(i, [events[k] for k in own], beside, cross, length)
         share, chance = 0.5, np.zeros(len(events))
         for _ in range(PASSES if can_be else 0):
             # An event that closure cannot decide gets the share of the others, except a row that no sensor can output.
@@ -253,7 +253,7 @@ class ClosureTrial:
         touched = list(inside)
         none: dict[int, list[RegisterFault]] = {i: [] for i in touched}
         all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
-        rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]
+        rms = [self.tilt_rms(mended, cross, length) for mended in (none, all_here)]
         probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
         if not accepted:
             chance = np.zeros(len(events))
@@ -320,15 +320,15 @@ def left_open(problem: Problem, touched: np.ndarray) -> np.ndarray:
     sizes = [_concentrated(problem, start, count) for start in starts if len(start) >= count or start is starts[0]]
     size = min(sizes, key=lambda each: np.sum(np.sort(each)[:count] ** 2))
     found = touched & (size > OPEN * np.median(np.sort(size)[:count]) / SIZE_OF_KEPT)
-    size = _closure(problem, np.flatnonzero(~found))  # refit with more: the few kept segments are easily overfitted
+    size = closure_over_floor(problem, np.flatnonzero(~found))  # refit with more: the few kept segments are easily overfitted
     return found & (size > OPEN * np.median(size[~found]))
 
 
 def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
-    """(S,) ``_closure`` by the fit of the ``count`` segments that close best, starting from ``kept``."""
+    """(S,) ``closure_over_floor`` by the fit of the ``count`` segments that close best, starting from ``kept``."""
     size = np.zeros(len(problem.batch))
     for _ in range(ROUNDS):
-        size = _closure(problem, kept)
+        size = closure_over_floor(problem, kept)
         best = np.sort(np.argsort(size)[:count])
         if np.array_equal(best, kept):
             break
@@ -336,7 +336,7 @@ def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
     return size
 
 
-def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
+def closure_over_floor(problem: Problem, kept: np.ndarray) -> np.ndarray:
     """(S,) closure of each segment over its floor, by the fit of the kept segments."""
     batch, sigma = problem.batch, problem.floor.sigma
     model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
@@ -386,15 +386,15 @@ def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None
         found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
         chances["gyro.saturation"] = clipping.chance
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
-            problem = _again(problem, problem.session, clipped=tuple(clipping.numbers))
-    verdicts, reference = _tried(problem, clipping, progress)
-    problem, gaps = _with_accepted(problem, verdicts, found, chances)
+            problem = rebuilt(problem, problem.session, clipped=tuple(clipping.numbers))
+    verdicts, reference = tried_events(problem, clipping, progress)
+    problem, gaps = with_accepted(problem, verdicts, found, chances)
     progress("stills")
-    problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
+    problem = with_gaps(without_creeping(problem, found, chances), gaps)
     return RepairedProblem(problem, found, chances, reference, verdicts, clipping)
 
 
-def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
+def tried_events(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
     """Verdicts on false readings and losses, in this order, and the effects used in the tests.  Events in clipped turns are not tested."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]
@@ -402,8 +402,8 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
         return [], ()
     progress("events on trial")
     false, lost = ([e for e in events if e.id == name] for name in (FALSE, LOST))
-    quiet = _again(problem, bridged(problem.session, false)) if false else problem
-    reference = _reference(problem, quiet, false, lost)
+    quiet = rebuilt(problem, bridged(problem.session, false)) if false else problem
+    reference = reference_effects(problem, quiet, false, lost)
     trial = ClosureTrial(problem, reference, quiet)
     verdicts = [trial.test(FALSE, false, [])] if false else []
     if lost:
@@ -411,7 +411,7 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
     return verdicts, reference.effects
 
 
-def _reference(problem: Problem, quiet: Problem, false: list[RegisterFault], lost: list[RegisterFault]) -> Hypothesis:
+def reference_effects(problem: Problem, quiet: Problem, false: list[RegisterFault], lost: list[RegisterFault]) -> Hypothesis:
     """The effects with which events are tested, from the segments that close, with or without an event.  If those are few, or their noise
     is unlike a sensor's, all segments are tried as well, as recorded and with everything repaired; the fit with the greatest evidence per
     value is used."""
@@ -423,12 +423,12 @@ def _reference(problem: Problem, quiet: Problem, false: list[RegisterFault], los
         is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
         if (~is_open).sum() >= FEWEST_WHOLE:
             open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
-            tried.append(_searched(_again(problem, bridged(problem.session, in_rests), left_out=open_ones)))
+            tried.append(_searched(rebuilt(problem, bridged(problem.session, in_rests), left_out=open_ones)))
     if not tried or tried[0].noise.unusual:
         session, count = quiet.session, common_count(quiet, lost) if lost else 0
         if count:
-            session, _ = _with_lost(session, lost, count)
-        tried += [_searched(problem), _searched(_again(problem, session))]
+            session, _ = session_with_lost(session, lost, count)
+        tried += [_searched(problem), _searched(rebuilt(problem, session))]
     return min(tried, key=lambda h: h.score / max(len(h.fit.r), 1))
 
 
@@ -437,7 +437,7 @@ def _searched(problem: Problem) -> Hypothesis:
     return search(evidence, candidates(evidence.twin), evidence.nothing)
 
 
-def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
+def with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
     """The problem with the accepted events repaired, and where samples were inserted."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
@@ -455,14 +455,14 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
             times += [began + float(log.samples.t_s[row]) + i * length * log.samples.period_s for i, row in enumerate(rows)]
             began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # including inserted samples
         found[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a sample
-        session, gaps = _with_lost(session, lost, length)
+        session, gaps = session_with_lost(session, lost, length)
     for v in verdicts:
         if v.accepted:
             chances[v.id] = min(1.0, len(v.events) * float(chdtrc(len(v.accepted), max(2 * v.log_ratio, 0.0))))
-    return _again(problem, session), gaps
+    return rebuilt(problem, session), gaps
 
 
-def _with_lost(session: Session, lost: list[RegisterFault], length: int) -> tuple[Session, list[Gap]]:
+def session_with_lost(session: Session, lost: list[RegisterFault], length: int) -> tuple[Session, list[Gap]]:
     """The session with ``length`` samples inserted after each of the events."""
     logs, gaps = [], []
     for number, log in enumerate(session.logs):
@@ -476,7 +476,7 @@ def _with_lost(session: Session, lost: list[RegisterFault], length: int) -> tupl
     return replace(session, logs=tuple(logs)), gaps
 
 
-def _again(
+def rebuilt(
     problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = (), left_out: tuple[int, ...] = ()
 ) -> Problem:
     """Rebuild the problem for a repaired session, or with clipped segments or moving stills, keeping earlier exclusions."""
@@ -484,17 +484,18 @@ def _again(
     found = SessionStills(session, problem.found)
     if moving:  # rejecting a still joins two turns and shifts the numbers after it
         segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
-        out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
+        out = {why: [new for new in segments if any(is_inside(old, new) for old in gone)] for why, gone in out.items()}
     asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
     use_earth = problem.earth.source != "none"
     return build_problem(session, use_earth=use_earth, exclude=asked + left_out, clipped=clipped + at_level, moving=moving, found=found)
 
 
-def _inside(old: Segment, new: Segment) -> bool:
+def is_inside(old: Segment, new: Segment) -> bool:
+    """Whether the middle of a segment lies in another of the same log."""
     return old.log == new.log and new.start <= (old.start + old.stop) // 2 < new.stop
 
 
-def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
+def with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
     """Widen the floor of each segment by the unknown rotation in its gaps."""
     if not gaps:
         return problem
@@ -503,7 +504,7 @@ def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
     return replace(problem, floor=replace(problem.floor, own=own))
 
 
-def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
+def without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
     """Reject creeping stills: the detector found those in which gravity moves; those that turn about the vertical show in the gyro's
     rate."""
     numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
@@ -512,4 +513,4 @@ def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
     turning = about_the_vertical(problem)
     found["reference.not_still"] = ({"stills": sorted(numbers + turning)}, {})
     chances["reference.not_still"] = chance_of_creep(problem)
-    return _again(problem, problem.session, moving=tuple(turning)) if turning else problem
+    return rebuilt(problem, problem.session, moving=tuple(turning)) if turning else problem

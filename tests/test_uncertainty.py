@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends, with_known_angles
 
-from session.io.units import DEG_PER_HOUR
+from session.io.units import DEG, DEG_PER_HOUR
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, with_heading
@@ -59,10 +59,11 @@ class Data:
             measured = (earth - TRUE.B) @ np.linalg.inv(TRUE.E).T
             self.stills = StillRates(measured, earth, rng.uniform(1e-4, 3e-4, (STILLS, 3)), q_tb, STILL_S)
 
-    def fitted(self, ends=0.0, stills=0.0, heading=0.0, bias=0.0, still_bias=0.0):
+    def fitted(self, ends=0.0, stills=0.0, heading=0.0, horizontal=(0.0, 0.0), bias=0.0, still_bias=0.0):
         """(12,): ends (S, 3) rad that the references are turned by, stills (Q, 3) rad/s added to the calibrated rates of stills, the
-        heading's error, and biases (S, 3), (Q, 3) rad/s beyond the constant one."""
-        moved = EarthRate(rotation.matrix(rotation.exp(np.array([0, 0, heading]))) @ EARTH_T, 0.0, 0.1, "estimated")
+        heading's error, a horizontal rate (2,), and biases (S, 3), (Q, 3) rad/s beyond the constant one."""
+        turned = rotation.matrix(rotation.exp(np.array([0, 0, heading]))) @ EARTH_T + [*horizontal, 0.0]
+        moved = EarthRate(turned, 0.0, 0.1, "estimated")
         earth = moved.in_body(self.body) - np.broadcast_to(bias, (TURNS, 3))[:, None]
         batch = turned_ends(replace(self.batch, earth=earth), ends + np.zeros((TURNS, 3)))
         rates = None
@@ -122,6 +123,19 @@ def test_an_estimated_heading_adds_what_a_refit_with_another_heading_answers(dat
     answer = data.answer("heading", ())[:, 0] * 0.1
     same(data.covariance(source="estimated"), noise_alone + np.outer(answer, answer))
     assert np.abs(answer / np.sqrt(np.diag(noise_alone))).max() > 1  # it is seen
+
+
+@pytest.mark.parametrize("mean_rps", [(0.0, 0.0), (3e-5, 2e-5)])
+def test_an_unknown_heading_adds_what_refits_with_other_horizontal_rates_answer(data, mean_rps):
+    """15.04 deg/h cos(latitude) long, less the mean that is taken off, in any direction: half of its square on either axis."""
+    rate_t = np.array([*mean_rps, -15.041 * DEG_PER_HOUR * np.sin(31.03 * DEG)])
+    known, unknown = (
+        parameter_covariance(data.batch, data.floor, TRUE, EarthRate(rate_t, None, np.inf, source), data.stills, prior=data.prior)
+        for source in ("given", "unknown")
+    )
+    square = (15.041 * DEG_PER_HOUR * np.cos(31.03 * DEG)) ** 2 - mean_rps[0] ** 2 - mean_rps[1] ** 2
+    answer = data.answer("horizontal", (2,)) * np.sqrt(square / 2)
+    same(unknown - known, answer @ answer.T)
 
 
 def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_alone):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.io.units import EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
@@ -117,8 +118,8 @@ def parameter_covariance(
 ) -> np.ndarray:
     """(12, 12) covariance of ``LinearModel.vector`` from least squares, due to the session's noise without errors of the prior.
 
-    Weighted least squares with weights 1/sigma^2 neglects that neighbours share a still, that the heading is estimated, and that the bias
-    drifts during the session; the sandwich H^-1 (J' W C W J) H^-1 includes all three (White 1980).
+    Weighted least squares with weights 1/sigma^2 neglects that neighbours share a still, that the heading is estimated or unknown, and that
+    the bias drifts during the session; the sandwich H^-1 (J' W C W J) H^-1 includes all three (White 1980).
     wander: bias drift between the segments; without it the bias is constant.
     """
     rate = model(batch.rate)
@@ -132,16 +133,14 @@ def parameter_covariance(
         hessian += rows.T @ rows
         meat += rows.T @ rows
         still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
-    if earth.source == "estimated":
-        # A heading error dh rotates the horizontal Earth rate by dh: one more column, with the heading's sigma.
-        sideways = np.cross([0.0, 0.0, 1.0], earth.rate_t)
+    for sideways in _unseen_rates(earth):
+        # The horizontal Earth rate that an uncertain heading leaves out: one more column for each direction, one sigma long.
         body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
         pull = np.einsum("sdp,sd->p", design * weight, column)
         if still_rates is not None and still_rates.q_tb is not None:
             turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
             pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
-        pull = pull * earth.heading_sigma_rad
         meat += np.outer(pull, pull)
     if wander is not None:
         # A bias error rotates a segment's end along the three bias columns.
@@ -152,6 +151,16 @@ def parameter_covariance(
         meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)
     inverse = np.linalg.inv(hessian)
     return inverse @ meat @ inverse
+
+
+def _unseen_rates(earth: EarthRate) -> np.ndarray:
+    """(K, 3) rad/s, table axes: one sigma of the horizontal Earth rate left out, across an estimated heading or in any direction."""
+    if earth.source == "estimated":
+        return np.cross([0.0, 0.0, 1.0], earth.rate_t)[None] * earth.heading_sigma_rad
+    if earth.source == "unknown":
+        left = max(EARTH_RATE_RPS**2 - float(earth.rate_t @ earth.rate_t), 0.0)  # of a known length, beside the vertical part and the mean
+        return np.eye(3)[:2] * np.sqrt(left / 2)
+    return np.zeros((0, 3))
 
 
 def _information(prior: GaussianPrior | None) -> np.ndarray:

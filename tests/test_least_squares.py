@@ -11,6 +11,7 @@ from small_turns import PERFECT, TRUE, TYPICAL, angles_by_scipy, numeric_jacobia
 from session.io.errors import FitError
 from tinygc import closure
 from tinygc.attitude.earth import with_heading
+from tinygc.closure import least_squares
 from tinygc.closure.least_squares import HELD, TOLERANCE, NotSettled, StillRates, combination, fit_least_squares, inverse_lower, solve_lower
 from tinygc.closure.prior import GaussianPrior
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PRIOR_SIGMA, LinearModel, bias_only
@@ -203,6 +204,16 @@ def test_a_search_that_does_not_end_tells_what_each_turn_is_off_by():
     assert refused.too_far[4:].tolist() == [False, True, False, True]
     assert refused.loose == ""
     assert "did not settle in 50 steps" in str(refused)
+
+
+def test_a_search_ends_in_its_last_step_and_not_after(monkeypatch):
+    batch, sigma, _ = CASES["tilt"]
+    steps = fit_least_squares(batch, sigma, START).steps
+    monkeypatch.setattr(least_squares, "MAX_STEPS", steps)
+    assert fit_least_squares(batch, sigma, START).steps == steps
+    monkeypatch.setattr(least_squares, "MAX_STEPS", steps - 1)
+    with pytest.raises(NotSettled):
+        fit_least_squares(batch, sigma, START)
 
 
 def test_turns_that_bind_a_direction_loosely_are_not_blamed_one_by_one():

@@ -12,7 +12,6 @@ from session.annexes.public import mimu
 from session.detect.first_look import check_session
 from session.io.config import LeftOut
 from session.io.errors import CalibrationError
-from tinygc.closure.least_squares import NotSettled
 from tinygc.closure.prepared import prepare
 
 REACH_RPS = 32767 * 17.5e-3 * DEG
@@ -80,16 +79,6 @@ def test_a_fit_that_does_not_settle_says_what_does_not_fit_and_check_says_it_too
         tinygc.fit(session, methods=("least_squares",))
     finding = of(tinygc.check(session), "fit")
     assert (finding.level, finding.says) == ("error", str(refused.value))
-
-
-def test_the_turns_that_do_not_settle_and_the_parameters_that_nothing_binds_are_named():
-    off = np.full(9, 1 * DEG)
-    off[[2, 5]] = 150 * DEG
-    names = [f"segment {number} at {5 * number} s" for number in range(9)]
-    words = NotSettled(off, off > 10 * DEG, "").words(names)
-    assert "segment 2 at 10 s by 150.0 deg, segment 5 at 25 s by 150.0 deg" in words
-    assert "segment 3" not in words
-    assert "hardly bind E_xy - E_yx" in NotSettled(off, off > 10 * DEG, "E_xy - E_yx").words(names)
 
 
 def test_a_closure_run_that_fit_refuses_is_an_error_of_check(tmp_path, run):

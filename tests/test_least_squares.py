@@ -1,6 +1,7 @@
 """Least squares: its answer is the minimum that scipy's rotations have, its covariance the curvature there; what no turn sees stays."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,17 @@ from session.io.errors import FitError
 from tinygc import closure
 from tinygc.attitude.earth import with_heading
 from tinygc.closure import least_squares
-from tinygc.closure.least_squares import HELD, TOLERANCE, NotSettled, StillRates, combination, fit_least_squares, inverse_lower, solve_lower
+from tinygc.closure.least_squares import (
+    HELD,
+    TOLERANCE,
+    NotSettled,
+    StillRates,
+    combination,
+    fit_least_squares,
+    inverse_lower,
+    naming_segments,
+    solve_lower,
+)
 from tinygc.closure.prior import GaussianPrior
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PRIOR_SIGMA, LinearModel, bias_only
 
@@ -242,6 +253,12 @@ def test_what_does_not_fit_is_named_the_worst_first_and_three_at_most(off_deg, t
     words = str(NotSettled(np.multiply(off_deg, DEG), np.isin(np.arange(len(off_deg)), too_far), ""))
     assert says in words
     assert "turn 3" not in words.partition("gravity")[2]
+
+
+def test_the_turns_are_named_by_their_segments():
+    segments = [SimpleNamespace(number=number, start_s=5.4 * number) for number in (3, 7)]
+    with pytest.raises(FitError, match="missed in segment 7 at 38 s by 20.0 deg, in the median"), naming_segments(segments):
+        raise NotSettled(np.multiply([1, 20], DEG), np.array([False, True]), "")
 
 
 # Whole turns by hand, sampled as a sensor does.

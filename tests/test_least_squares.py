@@ -257,7 +257,7 @@ def test_what_does_not_fit_is_named_the_worst_first_and_three_at_most(off_deg, t
 
 def test_the_turns_are_named_by_their_segments():
     segments = [SimpleNamespace(number=number, start_s=5.4 * number) for number in (3, 7)]
-    with pytest.raises(FitError, match="missed in segment 7 at 38 s by 20.0 deg, in the median"), naming_segments(segments):
+    with pytest.raises(FitError, match=r"missed in segment 7 at 38 s by 20\.0 deg, in the median"), naming_segments(segments):
         raise NotSettled(np.multiply([1, 20], DEG), np.array([False, True]), "")
 
 

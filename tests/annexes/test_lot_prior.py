@@ -249,11 +249,45 @@ def problem(recorded):
     return recorded.changed(floor=replace(recorded.floor, own=recorded.floor.own / 4, shared=recorded.floor.shared / 4))
 
 
+class Refits:
+    """Fits of a problem with a prior, or none, and their answer K (12, 12) to the prior's centre; covariance by the session's noise."""
+
+    def __init__(self, problem, prior, still_rates=None, step=1e-7):
+        start = bias_only(problem.still_rates.rate[0])
+
+        def fitted(prior):
+            return fit_least_squares(problem.batch, problem.floor.sigma, start, prior=prior, still_rates=still_rates).model
+
+        model = fitted(prior)
+        self.fit = model.vector
+        excess = goodness(problem.batch, problem.floor, model, problem.wander).excess
+        stated = parameter_covariance(problem.batch, problem.floor, model, problem.earth, still_rates, problem.wander, prior)
+        self.noise = excess * stated
+        if prior is not None:
+            moved = [fitted(replace(prior, centre=prior.centre + step * unit)).vector for unit in np.eye(PARAMETERS)]
+            self.share = (np.stack(moved, axis=-1) - self.fit[:, None]) / step
+
+
+@pytest.fixture(scope="module")
+def parts(problem):
+    """Name -> prior and refits with the lot; and without it, of few turns (with the vague prior) and many: prior, K P K', refits."""
+    start = bias_only(problem.still_rates.rate[0]).vector
+    weight = goodness(problem.batch, problem.floor, problem.first, problem.wander).excess
+    prior, open_ = prior_of(lot(), start).weighed(weight), vague(start).weighed(weight)
+    few = Refits(problem, open_, step=1e-5)
+    none = np.zeros((PARAMETERS, PARAMETERS))
+    return {
+        "lot": (prior, Refits(problem, prior)),
+        "few": (open_, few.share @ open_.covariance @ few.share.T, few),
+        "many": (None, none, Refits(problem, None)),
+    }
+
+
 class Judged:
     """``fit_with_lot`` with a belonging of this probability and weight; what was given to the judgement."""
 
     def __init__(self, problem, monkeypatch, probability, weight=1.0, few=False, options=OPTIONS, noise=None, of=None):
-        really, self.given, self.problem = belonging, [], problem
+        really, self.given = belonging, []
 
         def judge(*given):
             self.given.append(given)
@@ -261,27 +295,9 @@ class Judged:
 
         monkeypatch.setattr(lots_fit, "belonging", judge)
         monkeypatch.setattr(lots_fit, "FEWEST_SEGMENTS", len(problem.batch) + few)
-        self.lot = of or lot()
-        self.bias_from, self.level, self.fit, self.use = fit_with_lot(problem, options, LotFile(self.lot, "lot.json", "0" * 64), noise)
-
-    @property
-    def vector(self):
-        return self.fit.model.vector
-
-    def refit(self, prior, still_rates=None):
-        problem, start = self.problem, bias_only(self.problem.still_rates.rate[0])
-        return fit_least_squares(problem.batch, problem.floor.sigma, start, prior=prior, still_rates=still_rates).model
-
-    def share(self, prior, still_rates=None, step=1e-7):
-        """K (12, 12): what the parameters answer to the prior's centre, by refits."""
-        moved = [self.refit(replace(prior, centre=prior.centre + step * unit), still_rates).vector for unit in np.eye(PARAMETERS)]
-        return (np.stack(moved, axis=-1) - self.refit(prior, still_rates).vector[:, None]) / step
-
-    def noise(self, model, prior=None, still_rates=None):
-        """Covariance (12, 12) by the session's own noise."""
-        p = self.problem
-        excess = goodness(p.batch, p.floor, model, p.wander).excess
-        return excess * parameter_covariance(p.batch, p.floor, model, p.earth, still_rates, p.wander, prior)
+        file = LotFile(of or lot(), "lot.json", "0" * 64)
+        self.bias_from, self.level, self.fit, self.use = fit_with_lot(problem, options, file, noise)
+        self.vector = self.fit.model.vector
 
 
 def close(found, expected, sigma):
@@ -289,20 +305,20 @@ def close(found, expected, sigma):
 
 
 @pytest.mark.parametrize("still_rates", [False, True])
-def test_a_unit_that_belongs_is_judged_and_fitted_with_the_prior_of_its_noise(problem, monkeypatch, still_rates):
+def test_a_unit_that_belongs_is_judged_and_fitted_with_the_prior_of_its_noise(problem, parts, monkeypatch, still_rates):
     """The prior is weighed as much as the floor is too small; what it leaves of its own uncertainty is K P K'."""
     found = Judged(problem, monkeypatch, 0.9999, options=replace(OPTIONS, still_rates=still_rates))
-    rates = problem.still_rates if still_rates else None
     prior = found.level.prior
+    refits = Refits(problem, prior, problem.still_rates) if still_rates else parts["lot"][1]
     assert prior.weight == goodness(problem.batch, problem.floor, problem.first, problem.wander).excess > 2
-    np.testing.assert_allclose(found.vector, found.refit(prior, rates).vector, rtol=0, atol=1e-9)
-    K, sigma = found.share(prior, rates), np.sqrt(np.diag(prior.covariance))
+    np.testing.assert_allclose(found.vector, refits.fit, rtol=0, atol=1e-9)
+    K, sigma = refits.share, np.sqrt(np.diag(prior.covariance))
     close(found.use.more, K @ prior.covariance @ K.T, sigma)
     np.testing.assert_allclose(found.use.share, np.diag(K), atol=2e-3)
     ((judged, moved, noise, kept, tails),) = found.given
     assert (judged.weight, tails) == (prior.weight, np.inf)
     np.testing.assert_allclose(moved, found.vector - MEAN, rtol=0, atol=1e-12)
-    close(noise, found.noise(found.fit.model, prior, rates), sigma)
+    close(noise, refits.noise, sigma)
     np.testing.assert_allclose(kept * np.outer(1 / sigma, sigma), (np.eye(PARAMETERS) - K) * np.outer(1 / sigma, sigma), atol=2e-3)
     assert (found.use.used, found.use.units, found.use.off) == ("yes", 500, None)
 
@@ -334,52 +350,52 @@ def test_the_noise_of_a_recording_takes_the_place_of_the_floor(recorded, problem
         (0.95, True, "yes", False),
     ],
 )
-def test_the_lot_is_used_in_part_between_its_thresholds(problem, monkeypatch, probability, few, used, mixed):
+def test_the_lot_is_used_in_part_between_its_thresholds(problem, parts, monkeypatch, probability, few, used, mixed):
     """The mean of both fits, the covariance of the mixture; with few turns the unit's own fit has the vague prior, and its uncertainty."""
-    found = Judged(problem, monkeypatch, probability, few=few)
-    assert found.use.used == used
-    start = bias_only(problem.still_rates.rate[0]).vector
-    with_lot = prior_of(lot(), start).weighed(goodness(problem.batch, problem.floor, problem.first, problem.wander).excess)
-    own_prior = vague(start).weighed(with_lot.weight) if few else None
-    one, other = found.refit(with_lot), found.refit(own_prior)
+    found, (with_lot, of_lot), (_, more, alone) = (
+        Judged(problem, monkeypatch, probability, few=few),
+        parts["lot"],
+        parts["few" if few else "many"],
+    )
     p = probability if mixed else (1.0 if used == "yes" else 0.0)
-    np.testing.assert_allclose(found.vector, p * one.vector + (1 - p) * other.vector, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.vector, p * of_lot.fit + (1 - p) * alone.fit, rtol=0, atol=1e-9)
+    assert found.use.used == used
     assert (found.use.off is None) == (used == "yes")
-    if few:
-        K0 = found.share(own_prior, step=1e-5)
-        more = K0 @ own_prior.covariance @ K0.T
-    else:
-        more = np.zeros((PARAMETERS, PARAMETERS))
-    K, sigma = found.share(with_lot), np.sqrt(np.diag(found.noise(other, own_prior) + more))
+    sigma = np.sqrt(np.diag(alone.noise + more))
     if used == "no":
         close(found.use.more, more, sigma)
         assert not found.use.share.any()
         assert found.level.prior is None if not few else found.level.prior.weight == with_lot.weight
         return
-    apart, inside = one.vector - other.vector, found.noise(one, with_lot)
-    both = p * (inside + K @ with_lot.covariance @ K.T) + (1 - p) * (found.noise(other, own_prior) + more)
-    close(found.use.more, both + p * (1 - p) * np.outer(apart, apart) - inside, sigma)
-    np.testing.assert_allclose(found.use.share, p * np.diag(K), atol=2e-3)
+    apart = of_lot.fit - alone.fit
+    both = p * (of_lot.noise + of_lot.share @ with_lot.covariance @ of_lot.share.T) + (1 - p) * (alone.noise + more)
+    close(found.use.more, both + p * (1 - p) * np.outer(apart, apart) - of_lot.noise, sigma)
+    np.testing.assert_allclose(found.use.share, p * np.diag(of_lot.share), atol=2e-3)
 
 
 @pytest.mark.parametrize(("weight", "factor"), [(0.5, 2.0), (1.25, 0.8)])
 def test_with_tails_the_prior_is_as_wide_as_the_unit_is_far_out(problem, monkeypatch, weight, factor):
     found = Judged(problem, monkeypatch, 1.0, weight=weight, of=lot(tails=5.0))
     start = bias_only(problem.still_rates.rate[0]).vector
-    prior = prior_of(lot(tails=5.0), start, 5.0).weighed(found.level.prior.weight).scaled(factor)
+    prior = prior_of(lot(), start, 5.0).weighed(found.level.prior.weight).scaled(factor)
+    assert prior.covariance[0, 0] == pytest.approx(factor * 0.6 * SIGMA[0] ** 2, rel=1e-3)
     np.testing.assert_allclose(found.level.prior.covariance, prior.covariance, rtol=1e-12)
-    np.testing.assert_allclose(found.vector, found.refit(prior).vector, rtol=0, atol=1e-9)
-    K, sigma = found.share(prior), np.sqrt(np.diag(prior.covariance))
-    close(found.use.more, K @ prior.covariance @ K.T, sigma)
+    refits = Refits(problem, prior)
+    np.testing.assert_allclose(found.vector, refits.fit, rtol=0, atol=1e-9)
+    close(found.use.more, refits.share @ prior.covariance @ refits.share.T, np.sqrt(np.diag(prior.covariance)))
 
 
 def test_beside_a_fit_the_prior_is_given_only_where_the_unit_belongs(recorded, monkeypatch):
-    file = LotFile(lot(), "lot.json", "0" * 64)
-    for probability, used in ((0.9999, "yes"), (0.5, "partly"), (0.0, "no")):
-        Judged(recorded, monkeypatch, probability)
-        prior, use = file.prior_beside(recorded)
-        assert use.used == used
+    asked = []
+    monkeypatch.setattr(lots_fit, "stated_noise", lambda problem: "its noise")
+    for used in ("yes", "partly", "no"):
+        use = LotUse("lot.json", "00", 50, Belonging(0.5, 1.0, 12, 0.5), used, np.zeros(12), np.zeros((12, 12)))
+        monkeypatch.setattr(lots_fit, "fit_with_lot", lambda *given, use=use: asked.append(given) or (None, None, None, use))
+        prior, told = LotFile(lot(), "lot.json", "00").prior_beside(recorded)
+        assert told is use
         assert (prior is None) == (used != "yes")
+        assert asked[-1][0] is recorded
+        assert asked[-1][3] == "its noise"
 
 
 def test_a_use_is_told_in_words_and_in_json():

@@ -48,13 +48,13 @@ def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
     extent = float(np.ptp(smooth))
     if extent < LEAST_C:
         return []
-    turns = _turning_points(smooth, TURN_SHARE * extent)
+    turns = turning_points(smooth, TURN_SHARE * extent)
     edges = [0, *turns[1:-1], len(temp_c)]
     directions = np.sign(np.diff(smooth[turns])).astype(int)
     return [Sweep(log, start, stop, int(d)) for start, stop, d in zip(edges[:-1], edges[1:], directions, strict=True)]
 
 
-def _turning_points(values: np.ndarray, least: float) -> list[int]:
+def turning_points(values: np.ndarray, least: float) -> list[int]:
     """Return the indices of the first extreme, of each reversal by at least ``least``, and of the last."""
     low = high = direction = 0
     points: list[int] = []
@@ -357,12 +357,12 @@ def examine(knots: Knots, y: np.ndarray, noise: Coloured, orders: tuple[int, ...
         train, test = folds != fold, folds == fold
         L = noise.factor(train)
         tau = best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
-        table.append([_predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
+        table.append([predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
     held_out = np.array(table)
-    return Examined(candidates, held_out, _simplest(candidates, held_out), by)
+    return Examined(candidates, held_out, simplest(candidates, held_out), by)
 
 
-def _predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
+def predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
     """Mean square error of a fold's prediction, in the unit of y."""
     A = columns(knots, tau, order)
     seen = A[train].any(axis=0)
@@ -376,7 +376,7 @@ def _predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray,
     return float(np.mean(error**2))
 
 
-def _simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
+def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
     """Return the index of the simplest candidate within one standard error of the best."""
     best = int(np.argmin(held_out.mean(axis=0)))
     worse = held_out - held_out[:, [best]]
@@ -438,7 +438,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     y, V = knots.mean(blocks), knots.covariances()
     unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
     y = y / unit
-    orders = tuple(p for p in orders if p <= _most_order(knots))
+    orders = tuple(p for p in orders if p <= most_order(knots))
     lags = lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
     white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
     every, most, tau = slice(None), max(orders), 0.0
@@ -451,25 +451,25 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     L = noise.factor()
     if chosen.lagged:
         tau = best_lag(knots, y, L, every, lags, chosen.order)
-        if not _lag_shows(knots, y, L, tau, chosen.order):
+        if not lag_shows(knots, y, L, tau, chosen.order):
             chosen = Candidate(chosen.order, False)
     tau = tau if chosen.lagged else 0.0
-    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
-    p_value, needed = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order
+    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    p_value, needed = none_by_chance(knots, y, V, white, chosen, tau), chosen.order
     if p_value >= BY_CHANCE:
         needed = 0
     # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
-    while needed and _by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
+    while needed and by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
         needed -= 1
     if needed < chosen.order:
         chosen = Candidate(needed, chosen.lagged and needed > 0)
         tau = tau if chosen.lagged else 0.0
     if not needed:
         noise = estimate_noise(y, columns(knots, 0.0, 0), V, white)
-    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
+    coefficients, covariance = solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
-    plain = y - columns(knots, 0.0, chosen.order) @ _solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
-    terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
+    plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
+    terms, of_terms = in_degrees(knots, coefficients, covariance, chosen)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
     index = examined.candidates.index(chosen)
@@ -488,19 +488,19 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     )
 
 
-def _most_order(knots: Knots) -> int:
+def most_order(knots: Knots) -> int:
     """Return the highest order: 0 without a range of temperatures, and always less than the number of knots."""
     return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
 
 
-def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
+def lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
     """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
     white = whiten(L, y)
     without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
     return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
 
 
-def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
     Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights
@@ -519,7 +519,7 @@ def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Can
     return coefficients, G @ noise.C @ G.T
 
 
-def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
+def none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
     """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
 
     With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
@@ -535,7 +535,7 @@ def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: flo
     return float(chi2.sf(values[0] - values[1], chosen.order + 2 * chosen.lagged))
 
 
-def _by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
+def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
     """p-value of the coefficients of the powers beyond ``above`` if they are zero (Wald)."""
     if order <= above:
         return 1.0
@@ -544,7 +544,7 @@ def _by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, abov
     return float(chi2.sf(coefficients[part] @ pull, order - above))
 
 
-def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """terms (P + 1,) per degC^n, the first the mean of the logs' zeros, and the covariance (P + 2, P + 2) of them and the lag."""
     logs, order = len(knots.logs), chosen.order
     map_ = np.zeros((order + 2, len(covariance)))

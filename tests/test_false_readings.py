@@ -49,10 +49,3 @@ def test_false_readings_of_every_kind_are_found_and_bridged(samples, kind, lengt
     others = np.delete(np.arange(len(samples)), inside)
     np.testing.assert_array_equal(repaired.gyro[others], samples.gyro[others])
     np.testing.assert_array_equal(repaired.accel[others], samples.accel[others])
-
-
-def test_one_row_again_is_chance(samples):
-    """Once in many sessions all six registers repeat by themselves."""
-    gyro, accel = samples.gyro.copy(), samples.accel.copy()
-    gyro[700], accel[700] = gyro[699], accel[699]
-    assert find_glitches(replace(samples, gyro=gyro, accel=accel)) is None

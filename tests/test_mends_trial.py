@@ -11,7 +11,7 @@ from spoilt_registers import closed_up, rows_in_turns, with_losses
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import ClosureTrial, lowest, repair
+from tinygc.explanation.data_repair import ClosureTrial, repair
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.faulty_readings import FALSE, LOST, RegisterFault, proposed
 from tinygc.noise.twin import Twin
@@ -90,6 +90,7 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(table,
     assert spoilt.p_value[FALSE] < 1e-6
 
 
+@pytest.mark.broad
 def test_knocks_and_false_readings_in_one_session_are_told_apart(table, rows):
     shown = excursions(rows, 40)
     real = set(rows[::2].tolist())
@@ -144,6 +145,7 @@ def test_a_row_that_no_sensor_gives_needs_no_closure(trial_of, rows):
 # Losses
 
 
+@pytest.mark.broad
 def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
     """Gyro and accelerometer step together, as across a loss, and the body was turned by what was read."""
     rng = np.random.default_rng(8)
@@ -171,9 +173,3 @@ def test_the_same_turns_with_samples_lost_are_mended(table, rows, count):
     (verdict,) = (v for v in found.verdicts if v.id == LOST)
     np.testing.assert_allclose([e.row for e in verdict.accepted], closed_up(rows, count), atol=1)
     assert verdict.tried_rad < 0.3 * verdict.before_rad
-
-
-@pytest.mark.parametrize("most", [8, 50, 104])
-def test_the_bottom_of_a_valley_is_found_wherever_it_is(most):
-    for bottom in range(most + 1):
-        assert lowest(lambda count, bottom=bottom: abs(count - bottom) ** 1.5, most) == bottom

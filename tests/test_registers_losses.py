@@ -59,22 +59,6 @@ def test_what_was_lost_is_put_back(odr_hz):
     assert np.abs(back.accel - level)[lost].max() < 0.005 + 4 * gain * noise[5]
 
 
-def test_a_log_without_temperature_is_put_back_too():
-    samples, table = clean(208.0, 0)
-    rows = rows_in_turns(table, samples, 1, 0)
-    bare = replace(with_losses(samples, rows, 9), temp_c=None)
-    back = with_lost(bare, closed_up(rows, 9), 9, 3)
-    assert back.temp_c is None
-    assert len(back) == len(samples)
-
-
-def test_putting_nothing_back_changes_nothing():
-    samples, _ = clean(208.0, 0, turns=2)
-    back = with_lost(samples, np.zeros(0, dtype=int), 5, 3)
-    for name in ("t_ns", "gyro", "accel", "temp_c"):
-        np.testing.assert_array_equal(getattr(back, name), getattr(samples, name))
-
-
 def test_false_readings_are_no_losses():
     samples, table = clean(208.0, 3)
     rows = rows_in_turns(table, samples, 2, 3)

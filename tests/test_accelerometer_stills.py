@@ -8,7 +8,16 @@ from conftest import GRAVITY, Table, session_of
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
-from session.detect.accelerometer import IDENTITY, RUNGS, attitudes_of, fit_lengths, from_stills, why_not, with_section
+from session.detect.accelerometer import (
+    IDENTITY,
+    RUNGS,
+    attitudes_of,
+    fit_lengths,
+    from_stills,
+    why_not,
+    with_section,
+    write_calibrated_copy,
+)
 from session.detect.check_references import own_fit
 from session.io.config import Accelerometer
 from session.io.errors import FormatError, SegmentError
@@ -63,6 +72,7 @@ def test_the_numbers_are_those_of_cauchys_weights(bad):
     found = fit_lengths(force, GRAVITY)
     miss = missing(found.x, force)
     np.testing.assert_allclose(found.after, miss, atol=1e-12)
+    np.testing.assert_allclose(found.before, np.linalg.norm(force, axis=1) - GRAVITY)
     bar = np.abs(miss[bad:]) * np.sqrt(found.weight[bad:] / (1 - found.weight[bad:]))
     np.testing.assert_allclose(bar, 2 * np.median(np.abs(miss)) / 0.6745 * np.sqrt(24 / 15), rtol=0.011)
     best = least_squares(
@@ -241,6 +251,9 @@ matrix = [
   [0.0, 0.0, 1.0]
 ]
 bias_mps2 = [0.1, 0.2, 0.3]
+more = { rows = [
+  [1, 2],
+] }
 
 [[exclude]]
 log = "log0001.csv"
@@ -263,6 +276,40 @@ def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
     assert found["own_stills"] is True
 
 
-def test_what_cannot_be_replaced_is_refused():
+@pytest.mark.parametrize(
+    ("text", "before", "after"), [("", "", ""), ("a = 1", "a = 1\n", ""), ("a = 1\n[protocol]\n", "a = 1\n", "[protocol]\n")]
+)
+def test_a_new_section_stands_at_the_end_or_before_the_protocol(text, before, after):
+    made = with_section(text, Accelerometer(MATRIX, BIAS, "stills"), "of its stills")
+    assert made.startswith(before + "# of its stills\n[accelerometer]\nmatrix = [[0.990000000, 0.010000000, -0.020000000], [0.000000000, ")
+    assert "\nbias_mps2 = [0.30000000, -0.20000000, 0.50000000]\nown_stills = true" in made
+    assert made.endswith("another recording is to have it as a prior\n\n" + after)
+    assert with_section("[protocol]\n", Accelerometer(), "").startswith("[accelerometer]\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "accelerometer = { bias_mps2 = [0, 0, 0] }\n",
+        'said = """\n[accelerometer]\n[x]\n"""\n[accelerometer]\nown_stills = true\n',  # within a text of more lines
+    ],
+)
+def test_what_cannot_be_replaced_is_refused(text):
     with pytest.raises(FormatError, match="put this there by hand"):
-        with_section('schema = "x"\naccelerometer = { bias_mps2 = [0, 0, 0] }\n', Accelerometer(MATRIX, BIAS), "")
+        with_section(text, Accelerometer(MATRIX, BIAS), "")
+
+
+def test_a_copy_holds_the_files_of_the_folder_and_nothing_is_written_over(tmp_path):
+    folder, out = tmp_path / "s", tmp_path / "out"
+    (folder / "fit").mkdir(parents=True)
+    for name in ("session.toml", "log0001.csv", ".hidden"):
+        (folder / name).write_bytes(b"a = 1\r\n")
+    out.mkdir()
+    write_calibrated_copy(folder, out, Accelerometer(MATRIX, BIAS))
+    assert {path.name for path in out.iterdir()} == {"session.toml", "log0001.csv"}
+    assert (out / "log0001.csv").read_bytes() == b"a = 1\r\n"
+    np.testing.assert_allclose(tomllib.loads((out / "session.toml").read_text())["accelerometer"]["matrix"], MATRIX)
+    with pytest.raises(FormatError, match="is there already"):
+        write_calibrated_copy(folder, out, Accelerometer())
+    with pytest.raises(FormatError, match="lies within the session folder"):
+        write_calibrated_copy(folder, folder / "new", Accelerometer())

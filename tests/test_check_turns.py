@@ -92,7 +92,7 @@ def test_a_closure_run_that_fit_refuses_is_an_error_of_check(tmp_path, run):
     assert run("check", folder)[0] == 2
 
 
-@pytest.mark.parametrize("name", [broad("e5u2"), "e7u5", broad("e7u6")])
+@pytest.mark.parametrize("name", [broad("e5u2"), broad("e7u5"), broad("e7u6")])
 def test_real_recordings_with_clipped_shaking_at_their_end_agree_with_gravity(shared, tmp_path, name):
     if not (shared / "wild" / "mimu").is_dir():
         pytest.skip("no recordings: shared/wild/mimu is not there")

@@ -194,6 +194,7 @@ def test_piped_output_is_plain_text_and_progress_is_apart(folder):
     assert "Closure error, degrees" in done.stdout
 
 
+@pytest.mark.broad
 def test_a_reader_that_has_gone_is_no_error(folder):
     script = f"{sys.executable} {ROOT / 'calibrate.py'} check {folder} | true; exit ${{PIPESTATUS[0]}}"
     done = processes.run(["bash", "-c", script], capture_output=True, text=True)

@@ -28,6 +28,7 @@ def test_bad_log(run, folder, change, words):
     refused(run("fit", folder, *QUICK), *words)
 
 
+@pytest.mark.broad
 def test_truncated_last_line_is_left_out_and_said(run, folder):
     spoil(folder, lambda lines: [*lines[:-2], lines[-2][:9]])
     code, out, _ = run("check", folder)

@@ -43,6 +43,7 @@ def test_a_session_that_may_only_be_read_is_fitted_with_out(run, folder, monkeyp
     assert models.load(out / "model_least_squares.json").vector.shape == (12,)
 
 
+@pytest.mark.broad
 def test_out_twice_replaces_and_out_a_file_is_refused(run, folder, tmp_path):
     out = tmp_path / "out"
     assert run("fit", folder, *QUICK, "--out", out)[0] == 0

@@ -129,6 +129,7 @@ def test_a_small_full_scale_is_given_time(full_scale_dps):
         assert f"({seconds:.0f} s)" in turn.words
 
 
+@pytest.mark.broad
 def test_an_edge_is_said_as_well():
     """An accelerometer that nobody has calibrated is turned by eighths, too."""
     for up in (*SIDES, *EDGES):

@@ -77,7 +77,7 @@ def recording(wire, folder, *words, data=DATA, **more):
     ("how", "ignored"),
     [
         ("SIGTERM", ()),
-        ("SIGINT", (signal.SIGINT,)),  # behind an &
+        broad("SIGINT", (signal.SIGINT,)),  # behind an &
         ("SIGHUP", (signal.SIGINT, signal.SIGHUP)),  # behind nohup and an &
         broad("SIGINT", ()),
         broad("SIGHUP", ()),
@@ -112,7 +112,7 @@ def test_every_signal_ends_a_virtual_board_like_ctrl_c(how, ignored, tmp_path):
     assert not (tmp_path / "port.lock").exists()
 
 
-@pytest.mark.parametrize("how", ["SIGTERM", broad("SIGHUP")])
+@pytest.mark.parametrize("how", [broad("SIGTERM"), broad("SIGHUP")])
 def test_a_log_from_a_stream_that_is_ended_leaves_nothing_half_done(how, folder, tmp_path, run):
     """``apply`` at a pipe that never ends."""
     assert run("fit", folder, "--methods", "raw", "--quiet")[0] == 0

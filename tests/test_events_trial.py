@@ -7,11 +7,13 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from conftest import DEG
+from linear_twin import effect, linear_twin
 from scipy import special, stats
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends
 
 from session.io.logfile import Bridge
 from tinygc.closure.problem import CLIPPED, LEFT_OUT
+from tinygc.effects import Reach
 from tinygc.explanation import clipped_turns, data_repair
 from tinygc.explanation.clipped_turns import about_the_vertical, chance_of_creep, excess_of, find_clipping
 from tinygc.explanation.data_repair import (
@@ -32,6 +34,7 @@ from tinygc.explanation.data_repair import (
     without_creeping,
 )
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault
+from tinygc.noise.components import TURN
 
 # Several events of one turn
 
@@ -670,3 +673,30 @@ def test_a_still_about_the_vertical_is_an_outlier_of_the_rates_along_gravity(mon
     assert rows_used[0][1].all()
     gone = [8 + 3 * still + axis for still in (3, 5, 7, 8, 9) for axis in range(3)]
     assert np.flatnonzero(~rows_used[1][1]).tolist() == gone
+
+
+@pytest.mark.parametrize(("reach", "smeared"), [(True, 10), (False, 0)])
+def test_a_turns_covariance_is_of_its_noise_and_of_the_physics_that_others_taught(reach, smeared):
+    """Each noise component has the size that the physics' own fit gave it; undersampling is of the turns with false readings bridged."""
+    a = effect("a", 2, **({"reach": Reach.around(samples=1)} if reach else {}))
+    twin, calm = linear_twin(seed=1), linear_twin(seed=2)
+    twin.spoil(a, [5.0, -4.0])
+    evidence = twin.evidence()
+    hypothesis = evidence.of((a,), evidence.nothing)
+    hypothesis = changed(hypothesis, noise=SimpleNamespace(size=lambda name: {TURN: 0.7}.get(name, 0.2)))
+    for each in (twin, calm):
+        each.batch_at = lambda state: "batch"
+        each.movements = [SimpleNamespace(dt_s=0.1), SimpleNamespace(dt_s=0.2), SimpleNamespace(dt_s=0.9)]
+    problem, quiet, given = SimpleNamespace(used=[1, 2]), SimpleNamespace(used=[3, 4]), []
+    with (
+        patch.object(data_repair, "Twin", lambda each: twin if each is problem else calm),
+        patch.object(data_repair, "undersampling", lambda each: "calm" if each is calm else None),
+        patch.object(data_repair, "first_noise", lambda twin, whiten, missed: given.append(missed) or twin.noise(whiten)),
+    ):
+        made = ClosureTrial(problem, hypothesis, quiet)
+        quiet.used.append(5)
+        ClosureTrial(problem, hypothesis, quiet)
+    J = np.hstack([twin.calibration, twin.columns_of(a)])[: twin.sizes[0]]
+    whole = (1 + 0.7**2) * np.eye(twin.sizes[0]) + J @ hypothesis.fit.covariance @ J.T
+    np.testing.assert_allclose(made.covariance, [whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(8)], rtol=1e-6)
+    assert (made._smeared, made._period_s, given) == (smeared, 0.2, ["calm", None])

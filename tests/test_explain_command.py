@@ -22,6 +22,7 @@ def test_strict_fails_where_there_is_a_mismatch(session, run, tmp_path):
     assert (tmp_path / "explain" / "explain.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
 
 
+@pytest.mark.broad
 def test_strict_passes_where_there_is_none(session, run, tmp_path):
     code, out, _ = run("explain", session("nothing"), "--strict", "--no-pictures", "--out", tmp_path / "explain")
     assert code == 0

@@ -166,6 +166,7 @@ def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explain
     assert (np.diff(t_s) > 0).all()
 
 
+@pytest.mark.broad
 def test_gravity_along_an_axis_is_positive_where_it_points_down(explained):
     twin = explained("nothing")[0].twin
     for axis in range(3):

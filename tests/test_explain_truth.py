@@ -64,6 +64,7 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
         assert e.neighbours[0] < -0.1  # the truth's own noise
 
 
+@pytest.mark.broad
 def test_a_late_truth(tmp_path):
     e = explain_truth(write(tmp_path, late_s=0.008))
     claim = next(claim for claim in e.claimed if claim.effect.id == "timing.truth_offset")

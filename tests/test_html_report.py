@@ -153,6 +153,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     assert there["K"] / DEG == pytest.approx(K, abs=0.02)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize(("limit", "code", "word"), [broad("5", 0, "PASS, with doubts"), ("0.0001", 1, "FAIL")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     out = tmp_path / "r.html"
@@ -161,6 +162,7 @@ def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     assert ("above --limit" in capfd.readouterr().err) == bool(code)
 
 
+@pytest.mark.broad
 def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp_path):
     folder = tmp_path / "s"
     shutil.copytree(simulated(), folder)
@@ -214,6 +216,7 @@ def test_text_from_files_stays_text(simulated, tmp_path):
     assert "closure<i>1.csv.gz" in "".join(parser.words)
 
 
+@pytest.mark.broad
 def test_what_a_session_lacks_is_said(tmp_path):
     """No temperature, no latitude, no closure run, turns about two axes only, a log in physical units."""
     samples = Table()

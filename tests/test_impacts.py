@@ -82,6 +82,7 @@ def test_the_sigma_is_what_the_impacts_did(missed_deg):
     assert np.median(sigmas) == pytest.approx(missed_deg * np.sqrt(2 / 3), rel=0.35)
 
 
+@pytest.mark.broad
 def test_impacts_that_did_nothing_cost_nothing():
     """The sensor filtered them: their turns close as the others do, and count as much; by chance one session in twenty says otherwise."""
     widened = [problem_of(hit(seed, 0.0)[0]).widened for seed in range(8)]

@@ -48,6 +48,7 @@ def led():
 
 
 @pytest.mark.broad
+@pytest.mark.broad
 def test_it_is_fitted_as_stills_come_in_and_said_once(led):
     guide, changes, _ = led
     assert guide.accepted == 24
@@ -58,6 +59,7 @@ def test_it_is_fitted_as_stills_come_in_and_said_once(led):
     assert after < 0.1
 
 
+@pytest.mark.broad
 @pytest.mark.broad
 def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(led):
     _, _, advice = led
@@ -70,6 +72,7 @@ def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(l
     assert all(each.reached == (sigma.max() <= 1) for each, sigma in advice)
 
 
+@pytest.mark.broad
 @pytest.mark.broad
 def test_a_known_accelerometer_lets_the_gyroscope_be_known_better(led):
     """The same turns, the accelerometer calibrated or not: what is not known of it is missing in the gyroscope, too."""

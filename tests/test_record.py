@@ -41,7 +41,7 @@ def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("rate", "form", "segments", "speed"), [(104, [], 7, 20), pytest.param(1667, ["--frames"], 7, 5, marks=pytest.mark.slow)]
 )
-def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
+def test_from_the_board_to_the_fit(board, run, tmp_path, rate, form, segments, speed):
     """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
     spare = 2  # turns, so that one that is missed fails here and not by waiting for ever
     port = board("--rate", rate, "--segments", segments + spare, "--speed", speed, *form)
@@ -71,9 +71,9 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
     for one, other in zip(closures(mine, config), closures(theirs, config), strict=True):
         assert len(one) == segments
         assert one == pytest.approx(other, abs=2e-6)  # rad, of 0.06 uncalibrated and 2e-4 calibrated: what 1 us in a stamp does
-    fit = calibrate("fit", tmp_path / "s", "--methods", "raw,least_squares", "--json", "-")
-    assert fit.returncode == 0, fit.stderr
-    assert json.loads(fit.stdout)["segments"]["used"] == segments
+    code, fit, said = run("fit", tmp_path / "s", "--methods", "raw,least_squares", "--json", "-")
+    assert code == 0, said
+    assert json.loads(fit)["segments"]["used"] == segments
 
 
 @pytest.mark.broad
@@ -119,7 +119,7 @@ def test_the_closing_lines_name_rows_of_files_and_every_fault(tmp_path):
     assert faults_of(guide) == "3 lost, the board counted hang 2×"
 
 
-def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
+def test_ctrl_c_keeps_everything_and_resume_goes_on(board, run, tmp_path):
     port = board(*SLOW_SENSOR)
     words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4]
     with started([*CALIBRATE, *words], text=True, stderr=PIPE, stdout=PIPE) as process:
@@ -134,14 +134,14 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     own = (tmp_path / "s" / "session.toml").read_bytes()
     log = (tmp_path / "s" / "log0001.csv").read_bytes()
 
-    refused = calibrate(*words)
-    assert refused.returncode == 2
-    assert "holds a recording; --resume goes on with it" in refused.stderr
+    code, _, said = run(*words)
+    assert code == 2
+    assert "holds a recording; --resume goes on with it" in said
 
-    result = calibrate(*words, "--resume", "--json", "-")
-    assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout)["segments"]["accepted"] == 4
-    (resumed,) = re.findall(r"resumed: (\d) segments so far", result.stderr)
+    code, told, said = run(*words, "--resume", "--json", "-")
+    assert code == 0, said
+    assert json.loads(told)["segments"]["accepted"] == 4
+    (resumed,) = re.findall(r"resumed: (\d) segments so far", said)
     assert int(accepted) <= int(resumed) <= int(accepted) + 1  # what came while it stopped may have completed one
     assert (tmp_path / "s" / "raw.bin").read_bytes().startswith(before)
     assert (tmp_path / "s" / "session.toml").read_bytes() == own
@@ -169,15 +169,15 @@ def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
         (["--out", "{file}"], 2, "file"),
     ],
 )
-def test_what_cannot_be_is_one_line(tmp_path, words, code, says):
+def test_what_cannot_be_is_one_line(run, tmp_path, words, code, says):
     (tmp_path / "log").mkdir()
     (tmp_path / "log" / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n")
     (tmp_path / "file").write_text("")
     places = {name: tmp_path / name for name in ("new", "log", "file")}
-    result = calibrate("record", "--port", tmp_path / "no-port", *(word.format(**places) for word in words))
-    assert result.returncode == code
-    assert says in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    ended, _, said = run("record", "--port", tmp_path / "no-port", *(word.format(**places) for word in words))
+    assert ended == code
+    assert says in said
+    assert len(said.splitlines()) == 1
     assert not (tmp_path / "new").exists()
 
 

@@ -43,6 +43,7 @@ def test_the_report_shows_what_explain_shows(explained, name):
     assert len(in_report(e)[0]) == (4 if name == "g_sensitivity" else 3)
 
 
+@pytest.mark.broad
 def test_the_json_holds_the_numbers_of_the_page(explained):
     e, result = explained("g_sensitivity")
     for row, (name, channel) in zip(on_terminal(e), result["channels"].items(), strict=False):

@@ -101,6 +101,7 @@ def test_a_segment_is_at_most_six_times_the_protocols(seconds, problem):
 def test_a_still_that_is_no_reference_is_passed_over():
     stills = [still(0, 100), still(300, 400, problem="creeps"), still(600, 700), still(900, 1000)]
     first, second = cut(samples_of(1000, [30 * DEG, 0, 0]), stills)
+    assert (first.log, first.number) == (0, 0)
     assert (first.stills, first.note) == ((stills[0], stills[2]), "passes over a still that creeps")
     assert (second.stills, second.note, second.number) == ((stills[2], stills[3]), None, 1)
     assert cut(samples_of(1000), stills[:2]) == []
@@ -147,6 +148,7 @@ def test_gravity_moves_by_no_more_than_the_way_of_the_rate(past, turns, leaps):
     down = G * np.array([0, -np.sin(angle), -np.cos(angle)])
     stills[1:] = [replace(each, accel_mean=down) for each in stills[1:]]
     samples.accel[251:] = down
+    samples.accel[[98, 401]] *= 9.0  # in the stills
     found = cut(samples, stills)
     assert [segment.problem is not None for segment in found] == [bool(leaps)] + [False] * (turns - 1)
     if leaps:
@@ -298,14 +300,16 @@ def steps(*periods, period=10_000):
 
 def test_the_period_is_the_time_by_the_number_of_periods():
     """Repeated stamps are passed over; a lost sample, or a gap, counts with as many periods as it is long."""
-    even = pace_of(np.insert(steps(*[1.0] * 50, 2.0, *[1.0] * 50, 7.0, *[1.0] * 20), 30, steps(*[1.0] * 30)[29]))
-    assert (even.period_s, even.rate_hz, even.coarse) == (pytest.approx(0.01), pytest.approx(100), False)
+    even = pace_of(np.insert(steps(*[1.0] * 50, 2.02, *[1.0] * 50, 7.06, *[1.0] * 20), 30, steps(*[1.0] * 30)[29]))
+    assert (even.period_s, even.rate_hz, even.coarse) == (pytest.approx(1.2908 / 129), pytest.approx(12900 / 129.08), False)
     np.testing.assert_array_equal(even.periods(np.array([0.01, 0.0149, 0.0151, 0.031])), [1, 1, 2, 3])
     assert even.missing(np.array([0.01, 0.02, 0.049])) == 5
     assert even.missing(np.array([0.004, 0.01])) == 0
     drifting = pace_of(steps(*np.linspace(0.98, 1.04, 101)))
     assert drifting.period_s == pytest.approx(0.01 * 1.01, rel=1e-6)
     assert pace_of(steps(1.0, 4.0)).period_s == pytest.approx(0.01)
+    # At the steps near the median, a gap of 40.6 of them is 41 periods; at the pace that follows from that, 40.
+    assert pace_of(steps(*[1.0] * 30, *[2.1] * 20, 40.6)).period_s == pytest.approx(1.126 / 110)
 
 
 @pytest.mark.parametrize(

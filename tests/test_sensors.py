@@ -256,6 +256,7 @@ def test_the_page_has_the_tables_of_the_records():
     assert all(f"| {profile.name}" in page for profile in PROFILES)
 
 
+@pytest.mark.broad
 def test_a_real_mpu_9150_read_from_its_registers(shared, tmp_path):
     """The counts of a public recording, by the right profile: rates and forces as its authors convert them, and its clipping found."""
     path = shared / "mimu" / "exp_1.npz"

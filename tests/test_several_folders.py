@@ -55,6 +55,7 @@ def test_one_that_fails_does_not_stop_the_others_and_the_worst_code_counts(run, 
     assert alone == again
 
 
+@pytest.mark.broad
 def test_each_has_a_place_of_its_own(run, three, tmp_path):
     places = tmp_path / "out"
     assert run("fit", three / "a", three / "a", three / "c", *QUICK, "--quiet", "--out", places)[0] == 0

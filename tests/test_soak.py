@@ -26,7 +26,7 @@ def test_twenty_rounds_lose_no_more_than_a_read_in_hand(tmp_path):
     assert "0 different, 0 shorter than before" in table[-1][-1]
 
 
-@pytest.mark.parametrize("form", ["frames", broad("text")])
+@pytest.mark.parametrize("form", [broad("frames"), broad("text")])
 def test_two_simulated_minutes_lose_nothing(form, tmp_path):
     """``day`` itself asserts that every byte was kept and every sample decoded as it was sent."""
     rows = dict(day(form, 1 / 30, 1, tmp_path))

@@ -143,6 +143,8 @@ def test_the_noises_variance_is_the_median_of_the_quiet_blocks():
         calm = variance[40:][variance[40:].sum(axis=1) < bar]
     np.testing.assert_allclose(noise_variance(variance), np.median(calm, axis=0), rtol=1e-12)
     np.testing.assert_array_equal(noise_variance(np.zeros((5, 3))), np.finfo(float).tiny)
+    for louder, found in ((3.99, 3.99), (4.01, 1.0)):
+        assert noise_variance(np.repeat([[1.0] * 3, [louder] * 3], [20, 80], axis=0)) == pytest.approx(found)
 
 
 @pytest.mark.parametrize(("count", "still_s", "found"), [(7, 1.0, True), (6, 1.0, False), (7, 1.001, False), (3, 0.42, True)])
@@ -259,6 +261,7 @@ def test_what_settles_at_an_end_is_cut_off_tenth_by_tenth(first):
     turned = np.repeat(np.where(moving, 0.06 * DEG * (1 if first else -1), 0.0), 8)
     samples = Blocks(60).samples()
     force, gyro = samples.accel.copy(), samples.gyro.copy()
+    gyro += [3e-3, -2e-3, 1e-3]
     gyro[:, 0] += turned
     force[:, 1] -= G * np.cumsum(turned) * 0.0125
     (still,), noise = find_stills(replace(samples, gyro=gyro, accel=force))

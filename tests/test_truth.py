@@ -119,9 +119,9 @@ def test_an_inverse_attitude_is_named(folder):
         (lambda lines: [*lines[:3], "9" * 5000 + ",1,0,0,0", *lines[4:]], "line 4"),
     ],
 )
-def test_a_broken_truth_file_is_one_line(folder, change, says):
-    path = folder / "truth0001.csv"
-    path.write_text("\n".join(change(path.read_text().strip().split("\n"))))
+def test_a_broken_truth_file_is_one_line(tmp_path, change, says):
+    path = tmp_path / "truth0001.csv"
+    path.write_text("\n".join(change(["t_ns,qw,qx,qy,qz", *(f"{t},1,0,0,0" for t in range(0, 90, 10))])))
     with pytest.raises(FormatError, match=says):
         read_truth(path)
 

@@ -87,6 +87,7 @@ def test_one_axis_that_is_late_is_the_gyros_and_the_clock_keeps_its_own():
     assert clock.sigma[0] < 0.0006
 
 
+@pytest.mark.broad
 def test_physics_beside_a_truth_is_fitted_and_saved(tmp_path):
     folder = write_with_effects(tmp_path / "g", dps_per_g=0.3, late_s=0.004)
     words = ["fit", str(folder), "--physics", "auto", "--methods", "least_squares", "--quiet", "--json", str(tmp_path / "fit.json")]

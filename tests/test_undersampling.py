@@ -20,7 +20,6 @@ from tinygc import closure
 from tinygc.closure.residual import Batch
 from tinygc.noise.components import undersampling
 
-ROOT = Path(__file__).resolve().parent.parent
 #: Hz of the fine grid, and fine samples of a turn and of the rest on either side of it
 FINE_HZ, TURN, REST = 2000, 5120, 2560
 TURNS = 160
@@ -83,7 +82,7 @@ def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):
 
 
 @pytest.mark.parametrize("rate_hz", STEPS)
-@pytest.mark.parametrize("exponent", [1.4, 1.8, 2.4])
+@pytest.mark.parametrize("exponent", [broad(1.4), 1.8, broad(2.4)])
 def test_the_error_of_readings_is_predicted_from_fewer_of_them(exponent, rate_hz):
     """Against the fine integral, both by the first look's sums and by those in the table's axes."""
     fine = motion(exponent, seed=2)

@@ -38,6 +38,7 @@ def found(body) -> tuple[ArraySession, list[Unit], tuple[SampleAges, ...]]:
     return array, units, ages_of(array, clock_fits(array))
 
 
+@pytest.mark.broad
 def test_a_sawtooth_is_recovered_and_a_unit_without_one_has_none(found):
     _, units, ages = found
     assert [each.found for each in ages] == [True, True, False, True]

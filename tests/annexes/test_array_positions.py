@@ -45,6 +45,7 @@ def test_nor_does_a_delay_between_two_accelerometers():
 
 
 @pytest.mark.broad
+@pytest.mark.broad
 def test_the_sigmas_hold_with_noise():
     """So much that it counts more than the half per cent that is stated for filters."""
     z = []

@@ -26,7 +26,6 @@ from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.simulator import plan_of, true_signals, unit_of
 
 OPTIONS = SimulationOptions(segments=6, closure_s=0.0, warm_up_c=10.0, seed=3)
-FULL_SCALE = OPTIONS.gyro_fs_dps * DEG
 
 
 @pytest.fixture(scope="module")

@@ -63,6 +63,7 @@ def test_a_constant_is_recovered_with_its_uncertainty(twin_of, name):
     assert np.all(std > np.sqrt(np.diag(held))[part])
 
 
+@pytest.mark.broad
 def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
     evidence = FormEvidence(twin_of(excess, segments=24)[0])
     law = evidence.effect_of(LAWS["strong excess"][1])
@@ -71,6 +72,7 @@ def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
     assert one_step(evidence, have, law, 0.0)[0].score < have.score - 10
 
 
+@pytest.mark.broad
 def test_a_law_without_constants_stays_as_it_is(twin_of):
     evidence = FormEvidence(twin_of(soft, segments=24)[0])
     law = evidence.effect_of(LawForm((Factor("rate", "signed_root"),)))

@@ -23,7 +23,6 @@ from tinygc.noise.twin import Twin
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG
 PRODUCT = LawForm((Factor("rate"), Factor("rate")), "next")
-ROOT = LawForm((Factor("rate", "root_cube"),))
 FORCE = LawForm((Factor("force", "square"),), "full")
 #: forms for a search of a second or so: the law, what is near it, and some that have nothing to do with it
 FORMS = [

@@ -33,7 +33,7 @@ def test_terms_that_one_axis_has_from_one_component_are_one_series():
     assert [each.axis for each in series_of(WARMER)] == [0, 1, 2]
 
 
-@pytest.mark.parametrize("of", [broad(of_stills), of_turns])
+@pytest.mark.parametrize("of", [broad(of_stills), broad(of_turns)])
 def test_the_remainder_is_the_law_and_noise(warm, of):
     e, _, (pair,) = warm
     for series, dps in zip(series_of(pair.law.form), LAWS["warm"][1], strict=True):

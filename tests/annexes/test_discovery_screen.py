@@ -253,16 +253,6 @@ def test_what_is_said_to_be_learnable_is(seen, null):
     assert found[1.2] >= 4
 
 
-#: few enough for a whole search in a second or so; one plain law of the rate, which is then the probe
-FEW = [
-    LawForm((Factor("rate", "square"),)),
-    LawForm((Factor("rate"), Factor("rate")), "next"),
-    *(LawForm((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
-    LawForm((Factor("force", "square"),), "full"),
-    LawForm((Factor("rate_size"), Factor("rate"))),
-]
-
-
 def _says(seen, form, theta):
     projection = Projection(seen.twin, seen.whiten, seen.fit)
     law = projection.seen(seen.responses.columns(ROOT_CUBE) @ theta)

@@ -150,6 +150,7 @@ def fed(running, folders) -> None:
     running.stdin.flush()
 
 
+@pytest.mark.broad
 def test_effects_that_a_process_does_not_find_end_the_run_and_fail_no_session(fleet, tmp_path, started_processes):
     (tmp_path / "effects").mkdir()
     options = FleetOptions(effects=(str(tmp_path / "effects"),))

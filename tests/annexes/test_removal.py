@@ -125,8 +125,13 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
         assert code == 2, command
         assert len(errors) == 1, (command, errors)
         assert f"the annex {annex}, which is not there" in errors[0], command
+        assert all(option in errors[0] for option in set(command) & set(OPTIONS)), command
+
+
+def hold_no_page_names_it(folder: Path, annexes: tuple[str, ...]) -> None:
+    """And every module of the core is imported."""
+    for command in [command for annex in annexes for command in GONE[annex]]:
         for option in set(command) & set(OPTIONS):
-            assert option in errors[0], command
             page = processes.run([sys.executable, "calibrate.py", command[0], "--help"], cwd=folder, capture_output=True, text=True).stdout
             assert page.startswith("usage"), command
             assert f"\n  {option} " not in page, command
@@ -151,7 +156,8 @@ def hold_job(folder: Path, commands: tuple[list[str], ...]) -> None:
 @pytest.mark.broad
 @pytest.mark.parametrize("annex", FOLDERS)
 def test_what_an_annex_served_says_so(annex, tmp_path):
-    hold_gone(without((annex,), tmp_path), (annex,))
+    hold_gone(folder := without((annex,), tmp_path), (annex,))
+    hold_no_page_names_it(folder, (annex,))
 
 
 def test_without_any_annex_each_says_so_and_a_session_is_fitted(tmp_path):
@@ -162,7 +168,9 @@ def test_without_any_annex_each_says_so_and_a_session_is_fitted(tmp_path):
 
 @pytest.mark.broad
 def test_the_main_job_runs_without_any_annex(tmp_path):
-    hold_job(without(tuple(FOLDERS), tmp_path), MAIN_JOB)
+    folder = without(tuple(FOLDERS), tmp_path)
+    hold_no_page_names_it(folder, tuple(FOLDERS))
+    hold_job(folder, MAIN_JOB)
 
 
 @pytest.mark.slow

@@ -88,7 +88,7 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
     temp = np.concatenate(temps)
     mean_c = float(temp.mean())
     if shape is not None:
-        session = replace(session, logs=tuple(_brought_to(log, shape, mean_c) for log in session.logs), closures=())
+        session = replace(session, logs=tuple(brought_to(log, shape, mean_c) for log in session.logs), closures=())
     options = FitOptions(methods=("least_squares",))
     found = fit_session(session, options, lambda what, done, of: progress(f"{session.name}: {what}", done, of))
     model = found.linear.model
@@ -110,7 +110,7 @@ def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...
     return tuple(found)
 
 
-def _brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
+def brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
     """Return the log as if it had been recorded at one temperature, with respect to the zero."""
     samples = log.samples
     assert samples.temp_c is not None
@@ -259,13 +259,14 @@ def _zero(
         if rests is None:
             C[np.ix_(rows, rows)] = covariance
             continue
-        # The constant is correlated with the slopes used to estimate it.
+        # The constant is correlated with the slopes used to estimate it, and with the lag, as they are.
         G = covariance @ W.T
         higher = np.arange(3 + i, 3 * (order + 1), 3)
-        cross = -(G @ powers.T @ C[np.ix_(higher, higher)]).ravel()
+        others = np.append(higher, 3 * (order + 1) + i)
+        cross = -(G @ powers.T @ C[np.ix_(higher, others)]).ravel()
         C[i, :], C[:, i] = 0.0, 0.0
         C[i, i] = float(covariance[0, 0])
-        C[i, higher], C[higher, i] = cross, cross
+        C[i, others], C[others, i] = cross, cross
     return terms, C, turn_on, lag
 
 

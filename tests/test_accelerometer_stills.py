@@ -277,7 +277,7 @@ def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "before", "after"), [("", "", ""), ("a = 1", "a = 1\n", ""), ("a = 1\n[protocol]\n", "a = 1\n", "[protocol]\n")]
+    ("text", "before", "after"), [("", "", ""), ("a = 1\nb = 2", "a = 1\nb = 2\n", ""), ("a = 1\n[protocol]\n", "a = 1\n", "[protocol]\n")]
 )
 def test_a_new_section_stands_at_the_end_or_before_the_protocol(text, before, after):
     made = with_section(text, Accelerometer(MATRIX, BIAS, "stills"), "of its stills")

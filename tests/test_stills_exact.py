@@ -330,8 +330,8 @@ def test_a_rest_at_another_rate_is_a_steady_turn_or_the_middle_of_a_slow_one(dps
     turning = np.arange(25, 32 if long else 31)
     blocks.loud(*range(20, 25), *range(turning[-1] + 1, 50)).gyro_mean[turning, 1] -= dps * DEG
     blocks.force[turning] = [G, 0, 0]
-    samples = blocks.samples()
-    found = unused_rests(samples, find_stills(samples)[0], 1.0)
+    samples = blocks.samples(1 / 64)  # seven blocks are 0.875 s and seven tenths of the protocol's, to the last digit
+    found = unused_rests(samples, find_stills(samples, 1.25)[0], 1.25)
     assert [rest.cause for rest in found] == ([cause] if cause else [])
     assert cause != "turns" or found[0].why == "turns at a steady 3.0 dps"
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG, SESSION_TOML, Table, broad, write_session
+from conftest import DEG, SESSION_TOML, Table, write_session
 
 from session.detect.first_look import check_folder
 from session.io.errors import FormatError, SegmentError
@@ -159,14 +159,8 @@ def test_a_result_depends_on_the_file(ferraris_folder):
     ("row", "says"),
     [
         ("1,y,360,0.05", None),
-        broad("1,-y,-360,0.05", None),
-        ("1,0.1;0.99;-0.1,360,0.05", None),
         ("1,y,-360,0.05", "the gyro reads 36.* deg about y: the other way round"),
-        broad("1,y,720,0.05", "the gyro reads 36.* deg about y: 1 full circle fewer than stated"),
         ("3,z,450,0.05", "the gyro reads 8.* deg about z: 1 full circle fewer than stated"),
-        broad("3,z,-270,0.05", "the gyro reads 8.* deg about z: 1 full circle more than stated"),
-        ("1,y,300,0.05", r"the gyro reads 36\d\.\d deg about y$"),
-        ("1,x,360,0.05", r"the gyro turned 36\d\.\d deg about -?0.0\d;1.00;-?0.0\d, not about x"),
         ("9,x,360,0.05", "there is no such turn: 9 turns, counted from 0"),
     ],
 )

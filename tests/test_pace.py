@@ -20,7 +20,7 @@ def stamps(odr_hz: float, seconds: float = 60.0, tick_ns: int = 1000, lost: floa
     return (t_s[kept] * 1e9 // tick_ns).astype(np.int64) * tick_ns, int(np.count_nonzero(~kept))
 
 
-@pytest.mark.parametrize("lost", [0.0, 0.005, 0.05, 0.1])
+@pytest.mark.parametrize("lost", [0.005, 0.1])
 @pytest.mark.parametrize("tick_ns", [1000, 1_000_000])
 def test_lost_samples_change_neither_rate_nor_count(lost, tick_ns):
     """Of 1 ms stamps at 209.56 Hz the median step is 5 ms, and the period 4.77."""
@@ -38,7 +38,7 @@ def test_a_burst_that_is_lost_counts_with_the_rest():
     assert pace.missing(np.diff(t_ns) * 1e-9) == 801
 
 
-@pytest.mark.parametrize("odr_hz", [417.0, 500.3, 833.0, 950.0])
+@pytest.mark.parametrize("odr_hz", [417.0, 950.0])
 def test_a_clock_hardly_finer_than_the_samples_loses_none(odr_hz):
     """Steps of 1 and 2 ms at 833 Hz are all one period."""
     t_ns, _ = stamps(odr_hz, tick_ns=1_000_000, late_s=20e-6)
@@ -47,7 +47,7 @@ def test_a_clock_hardly_finer_than_the_samples_loses_none(odr_hz):
     assert pace.missing(np.diff(t_ns) * 1e-9) == 0
 
 
-@pytest.mark.parametrize("late", [0.05, 0.15, 0.2])
+@pytest.mark.parametrize("late", [0.05, 0.2])
 def test_late_stamps_are_no_lost_samples(late):
     t_ns, _ = stamps(ODR_HZ, late_s=late / ODR_HZ)
     pace = pace_of(t_ns)

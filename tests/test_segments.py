@@ -1,7 +1,5 @@
 """Segments: each turn whole, with stillness at both ends, no sample counted twice; thresholds: test_segments_exact.py."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from conftest import DEG, Table, config
@@ -48,28 +46,6 @@ def test_the_whole_turn_is_inside_and_starts_and_ends_at_rest(rest_s):
         assert segment.turn_deg == pytest.approx(np.linalg.norm(turn) / DEG, rel=0.01)
 
 
-@pytest.mark.parametrize("rest_s", [1.2, 4.0])
-def test_no_sample_serves_two_segments(rest_s):
-    """Neighbours may share the one sample at which one ends and the other starts: no interval between samples is used twice."""
-    _, segments = cut(Table().tumble(8, rest_s=rest_s).samples())
-    for one, two in pairwise(segments):
-        assert one.stop - 1 <= two.start
-        assert one.stop - 1 <= one.last.middle
-        assert two.start >= two.first.middle
-
-
-@pytest.mark.parametrize(("lost", "rejected"), [(1, False), (20, True), (200, True)])
-def test_a_turn_with_a_gap_is_not_used(lost, rejected):
-    """A single lost sample is bridged by its neighbours; more is a turn nobody saw."""
-    table = Table().tumble(5)
-    samples = table.samples()
-    start = int((2 + 5 + 1.4) * 208)  # in the middle of the second turn
-    _, segments = cut(keep(samples, np.r_[:start, start + lost : len(samples)]))
-    assert [segment.accepted for segment in segments] == [True, not rejected, True, True, True]
-    if rejected:
-        assert f"{lost} samples are missing" in segments[1].problem
-
-
 def test_a_gap_within_a_rest_does_not_cost_a_turn():
     table = Table().tumble(4, rest_s=6.0)
     samples = table.samples()
@@ -89,28 +65,3 @@ def test_a_turn_that_clips_is_not_used_and_names_the_axis(level_dps):
     _, segments = cut(clipped)
     assert [segment.accepted for segment in segments] == [True, False, True]
     assert f"clips at {level_dps:.0f} dps on y" in segments[1].problem
-
-
-def test_a_turn_beyond_the_full_scale_that_does_not_clip_is_used():
-    """The register of +-500 dps goes on to 573."""
-    table = Table().rest(2).turn(90, (1, 0, 0)).rest(2).turn(800, (0, 1, 0), 3.0).rest(2)
-    samples = table.samples()
-    assert samples.gyro.max() / DEG > 520
-    assert [segment.accepted for segment in cut(samples)[1]] == [True, True]
-
-
-def test_a_creeping_still_is_passed_over_and_its_turns_are_joined():
-    table = Table().rest(2).turn(80, (1, 0, 0)).rest(2).turn(-80, (1, 0, 0)).steady(0.15, (1, 0, 0), 2.0)
-    table.turn(-120, (0, 1, 0)).rest(2).turn(50, (0, 0, 1)).rest(2)
-    samples = table.samples()
-    stills, segments = cut(samples)
-    assert len(stills) == 5
-    assert len(segments) == 3
-    joined = segments[1]
-    assert joined.first is stills[1]
-    assert joined.last is stills[3]
-    assert joined.accepted
-    assert "creeps" in joined.note
-    rate, _ = table.truth(samples.t_s)
-    inside = slice(joined.start, joined.stop)
-    np.testing.assert_allclose(np.trapezoid(rate[inside], samples.t_s[inside], axis=0) / DEG, [-80 + 0.15 * 2, -120, 0], atol=0.2)

@@ -128,6 +128,7 @@ def test_a_turn_that_clips_names_its_axes_unless_its_readings_were_put_in():
     says = "the gyro clips at 574 dps on y, z: turn slower or choose a larger full scale"
     assert why_broken(samples, slice(50, 200), CONFIG.sensor) == says
     assert why_broken(samples, slice(110, 200), CONFIG.sensor) == says.replace("y, z", "z")
+    assert why_broken(replace(samples, gyro=samples.gyro * 570 / 573.5), slice(50, 200), CONFIG.sensor) is not None  # stands there
     put_in = np.zeros(300, dtype=bool)
     put_in[100:112] = True
     assert why_broken(samples, slice(50, 200), CONFIG.sensor, put_in) is None

@@ -225,6 +225,7 @@ def test_six_sides_and_three_circles_in_one_log(ferraris_folder):
     assert "turns of known angle: segments 1 (360" in str(fit_report(result).renderables[0])
 
 
+@pytest.mark.broad
 def test_the_circles_give_the_scale_factors(ferraris_folder):
     """Without them, the moves from side to side know each scale at least twice as badly as with a good stop."""
     with_turns(ferraris_folder, CIRCLES.replace("0.05", "0.005"))

@@ -14,6 +14,11 @@ def test_chi_square(freedom, share):
     assert chi_square_above(share * freedom, freedom) == pytest.approx(stats.chi2.sf(share * freedom, freedom), rel=1e-10, abs=1e-300)
 
 
+def test_no_probability_is_above_one():
+    """A sum of twenty terms rounds."""
+    assert max(chi_square_above(20 * share, 20) for share in np.geomspace(1e-12, 1, 400)) == 1.0
+
+
 @pytest.mark.parametrize("sigmas", [-3.0, 0.0, 0.5, 3.0, 20.0])
 def test_normal(sigmas):
     assert normal_above(sigmas) == pytest.approx(stats.norm.sf(sigmas), rel=1e-12)

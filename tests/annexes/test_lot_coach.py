@@ -49,6 +49,7 @@ def test_it_says_how_many_turns_are_enough_and_fewer_than_without_the_lot(turns)
     assert np.all(with_lot.sigma <= without.sigma * (1 + 1e-9))
 
 
+@pytest.mark.broad
 def test_a_lot_that_knows_all_leaves_nothing_to_turn_for():
     """Spreads below the targets: one turn, which shows that the board belongs, is enough."""
     alike = turns_of(**UNIT | {"gyro_scale_error": SIGMA[0] / 2, "gyro_misalignment": SIGMA[1] / 2, "gyro_bias_dps": 0.001})
@@ -78,6 +79,7 @@ def test_the_guide_says_it_once():
     ]
 
 
+@pytest.mark.broad
 def test_plan_needs_fewer_with_the_lot_and_takes_few_turns(tmp_path):
     rng = np.random.default_rng(5)
     path = tmp_path / "lot.json"
@@ -95,6 +97,7 @@ def test_plan_needs_fewer_with_the_lot_and_takes_few_turns(tmp_path):
     assert f"{told['enough']} more turn" in done.stdout
 
 
+@pytest.mark.broad
 def test_record_refuses_a_lot_that_it_could_not_use(tmp_path):
     path = tmp_path / "lot.json"
     write_lot(path, lot(units=3))

@@ -151,6 +151,7 @@ def in_a_fitted_checkout(tmp_path, monkeypatch):
     return tmp_path / "data/session1/fit/model_least_squares.json"
 
 
+@pytest.mark.broad
 def test_the_python_and_the_c_that_apply_a_model_agree(in_a_fitted_checkout, tmp_path):
     """The examples of README and docs/apply.md, as they stand there."""
     registers = np.random.default_rng(0).integers(-20000, 20000, (200, 3))

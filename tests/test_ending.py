@@ -129,6 +129,7 @@ def test_a_log_from_a_stream_that_is_ended_leaves_nothing_half_done(how, folder,
     assert not list(tmp_path.glob("*out.csv*"))
 
 
+@pytest.mark.broad
 def test_a_terminal_that_goes_ends_a_recording_and_it_is_kept(wire, tmp_path):
     """The window is closed: standard input, output and error are gone with it."""
     master, slave = pty.openpty()

@@ -380,10 +380,24 @@ def test_false_readings_are_replaced_by_the_polynomial_of_their_neighbours_of_wh
     apart[16:19] -= 80
     glitches = Glitches(np.array([10, 16]), np.array([2, 3]), np.array([False, False]))
     np.testing.assert_allclose(without_glitches(replace(whole, gyro=apart), glitches).gyro, whole.gyro, atol=1e-9)
+    single = whole.gyro.copy()
+    single[20] += 9
+    glitches = Glitches(np.array([20]), np.array([1]), np.array([False]))
+    np.testing.assert_allclose(without_glitches(replace(whole, gyro=single), glitches).gyro, whole.gyro, atol=1e-9)
     start = Glitches(np.array([1]), np.array([1]), np.array([False]))
     near = whole.gyro.copy()
     near[1] += 5
     assert np.abs(without_glitches(replace(whole, gyro=near), start).gyro[1] - whole.gyro[1]).max() < 2
+
+
+@pytest.mark.parametrize(("gap", "found"), [(493, True), (494, False), (506, False), (507, True)])
+def test_an_excursion_beside_a_gap_that_the_stamps_show_is_none(gap, found):
+    """Third differences of a false row 500 are those from 497 to 500; four readings on either side carry the cubic."""
+    samples = noisy()
+    gyro = samples.gyro.copy()
+    gyro[500] += 1.0
+    late = replace(samples, gyro=gyro, t_ns=samples.t_ns + (np.arange(1000) > gap) * 20_000_000)
+    assert (find_glitches(late) is not None) == found
 
 
 # Of a session

@@ -43,9 +43,7 @@ MORE = {
 #: beside a p-value that underflows
 BOUND = {"p_value_is_upper_bound"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
-EACH = [
-    name if name == "thermal_bias" else broad(name) if name == "nothing" else pytest.param(name, marks=pytest.mark.slow) for name in EVERY
-]
+EACH = [broad(name) if name in ("nothing", "thermal_bias") else pytest.param(name, marks=pytest.mark.slow) for name in EVERY]
 
 
 @pytest.mark.parametrize("name", EACH)

@@ -49,6 +49,7 @@ def clean(result, codes=(0,)):
     return out
 
 
+@pytest.mark.broad
 def test_every_command_takes_a_name_that_is_no_text(evil, simulated, run):
     """fit used to end in a traceback after all its work; what it leaves is read by the rest."""
     assert SHOWN in clean(run("fit", evil, *FIT, "--json", evil / "fit.json"))

@@ -54,6 +54,7 @@ def test_it_has_every_part(text):
     assert "not observable here" in text  # of 2 s stills no bias instability can be had
 
 
+@pytest.mark.broad
 def test_the_first_sheet_of_paper_stands_alone(simulated, tmp_path):
     """What, when, by whom, in which conditions, E and B; and each sheet says whose it is, though a serial number may hold anything."""
     folder = shutil.copytree(simulated(), tmp_path / "s")

@@ -42,8 +42,11 @@ def tree_of(module: str) -> ast.Module:
 
 def imports_of(tree: ast.Module, known: set[str]) -> set[str]:
     """Modules among the known that a file names: of ``from a import b``, ``a.b`` if that is a module, else ``a``."""
-    found = set()
-    for node in ast.walk(tree):
+    found, statements = set(), [tree]
+    while statements:  # in an expression nothing is imported
+        node = statements.pop()
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            statements += getattr(node, part, ())
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

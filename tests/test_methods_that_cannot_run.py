@@ -21,6 +21,7 @@ def slow(tmp_path):
     return write_session(tmp_path / "session", Table().tumble(14, rest_s=1.5, seed=5).samples(odr_hz=20.0), toml=toml)
 
 
+@pytest.mark.broad
 def test_all_methods_on_a_session_that_is_slower_than_the_denoisers_window(slow, tmp_path, run):
     code, out, err = run("fit", slow, "--methods", ",".join(METHODS), "--out", tmp_path / "fit", "--no-defaults")
     assert code in (0, 1), err

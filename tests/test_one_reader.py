@@ -4,6 +4,7 @@ import gzip
 
 import numpy as np
 import pytest
+from conftest import broad
 
 from session.io.config import Sensor
 from session.io.dialects import Answers
@@ -30,7 +31,7 @@ def registers(count=3000):
     return [",".join(map(str, [4808 * i, *row])) for i, row in enumerate(values.tolist())]
 
 
-@pytest.mark.parametrize("header", [REGISTERS, UNITS, REGISTERS.replace("t_us", "t_ns"), UNITS.replace("t_s", "t_us")])
+@pytest.mark.parametrize("header", [REGISTERS, UNITS, broad(REGISTERS.replace("t_us", "t_ns")), broad(UNITS.replace("t_s", "t_us"))])
 def test_a_log_of_ours_gives_apply_what_it_gives_fit(header, tmp_path):
     """The same stamps, and the same readings to the bit, whether it is read strictly and whole or in pieces."""
     scaled = "dps" in header

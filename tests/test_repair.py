@@ -103,6 +103,7 @@ def test_what_was_spoilt_is_undone_and_fitted_as_if_it_never_was(samples, right,
         assert (first, rows) == (HEADERS[name], before["log0001.csv"].decode().split("\n", 1)[1])
 
 
+@pytest.mark.broad
 def test_several_causes_that_explain_alike_are_listed_and_one_can_be_chosen(samples, right, tmp_path, run):
     """Two signs of the gyroscope are one sign of the accelerometer, to gravity."""
     spoilt = written(tmp_path / "spoilt", samples, gyro=np.diag([-1, -1, 1]) / DEG)

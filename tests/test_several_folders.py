@@ -29,6 +29,7 @@ def three(folder, tmp_path):
     return top
 
 
+@pytest.mark.broad
 def test_one_that_fails_does_not_stop_the_others_and_the_worst_code_counts(run, three, tmp_path):
     folders = [three / name for name in ("a", "broken", "c")]
     code, out, err = run("fit", *folders, *QUICK, "--quiet", "--json", tmp_path / "fits.json", "--limit", "45")

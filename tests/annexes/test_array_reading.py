@@ -276,6 +276,7 @@ def test_what_is_no_array_in_the_public_sets(shared, capsys):
     assert "leave one of the two out" in capsys.readouterr().err
 
 
+@pytest.mark.broad
 def test_check_and_list_take_an_array(shared, tmp_path, capsys):
     public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
     capsys.readouterr()

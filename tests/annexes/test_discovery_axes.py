@@ -47,6 +47,7 @@ def searched_with(twin, width_dps):
     return searched, law, form, screening.all_responses, projection
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("seed", [3, broad(5)])
 def test_a_width_of_each_axis_is_seen(twin_of, seed):
     searched, law, *_ = searched_with(twin_of(held_back((24.0, 8.0, 3.0)), segments=24, seed=seed)[0], 20.0)

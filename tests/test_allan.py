@@ -1,10 +1,20 @@
-"""The Allan deviation against its own theory: white noise, a ramp, pieces, and what cannot be seen."""
+"""The Allan deviation by a double loop, its degrees of freedom by the covariance of its differences, its coefficients on curves by hand."""
 
 import numpy as np
 import pytest
 
 from session.io.units import DEG_PER_HOUR
-from tinygc.closure.floor import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
+from tinygc.closure.floor import (
+    FLICKER_FLOOR,
+    AllanCurve,
+    AllanSums,
+    allan_curve,
+    angle_random_walk,
+    averaging_factors,
+    bias_instability,
+    curve_of,
+    joined_curves,
+)
 
 PERIOD_S, WALK = 0.01, 6e-5
 
@@ -23,53 +33,181 @@ def flicker(samples, instability_rps, seed):
     return np.fft.irfft(shape * draw / np.sqrt(2), samples).T
 
 
-@pytest.mark.slow
-def test_white_noise_has_its_random_walk_and_slope():
-    curve = allan_curve([white(200_000)], PERIOD_S)
-    at = curve.freedom > 300
-    assert curve.deviation[at] * np.sqrt(curve.tau_s[at, None]) == pytest.approx(WALK, rel=0.12)
-    for axis in range(3):
-        walk = angle_random_walk(curve, axis)
-        assert walk.observed
-        assert abs(walk.value - WALK) < 3 * walk.sigma
-        assert 0.015 * WALK < walk.sigma < 0.025 * WALK
+def curve(deviation, tau_s, freedom):
+    """A curve of three equal axes."""
+    return AllanCurve(np.array(tau_s), np.repeat(np.array(deviation)[:, None], 3, axis=1), np.array(freedom, dtype=float), 1.0)
+
+
+def test_it_is_half_the_mean_square_of_neighbouring_means_pooled_over_pieces():
+    """The definition of the overlapping estimate, IEEE 952 C.1; what has less than four samples tells nothing."""
+    pieces = [white(count, seed) + seed for seed, count in enumerate((40, 21, 3, 4))]
+    found = allan_curve(pieces, PERIOD_S, per_octave=1)
+    assert found.tau_s.tolist() == pytest.approx([0.01, 0.02, 0.04, 0.08])
+    assert found.longest_s == pytest.approx(0.4)
+    for m, deviation in zip((1, 2, 4, 8), found.deviation, strict=True):
+        squares = []
+        for piece in (pieces[0], pieces[1], pieces[3]):
+            for k in range(len(piece) - 2 * m + 1):
+                squares.append((piece[k + m : k + 2 * m].mean(axis=0) - piece[k : k + m].mean(axis=0)) ** 2)
+        assert deviation == pytest.approx(np.sqrt(np.mean(squares, axis=0) / 2), rel=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "m", "share"), [(20, 1, 0.04), (20, 2, 0.05), (60, 4, 0.03), (60, 20, 0.12)])
+def test_freedom_is_that_of_a_chi_square_with_the_same_spread(samples, m, share):
+    """Twice the mean squared over the variance: by the covariance of the second differences; NIST SP 1065 fits that by a formula."""
+    angle = np.tril(np.ones((samples + 1, samples)), -1)
+    second = angle[2 * m :] - 2 * angle[m:-m] + angle[: -2 * m]
+    covariance = second @ second.T
+    exact = np.trace(covariance) ** 2 / np.sum(covariance**2)
+    sums = AllanSums.of(np.zeros((samples, 3)), (m,))
+    assert sums.freedom[0] == pytest.approx(exact, rel=share)
+    assert sums.count[0] == samples + 1 - 2 * m
+
+
+def test_freedom_by_hand():
+    """NIST SP 1065, table 5, white rate noise: (3 (N - 1) / 2m - 2 (N - 2) / N) 4m^2 / (4m^2 + 5), N = 21 angles; pieces add up."""
+    sums = AllanSums.of(np.zeros((20, 3)), (1, 2, 10, 11))
+    assert sums.freedom == pytest.approx([(30 - 38 / 21) * 4 / 9, (15 - 38 / 21) * 16 / 21, (3 - 38 / 21) * 400 / 405, 0], rel=1e-12)
+    assert sums.count.tolist() == [19, 17, 1, 0]
+    assert AllanSums.of(np.zeros((19, 3)), (10,)).freedom.tolist() == [0]  # 20 angles have no difference over 20 steps
+    two = allan_curve([white(20), white(20, 1)], PERIOD_S, per_octave=1)
+    assert two.freedom == pytest.approx(2 * np.array([*sums.freedom[:2], (7.5 - 38 / 21) * 64 / 69]), rel=1e-12)
+    assert two.relative_sigma == pytest.approx(1 / np.sqrt(2 * two.freedom))
+
+
+def test_averaging_times_with_less_than_five_degrees_of_freedom_are_left_out_but_for_the_first():
+    def pooled(freedom):
+        ones = np.ones((len(freedom), 3))
+        sums = [AllanSums((1, 2, 3), ones, np.array([4, 2, 0]), share * np.array(freedom)) for share in (0.25, 0.75)]
+        return curve_of(sums, 0.5, 7.0)
+
+    assert pooled([5.0, 4.999, 5.0]).tau_s.tolist() == [0.5, 1.5]
+    assert pooled([4.999, 5.0, 0]).tau_s.tolist() == [1.0]
+    few = pooled([3.0, 2.0, 1.0])
+    assert (few.tau_s.tolist(), few.longest_s) == ([0.5], 7.0)
+    assert pooled([5.0, 5.0, 5.0]).deviation[:, 0] == pytest.approx(
+        np.sqrt([2 / 16, 2 / 32, 2 / 18])
+    )  # no difference is no division by zero
+
+
+def test_averaging_factors_are_equal_in_octaves_up_to_half():
+    assert averaging_factors(16, 1) == (1, 2, 4, 8)
+    assert averaging_factors(31, 1) == (1, 2, 4, 8)
+    assert averaging_factors(16, 4) == (1, 2, 3, 4, 5, 6, 7, 8)
+    assert averaging_factors(64, 2) == (1, 2, 3, 4, 6, 8, 11, 16, 23, 32)
+    assert allan_curve([white(64)], PERIOD_S).tau_s[:8] == pytest.approx(PERIOD_S * np.array([1, 2, 3, 4, 5, 6, 7, 8]))
+
+
+def test_a_joined_curve_is_the_short_one_and_what_is_later_of_the_long_one():
+    short, long = curve([4.0, 3.0, 2.0], [0.5, 1.0, 2.0], [9, 9, 8]), curve([5.0, 6.0, 7.0], [1.5, 2.0, 2.5], [3, 2, 1])
+    for longer in (short, long):
+        object.__setattr__(longer, "longest_s", 50.0 if longer is long else 60.0)
+    joined = joined_curves(short, long)
+    assert joined.tau_s.tolist() == [0.5, 1.0, 2.0, 2.5]
+    assert joined.deviation[:, 1].tolist() == [4.0, 3.0, 2.0, 7.0]
+    assert joined.freedom.tolist() == [9, 9, 8, 1]
+    assert joined.longest_s == 60.0
 
 
 def test_stated_freedom_is_the_scatter_of_the_estimate():
-    curves = [allan_curve([white(800, seed), white(1200, 999 + seed)], PERIOD_S) for seed in range(60)]
-    ratio = np.array([curve.deviation**2 for curve in curves]) * curves[0].tau_s[:, None] / WALK**2
-    expected = 2 / curves[0].freedom
-    for k in range(0, len(expected), 4):
-        assert ratio[:, k].var() == pytest.approx(expected[k], rel=0.45)
-
-
-def test_pieces_do_not_mix_their_means():
-    pieces = [white(400, i) for i in range(40)]
-    moved = [piece + np.random.default_rng(i).normal(size=3) for i, piece in enumerate(pieces)]
-    assert allan_curve(moved, PERIOD_S).deviation == pytest.approx(allan_curve(pieces, PERIOD_S).deviation, rel=1e-9)
+    curves = [allan_curve([white(100, seed), white(150, 99999 + seed)], PERIOD_S, 1) for seed in range(500)]
+    ratio = np.array([each.deviation**2 for each in curves]) * curves[0].tau_s[:, None] / WALK**2
+    assert ratio.var(axis=(0, 2)) == pytest.approx(2 / curves[0].freedom, rel=5 * np.sqrt(2 / 1500) + 0.05)
+    assert ratio.mean(axis=(0, 2)) == pytest.approx(1, abs=0.05)
 
 
 def test_a_ramp_is_tau_over_root_two():
     slope = 1e-3
-    curve = allan_curve([slope * PERIOD_S * np.arange(4000)[:, None] * np.ones(3)], PERIOD_S)
-    assert curve.deviation[:, 0] == pytest.approx(slope * curve.tau_s / np.sqrt(2), rel=1e-6)
+    found = allan_curve([slope * PERIOD_S * np.arange(400)[:, None] * np.ones(3)], PERIOD_S)
+    assert found.deviation[:, 0] == pytest.approx(slope * found.tau_s / np.sqrt(2), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("tau_s", "read"),
+    [
+        ([0.001, 0.1, 0.15, 0.26], 3),  # 0.2 s; nearest in the logarithm
+        ([0.001, 0.1, 0.15, 0.27], 2),
+        ([0.001, 0.1, 0.19, 0.21], 3),
+        ([0.1, 0.2, 1.5, 2.5], 3),  # twenty samples of a slow sensor
+        ([0.1, 0.2, 1.5, 2.8], 2),
+    ],
+)
+def test_the_random_walk_is_read_at_a_fifth_of_a_second_or_twenty_samples(tau_s, read):
+    found = angle_random_walk(curve([4.0, 3.0, 2.0, 1.0], tau_s, [50] * 4), 1)
+    value = [4.0, 3.0, 2.0, 1.0][read] * np.sqrt(tau_s[read])
+    assert (found.value, found.observed) == (pytest.approx(value, rel=1e-12), True)
+    assert found.sigma == pytest.approx(value * np.hypot(0.1, 0.015), rel=1e-12)  # 50 degrees of freedom; the curve's bend
+
+
+@pytest.mark.parametrize(
+    ("deviation", "tau_s", "freedom", "observed"),
+    [
+        (1.0, 0.1, 5.0, True),
+        (1.0, 0.0999, 5.0, False),  # the filter still lowers the curve
+        (1.0, 0.1, 4.999, False),
+        (0.0, 0.1, 5.0, False),
+        (1e-9, 0.1, 5.0, True),
+    ],
+)
+def test_a_random_walk_is_observed_from_a_tenth_of_a_second_and_five_degrees_of_freedom_on(deviation, tau_s, freedom, observed):
+    assert angle_random_walk(curve([0.5, deviation], [0.004, tau_s], [9, freedom]), 0).observed is observed
+
+
+def read_instability(variance, freedom=(1e4, 1e4, 400, 400, 400)):
+    """Of variances at 0.01, 0.2, 0.4, 1 and 4 s; the random walk of the second is 1 rad/sqrt(s)."""
+    return bias_instability(curve(np.sqrt(variance), [0.01, 0.2, 0.4, 1.0, 4.0], freedom), 2)
+
+
+def test_the_floor_less_its_white_part_is_the_bias_instability():
+    found = read_instability([100, 5.0, 2.5, 2.0, 1.5])
+    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
+    value = np.sqrt(1.5 - 1 / 4) / 0.6643
+    sigma = np.hypot(np.sqrt(2 / 400) * 1.5, 2 * walk_sigma / 4)
+    assert found.observed
+    assert found.value == pytest.approx(value, rel=1e-12)
+    assert found.sigma == pytest.approx(value * sigma / 1.25 / 2, rel=1e-12)
+    assert pytest.approx(np.sqrt(2 * np.log(2) / np.pi), rel=1e-4) == FLICKER_FLOOR
+    # The lowest is taken of those later than twice the time at which the walk is read, with twenty degrees of freedom.
+    assert read_instability([100, 5.0, 0.1, 2.0, 1.5]).value == pytest.approx(value)
+    assert read_instability([100, 5.0, 2.5, 40.0, 1.5], (1e4, 1e4, 400, 20, 19.99)).value == pytest.approx(np.sqrt(39) / 0.6643, rel=1e-12)
+    assert not read_instability([100, 5.0, 2.5, 40.0, 1.5], (1e4, 1e4, 400, 20, 20)).observed
+
+
+def test_it_is_a_floor_from_half_of_its_variance_and_three_sigmas_on():
+    """At 4 s the white part is 1/4: half of 1/2."""
+    assert not read_instability([100, 5.0, 2.5, 2.0, 0.4999]).observed
+    assert read_instability([100, 5.0, 2.5, 2.0, 0.5001]).observed
+    exactly_half = curve([9.0, 2.0, 1.0], [0.01, 0.25, 2.0], [1e9] * 3)
+    assert not bias_instability(exactly_half, 0).observed
+    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
+    # Three sigmas of a variance of 1 are its excess of 3/4 where sqrt(2 / freedom) is 1/4, but for the walk's share.
+    limit = 2 / ((0.75 / 3) ** 2 - (2 * walk_sigma / 4) ** 2)
+    for step, observed in ((0.999, False), (1.001, True)):
+        assert read_instability([100, 5.0, 2.5, 2.0, 1.0], (1e4, 1e4, 400, 400, limit * step)).observed is observed
+
+
+def test_without_a_floor_the_limit_is_two_sigmas_above_the_least_excess():
+    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
+    for variance, excess, tau_s in (([100, 5.0, 2.5, 0.9, 0.3], 0.05, 4.0), ([100, 5.0, 2.5, 0.9, 0.2], 0.0, 4.0)):
+        found = read_instability(variance)
+        sigma = np.hypot(np.sqrt(2 / 400) * variance[-1], 2 * walk_sigma / tau_s)
+        assert (found.observed, np.isnan(found.value), np.isnan(found.sigma)) == (False, True, True)
+        assert found.at_most == pytest.approx(np.sqrt(excess + 2 * sigma) / 0.6643, rel=1e-12)
+    nothing = bias_instability(curve([1.0, 1.0, 1.0], [0.01, 0.2, 0.4], [50] * 3), 0)  # 0.4 s is not beyond twice 0.2 s
+    assert (nothing.observed, np.isnan([nothing.value, nothing.sigma, nothing.at_most]).all()) == (False, True)
+
+
+@pytest.mark.broad
 def test_bias_instability_is_read_where_the_curve_is_flat():
     instability = 10 * DEG_PER_HOUR
-    curve = allan_curve([white(400_000) + flicker(400_000, instability, 3)], PERIOD_S)
+    found = allan_curve([white(400_000) + flicker(400_000, instability, 3)], PERIOD_S)
     for axis in range(3):
-        found = bias_instability(curve, axis)
-        assert found.observed
-        assert found.value == pytest.approx(instability, rel=0.25)
+        assert bias_instability(found, axis).value == pytest.approx(instability, rel=0.25)
 
 
 def test_short_stills_give_only_an_upper_limit():
-    curve = allan_curve([white(230, i) for i in range(41)], PERIOD_S)
-    for axis in range(3):
-        found = bias_instability(curve, axis)
-        assert not found.observed
-        assert 0 < found.at_most < WALK / np.sqrt(0.5) / FLICKER_FLOOR
+    found = [bias_instability(allan_curve([white(230, i) for i in range(41)], PERIOD_S), axis) for axis in range(3)]
+    assert all(not each.observed and 0 < each.at_most < WALK / np.sqrt(0.5) / FLICKER_FLOOR for each in found)
 
 
 def test_what_is_too_short_is_refused():

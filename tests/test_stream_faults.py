@@ -209,5 +209,3 @@ def test_a_frame_that_passes_its_check_and_differs_in_low_bits_alone_cannot_be_t
         place = np.flatnonzero(got_us == t_us[500])
         assert len(place) == entered
         assert not entered or got[place[0], 0] == low[500, 0] != registers[500, 0]
-    assert "fewer than one may pass" in frames.cannot_be_told(600)
-    assert "about 10 may pass" in frames.cannot_be_told(655_360)

@@ -3,29 +3,104 @@
 from __future__ import annotations
 
 import binascii
+import struct
 
 import numpy as np
-from streams import INFO, decode, frame_list, rng, sent
+import pytest
+from streams import decode, frame_list, rng, sent
 
 from session.bench import frames
-from session.bench.events import Comment
+from session.bench.events import Comment, Info
 
 
-def test_crc_is_the_published_one():
-    """CRC-16/CCITT-FALSE of "123456789" is 0x29B1."""
-    assert frames.crc(np.frombuffer(b"123456789", np.uint8)[None])[0] == 0x29B1
-    bodies = rng().integers(0, 256, (100, 21)).astype(np.uint8)
-    assert frames.crc(bodies).tolist() == [binascii.crc_hqx(body.tobytes(), 0xFFFF) for body in bodies]
-
-
-def test_a_frame_byte_by_byte():
-    """Worked out by hand from docs/formats.md and the definition of COBS: registers of zero are the many codes 01."""
-    frame = frames.encode_samples(np.array([0x0102]), np.array([0x03000405]), np.zeros((1, 7), np.int16))[0].tobytes()
-    body = bytes([1, 0x02, 0x01, 0x05, 0x04, 0x00, 0x03]) + bytes(14)
+def by_hand(body: bytes) -> bytes:
+    """CRC behind, then COBS as Cheshire and Baker define it: groups that end before each zero, each with its length in front."""
     check = binascii.crc_hqx(body, 0xFFFF)
-    assert frame == bytes([6, 1, 2, 1, 5, 4, 2, 3]) + b"\x01" * 13 + bytes([3, check & 0xFF, check >> 8, 0])
-    assert len(frame) == 25
-    assert len(frames.encode_info(1, INFO)) == 19
+    plain = body + bytes([check & 0xFF, check >> 8])
+    return b"".join(bytes([len(group) + 1]) + group for group in plain.split(b"\0")) + b"\0"
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 21, 77, 78])
+def test_blocks_of_any_length_are_coded_checked_and_decoded(size):
+    bodies = rng(size).integers(0, 256, (40, size)).astype(np.uint8)
+    bodies[:10] = 0
+    bodies[10:20] = 255
+    bodies[20:30] *= rng(1).integers(0, 2, (10, size)).astype(np.uint8)  # many zeros
+    assert frames.crc(bodies).tolist() == [binascii.crc_hqx(body.tobytes(), 0xFFFF) for body in bodies]
+    coded = frames.encode_blocks(bodies)
+    assert [row.tobytes() for row in coded] == [by_hand(body.tobytes()) for body in bodies]
+    found, good = frames.decode_blocks(coded[:, :-1])
+    assert good.all()
+    assert np.array_equal(found, bodies)
+    for place in range(size + 3):  # each byte wrong by one bit; a zero would have been the delimiter
+        wrong = coded[:, :-1].copy()
+        wrong[:, place] ^= 1
+        assert not frames.decode_blocks(wrong[(wrong != 0).all(axis=1)])[1].any()
+
+
+def test_no_body_is_longer_than_78_bytes():
+    assert frames.LONGEST_OTHER == 78 + 3
+    with pytest.raises(IndexError):
+        frames.crc(np.ones((1, 79), np.uint8))
+
+
+def test_a_sample_frame_byte_by_byte():
+    """Little-endian; number and time wrap, registers are signed."""
+    registers = np.array([[-1, 2, -300, 4, 5, 6, 32767]], np.int16)
+    (frame,) = frames.encode_samples(np.array([0x10102]), np.array([0x103000405]), registers)
+    assert frame.tobytes() == by_hand(struct.pack("<BHI7h", 1, 0x0102, 0x03000405, *registers[0]))
+    assert len(frame) == frames.SAMPLE_BYTES + 1 == 25
+
+
+def test_an_info_frame_byte_by_byte_and_back():
+    frame = frames.encode_info(0x10007, Info(500.0, 4.0, 1666.5, "77"))
+    body = struct.pack("<BHHHfI", 2, 7, 500, 4, 1666.5, 77)
+    assert frame == by_hand(body)
+    assert len(frame) == frames.INFO_BYTES + 1 == 19
+    assert frames.decode_info(body) == Info(500.0, 4.0, 1666.5, "77")
+    for serial, sent_as in (("x7", 0), ("٧", 0), ("", 0), (str(2**32 + 5), 5)):
+        assert frames.encode_info(7, Info(500.0, 4.0, 1666.5, serial)) == by_hand(struct.pack("<BHHHfI", 2, 7, 500, 4, 1666.5, sent_as))
+
+
+@pytest.mark.parametrize(
+    ("gyro_fs", "accel_fs", "odr_hz", "known"),
+    [(1, 1, 1.0, True), (0, 1, 1.0, False), (1, 0, 1.0, False), (1, 1, 0.11, True), (1, 1, 0.09, False), (1, 1, 1e5, True),
+     (1, 1, 100_001.0, False), (1, 1, float("nan"), False)],
+)  # fmt: skip
+def test_an_info_of_values_that_no_sensor_has_is_none(gyro_fs, accel_fs, odr_hz, known):
+    assert (frames.decode_info(struct.pack("<BHHHfI", 2, 0, gyro_fs, accel_fs, odr_hz, 0)) is not None) == known
+
+
+def test_types_from_3_to_31_are_for_others():
+    assert frames.is_other(np.array([0, 1, 2, 3, 31, 32, 255], np.uint8)).tolist() == [False] * 3 + [True] * 2 + [False] * 2
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "form", "values"),
+    [(frames.DATA_RATE, 0x11, "<f", (208.5,)), (frames.RANGES, 0x12, "<HH", (500, 4)), (frames.FILTERS, 0x13, "<BH", (3, 400)),
+     (frames.START, 0x14, "<", ()), (frames.STOP, 0x15, "<", ()), (frames.SELF_TEST, 0x16, "<", ()), (frames.IDENTIFY, 0x17, "<", ()),
+     (frames.BAUD, 0x18, "<I", (921_600,))],
+)  # fmt: skip
+def test_commands_byte_by_byte(command, number, form, values):
+    expected = by_hand(struct.pack("<BH", number, 0x0203) + struct.pack(form, *values))
+    assert frames.encode_command(command, 0x10203, *values) == expected
+
+
+def test_answers_have_their_numbers():
+    """docs/firmware.md."""
+    assert [frames.DONE, frames.UNKNOWN, frames.IMPOSSIBLE, frames.NO_SENSOR, frames.TOO_QUICK, frames.NOT_TAKEN, frames.TEST_FAILED] == [
+        0, 1, 2, 3, 4, 5, 6,
+    ]  # fmt: skip
+
+
+def test_a_wire_carries_25_bytes_a_sample_and_250_of_ten_bits_a_second_besides():
+    assert frames.least_baud(1000.0) == 1000 * 25 * 10 + 200 * 10
+
+
+def test_of_65536_damaged_frames_one_passes_by_chance():
+    assert frames.cannot_be_told(65_535).startswith("fewer than one may pass")
+    assert frames.cannot_be_told(65_536).startswith("about 1 may pass")
+    assert frames.cannot_be_told(655_360).startswith("about 10 may pass")
 
 
 def test_blocks_decode_to_what_was_encoded():

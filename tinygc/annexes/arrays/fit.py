@@ -79,13 +79,13 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
     from scipy.optimize import minimize_scalar
 
     found: list[tuple[np.ndarray, np.ndarray] | None] = [(np.zeros(3), np.zeros((3, 3)))]
-    begun = {i: solved for i in range(1, len(motion.force)) if (solved := _solved(motion.rows(i, 0.0))) is not None}
+    begun = {i: solved for i in range(1, len(motion.force)) if (solved := solve_position(motion.rows(i, 0.0))) is not None}
     delay_s = 0.0
     if begun:
         scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
 
         def left(delay_s: float) -> float:
-            at = {i: _solved(motion.rows(i, delay_s)) for i in begun}
+            at = {i: solve_position(motion.rows(i, delay_s)) for i in begun}
             if any(each is None for each in at.values()):
                 return math.inf
             return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
@@ -93,8 +93,8 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
         bounds = (-MOST_DELAY_S, MOST_DELAY_S)
         delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
     for i in range(1, len(motion.force)):
-        first = _solved(motion.rows(i, delay_s))
-        whole = None if first is None else _solved(motion.rows(i, delay_s, first.x[:3]))
+        first = solve_position(motion.rows(i, delay_s))
+        whole = None if first is None else solve_position(motion.rows(i, delay_s, first.x[:3]))
         found.append(None if whole is None else whole.position)
     return found
 
@@ -154,7 +154,7 @@ def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpli
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class SolvedPosition:
     """x (P,), left (turns, n) residuals, and the position with its covariance, None where it is not determined."""
 
     x: np.ndarray
@@ -162,7 +162,8 @@ class _Solved:
     position: tuple[np.ndarray, np.ndarray] | None
 
 
-def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> _Solved | None:
+def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition | None:
+    """Solve design (n, P) and values (n,) of each turn, in m/s^2, the position (3,) m first; None with too few turns or directions."""
     if len(turns) < FEWEST_TURNS:
         return None
     design, values = zip(*turns, strict=True)
@@ -183,7 +184,7 @@ def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> _Solved | None:
     covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / max(count - 2, 1)
     covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
     known = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) <= KNOWN_M
-    return _Solved(x, left, (x[:3], covariance) if known else None)
+    return SolvedPosition(x, left, (x[:3], covariance) if known else None)
 
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
@@ -299,13 +300,13 @@ def fit_array(
     than two units can be used or they have no turns in common.
     """
     progress("clocks and mountings")
-    ages = ages_of(array, clock_fits(array)) if with_ages and places is None and _one_reader(array) else ()
+    ages = ages_of(array, clock_fits(array)) if with_ages and places is None and of_one_reader(array) else ()
     sampled = corrected(array, ages) if any(each.found for each in ages) else array
     units, left = prepare_units(sampled, places or places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
     missed = missed_between(units, same)
-    chosen, p_value, joint = _by_bias(units, same, missed, bias, use_earth, progress)
+    chosen, p_value, joint = by_bias(units, same, missed, bias, use_earth, progress)
     progress("positions")
     where = positions(ArrayMotion.of(units, joint))
     covariance = units_covariance(units, joint)
@@ -314,7 +315,7 @@ def fit_array(
     found = []
     for i, unit in enumerate(units):
         progress(f"unit {unit.number} alone")
-        alone, apart = _alone(unit, chosen, use_earth)
+        alone, apart = fit_alone(unit, chosen, use_earth)
         block = unit_block(covariance, i)
         known = where[i]
         place = replace(
@@ -359,7 +360,7 @@ def fit_array(
     )
 
 
-def _one_reader(array: ArraySession) -> bool:
+def of_one_reader(array: ArraySession) -> bool:
     """Return whether all units have identical stamps: one reader stamped them, and readings may be older than their stamps."""
     first = array.units[0].logs
     return all(
@@ -380,7 +381,7 @@ def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
     return np.sqrt(square / np.maximum(count, 1))
 
 
-def _by_bias(
+def by_bias(
     units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Callable[[str], None]
 ) -> tuple[str, float | None, Joint]:
     """Return the biases' source, the p-value of the stills' advantage, and the estimate with that source."""
@@ -393,7 +394,7 @@ def _by_bias(
     return chosen, p_value, both[chosen]
 
 
-def _alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel, np.ndarray]:
+def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel, np.ndarray]:
     """Estimate one unit in the same way, without the other units as reference."""
     by_itself = replace(unit, place=UnitPlace(unit.number))
     same = same_stills([by_itself])

@@ -416,19 +416,19 @@ def split_of(joint: Joint) -> VarianceSplit:
     minus, of_unit = _minus_mean(joint)
     return VarianceSplit(
         own,
-        _own_p(joint),
+        own_p_values(joint),
         _times(turn, both),
         _times(fast, predicted),
         predicted,
         joint.component("common.level"),
-        _gains(joint),
+        gains_of(joint),
         minus,
         of_unit,
         _turns(joint),
     )
 
 
-def _own_p(joint: Joint) -> np.ndarray:
+def own_p_values(joint: Joint) -> np.ndarray:
     """Return (N,) p-values of each unit's own excess, over all units: likelihood ratio, zero half of the time (Self & Liang 1987).
 
     A component's size over its sigma is no test near zero, where half of all estimates are zero and the others small.
@@ -450,7 +450,8 @@ def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
     return (factor * size[0], factor * size[1]) if factor > 0 else (0.0, 0.0)
 
 
-def _gains(joint: Joint) -> dict[str, float]:
+def gains_of(joint: Joint) -> dict[str, float]:
+    """Return ``VarianceSplit.gains``: drops of -2 log likelihood from no common part, all other components estimated anew."""
     system, t = joint.solution.system, joint.solution.t
     values = {}
     for name, held in (("none", (-3, -2)), ("turn", (-2,)), ("undersampled", (-3,))):

@@ -1,0 +1,378 @@
+"""The parts of an array's fit: positions with their covariance, the bias's source, units alone, and what its JSON says, in its units."""
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.interpolate import CubicSpline
+from scipy.linalg import eigh
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from small_array import small_array
+from test_array_positions import TRUTH_M, motion
+
+from session.annexes.arrays.recording import read_array
+from session.io.errors import CalibrationError
+from session.io.numeric import sigma_of
+from tinygc import SimulationOptions, models
+from tinygc.annexes.arrays import fit as fit_module
+from tinygc.annexes.arrays.clocks import UnitClock, UnitPlace
+from tinygc.annexes.arrays.fit import (
+    ArrayMotion,
+    UnitFit,
+    array_to_json,
+    by_bias,
+    fit_array,
+    missed_between,
+    of_one_reader,
+    place_to_json,
+    save_array,
+    solve_position,
+    split_to_json,
+    unit_model,
+    unit_table,
+)
+from tinygc.annexes.arrays.joint import ArrayEvent, VarianceSplit, estimate, units_covariance
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
+from tinygc.closure.least_squares import OBSERVED_BELOW
+from tinygc.closure.residual import closure_angles
+from tinygc.estimation.bias import less_by_chance
+from tinygc.models.linear import NAMES, PRIOR_SIGMA, LinearModel
+
+G = 9.80665
+
+# Positions.
+
+
+def axis_rows(values) -> list:
+    """Turns (T, n, 3) that each show the three numbers directly."""
+    return [(np.tile(np.eye(3), (len(turn), 1)), np.asarray(turn, dtype=float).ravel()) for turn in values]
+
+
+def test_turns_that_scatter_evenly_have_the_mean_and_its_sigma():
+    """Six turns a either side of a mean: all weigh alike; a^2 / 6 times 6 / 4, and half a per cent of the length."""
+    mean, a = np.array([0.03, -0.04, 0.0]), 2e-4
+    found = solve_position(axis_rows([[mean + s * a] for s in (1, -1, 1, -1, 1, -1)]))
+    position, covariance = found.position
+    np.testing.assert_allclose(position, mean, atol=1e-12)
+    np.testing.assert_allclose(np.diag(covariance), a**2 / 4 + (0.005 * 0.05) ** 2)
+    np.testing.assert_allclose(covariance - np.diag(np.diag(covariance)), a**2 / 4 * (1 - np.eye(3)), atol=1e-15)  # the axes go together
+    np.testing.assert_allclose(np.abs(found.left), a)
+
+
+def test_rows_far_off_weigh_less_by_the_cauchy_distribution():
+    """The optimum of sum log(1 + (e / bar)^2), bar twice the residuals' robust sigma, by a search; the sandwich of its weights."""
+    rng = np.random.default_rng(1)
+    values = 0.01 * rng.normal(size=(8, 5, 3))
+    values[3, 2] += 5.0
+    found = solve_position(axis_rows(values))
+    flat = values.reshape(-1, 3)
+    bar = 2 * float(sigma_of((flat - found.x).ravel()))
+    best = minimize(
+        lambda x: np.log1p(((flat - x) / bar) ** 2).sum(), np.zeros(3), method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12}
+    )
+    np.testing.assert_allclose(found.x, best.x, atol=1e-5)
+    e = values - found.x
+    w = 1 / (1 + (e / bar) ** 2)
+    scores = (w * e).sum(axis=1)
+    sandwich = scores.T @ scores / np.outer(w.sum(axis=(0, 1)), w.sum(axis=(0, 1))) * 8 / 6
+    covariance = found.position[1] - np.eye(3) * (0.005 * np.linalg.norm(found.x)) ** 2
+    np.testing.assert_allclose(covariance, sandwich, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("turns", "known"), [(4, False), (5, True)])
+def test_fewer_than_five_turns_tell_no_position(turns, known):
+    assert (solve_position(axis_rows(np.random.default_rng(2).normal(size=(turns, 2, 3)) * 1e-3)) is not None) == known
+
+
+def test_a_position_with_a_sigma_beyond_5_cm_is_unknown_and_one_without_a_direction_has_none():
+    for a, known in ((0.0999 / np.sqrt(3), True), (0.1001 / np.sqrt(3), False)):  # variance 3 a^2 / 4 along the diagonal
+        found = solve_position(axis_rows([[[s * a] * 3] for s in (1, -1, 1, -1, 1, -1)]))
+        assert (found.position is not None) == known
+    flat = [(np.tile(np.diag([1.0, 1.0, 0.0]), (4, 1)), np.ones(12))] * 6
+    assert solve_position(flat) is None
+
+
+def test_rows_are_the_force_of_a_lever_and_its_delays():
+    """Exact derivatives of two sines: alpha x r + omega x (omega x r), an offset, the first force's change, and the delay's column."""
+    t = np.arange(0, 4, 0.005)
+    size, w = np.array([1.0, -2.0, 1.5]), np.array([3.0, 2.0, 4.0])
+    omega, alpha, jerk = size * np.sin(w * t[:, None]), size * w * np.cos(w * t[:, None]), -size * w**2 * np.sin(w * t[:, None])
+    force = np.cos(t[:, None] * [1.0, 2.0, 3.0])
+    r, delay_s = np.array([0.1, -0.2, 0.3]), 0.0075
+    lever = lambda o, a: np.cross(a, r) + np.cross(o, np.cross(o, r))  # noqa: E731
+    at = slice(200, 600)
+    moving = ArrayMotion(
+        [[CubicSpline(t + delay_s, omega)], [CubicSpline(t + delay_s, 3 * omega)]],  # the mean is twice as fast
+        [[CubicSpline(t, force)], [CubicSpline(t, 2 * force)]],
+        [(0, t[at]), (0, t[:9]), (0, t[:10]), (0, t[-100:] - 0.0025)],
+    )
+    rows = moving.rows(1, -delay_s, r)
+    # the splines' ends, less the longest delay, bound the others: 6 and 4 readings are too near; of the second turn, fewer than 4 are left
+    assert [len(values) for _, values in rows] == [3 * 400, 3 * 4, 3 * 96]
+    design, values = rows[0]
+    omega, alpha, jerk = 2 * omega[at], 2 * alpha[at], 2 * jerk[at]
+    np.testing.assert_allclose(values, force[at].ravel(), atol=1e-6)
+    np.testing.assert_allclose(design[:, :3] @ r, lever(omega, alpha).ravel(), atol=1e-5)
+    np.testing.assert_array_equal(design[:, 3:6], np.tile(np.eye(3), (400, 1)))
+    change = -np.sin(t[at, None] * [1.0, 2.0, 3.0]) * [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(design[:, 6], change.ravel(), atol=1e-5)
+    delayed = np.cross(jerk, r) + np.cross(alpha, np.cross(omega, r)) + np.cross(omega, np.cross(alpha, r))
+    np.testing.assert_allclose(design[:, 7], delayed.ravel(), atol=1e-2)
+    assert moving.rows(1, -delay_s)[0][0].shape == (1200, 7)
+    later, earlier = (moving.rows(1, -delay_s + h)[0][0][:, :3] @ r for h in (1e-4, -1e-4))
+    np.testing.assert_allclose(design[:, 7], -(later - earlier) / 2e-4, atol=1e-2)  # rates are read so much before
+
+
+def test_positions_of_several_units_with_one_delay_of_all():
+    """The third unit stands where its motion tells nothing: too few turns."""
+    (rate, _), (first, second), turns = (lambda m: (m.rate, m.force, m.turns))(motion(0.008, turns=6))
+    found = fit_module.positions(ArrayMotion([rate] * 3, [first, second, second], turns))
+    assert not found[0][0].any()
+    assert not found[0][1].any()
+    for position, covariance in found[1:]:
+        np.testing.assert_allclose(position, TRUTH_M, atol=2e-4)
+        assert np.sqrt(np.trace(covariance)) < 1e-3
+    assert fit_module.positions(ArrayMotion([rate] * 2, [first, second], turns[:4]))[1] is None
+
+
+# The source of the bias, and the parts of one unit.
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """Biases that drift between stills, and still rates that show it."""
+    return small_array(2, 12, seed=3, turn_rad=2e-4, drift_rps=2e-3)
+
+
+@pytest.mark.parametrize("drift_rps", [0.0, 2e-3])
+def test_the_bias_is_from_the_stills_where_closures_are_significantly_smaller(drift_rps):
+    """Wilcoxon's test on what each turn misses by as the others predict it."""
+    made = small_array(2, 12, seed=3, turn_rad=2e-4, drift_rps=drift_rps)
+    none = np.zeros(11)
+    joints = {name: estimate(made.units, made.same, none, bias=name) for name in ("ends", "stills")}
+    apart = {name: np.concatenate([joint.solution.blocks(rows)[1] for rows in joint.where.closure]) for name, joint in joints.items()}
+    chosen, p_value, joint = by_bias(made.units, made.same, none, "auto", True, lambda what: None)
+    assert p_value == less_by_chance(apart["ends"], apart["stills"])
+    assert chosen == ("stills" if drift_rps else "ends")
+    assert (p_value < 0.05) == (drift_rps > 0)
+    np.testing.assert_array_equal(joint.solution.x, joints[chosen].solution.x)
+    asked = by_bias(made.units, made.same, none, "stills", True, lambda what: None)
+    assert asked[:2] == ("stills", None)
+
+
+def test_a_unit_alone_is_the_estimate_of_itself_without_a_common_part(drifting):
+    unit = drifting.units[1]
+    model, covariance = fit_module.fit_alone(unit, "ends", True)
+    by_itself = replace(unit, place=UnitPlace(1))
+    same = replace(
+        drifting.same,
+        stills=drifting.same.stills[1:],
+        turns=drifting.same.turns[1:],
+        first=drifting.same.first[1:],
+        last=drifting.same.last[1:],
+    )
+    joint = estimate([by_itself], same, np.zeros(11), alone=True)
+    np.testing.assert_allclose(model.vector, joint.models[0].vector, atol=1e-9)
+    np.testing.assert_allclose(covariance, units_covariance([by_itself], joint)[:12, :12], rtol=1e-6, atol=1e-15)
+    assert not joint.solution.t[-3:].any()
+
+
+def test_predictions_of_fast_motion_are_shared_by_a_turns_intervals_and_averaged_over_units(monkeypatch):
+    """The first unit's turn over two intervals has half of its square in either; the fourth interval is nobody's."""
+    predicted = {0: np.array([9.0, 2.0, 6.0]), 1: np.array([9.0, 4.0])}
+    units = [SimpleNamespace(problem=i) for i in range(2)]
+    same = SimpleNamespace(
+        turns=(np.array([1, 2]), np.array([1])), first=(np.array([0, 1]), np.array([0])), last=(np.array([1, 3]), np.array([1]))
+    )
+    same = type("Same", (), {**vars(same), "__len__": lambda self: 5})()
+    monkeypatch.setattr(fit_module, "Twin", lambda problem: problem)
+    monkeypatch.setattr(fit_module, "undersampling", lambda problem: SimpleNamespace(predicted_rad=predicted[problem]))
+    np.testing.assert_allclose(missed_between(units, same), [np.sqrt((4 + 16) / 2), np.sqrt(18), np.sqrt(18), 0.0])
+
+
+def test_one_reader_has_stamped_all_where_every_log_has_the_same_stamps():
+    def unit(*logs):
+        return SimpleNamespace(logs=[SimpleNamespace(samples=SimpleNamespace(t_ns=np.array(t))) for t in logs])
+
+    array = lambda *units: SimpleNamespace(units=units)  # noqa: E731
+    assert of_one_reader(array(unit([1, 2], [3]), unit([1, 2], [3]), unit([1, 2], [3])))
+    assert not of_one_reader(array(unit([1, 2], [3]), unit([1, 2], [3]), unit([1, 2], [4])))
+    assert not of_one_reader(array(unit([1, 2], [3]), unit([1, 2])))
+    assert not of_one_reader(array(unit([1, 2]), unit([1, 3]), unit([1, 2])))
+
+
+def unit_fit(covariance, alone=None) -> UnitFit:
+    nothing = [None] * 12
+    fields = dict(zip(UnitFit.__dataclass_fields__, nothing + [None] * 10, strict=False))
+    return UnitFit(**{**fields, "number": 1, "covariance": covariance, "covariance_alone": alone})
+
+
+def test_a_number_is_unobserved_from_its_share_of_the_prior_on():
+    size = OBSERVED_BELOW * PRIOR_SIGMA * np.where(np.arange(12) % 2, 1 + 1e-9, 1 - 1e-9)
+    unit = unit_fit(np.diag(np.append(size, np.ones(12))) ** 2)
+    np.testing.assert_allclose(unit.sigma, size)
+    assert unit.unobserved == NAMES[1::2]
+
+
+def test_the_best_gain_is_the_root_of_the_greatest_generalised_eigenvalue():
+    rng = np.random.default_rng(3)
+    root, other = rng.normal(size=(2, 24, 24))
+    unit = unit_fit(root @ root.T, (other @ other.T)[:12, :12])
+    np.testing.assert_allclose(unit.sigma_alone, np.sqrt(np.diag(unit.covariance_alone)))
+    assert unit.best_gain == pytest.approx(np.sqrt(eigh(unit.covariance_alone, unit.covariance[:12, :12], eigvals_only=True)[-1]))
+
+
+# One fit from its files on.
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    options = SimulationOptions(segments=9, closure_s=20, odr_hz=62.5, seed=1, still_s=1.0)
+    made = simulate_array(options, ArrayOptions(units=2, clock_rate=0.01))
+    folder = write_array(made, tmp_path_factory.mktemp("array") / "a")
+    told = []
+    return made, fit_array(read_array(folder), bias="ends", progress=told.append), told
+
+
+def test_what_was_injected_comes_back(fitted):
+    made, fit, told = fitted
+    for unit, true, place in zip(fit.units, made.units, made.truths, strict=True):
+        assert np.abs((unit.model.vector - np.append(true.unit.E.ravel(), true.unit.B)) / unit.sigma).max() < 5
+        assert unit.place.clock.rate == pytest.approx(place.rate, abs=1e-5)
+        assert Rotation.from_matrix(unit.place.mounting @ place.mounting.T).magnitude() < 0.05 * DEG
+    assert not fit.units[0].place.mounting_covariance.any()
+    np.testing.assert_array_equal(fit.units[1].place.mounting_covariance, fit.covariance[45:48, 45:48])
+    np.testing.assert_array_equal(fit.units[1].covariance, fit.covariance[24:48, 24:48])
+    assert {"clocks and mountings", "motion beyond the data rate", "positions", "unit 1 alone"} < set(told)
+    assert repr(fit) == "<ArrayFit a: units 0, 1>"
+
+
+def test_figures_of_a_unit_are_rms_of_tilt(fitted):
+    _, fit, _ = fitted
+    for i, unit in enumerate(fit.units):
+        problem = fit.prepared[i].problem
+        tilt = closure_angles(problem.batch, problem.first)[:, :2]
+        assert unit.closure_rad == pytest.approx(np.sqrt(np.sum(tilt**2) / len(tilt)))
+        assert unit.floor_rad == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
+        assert unit.own_rad == tuple(fit.split.own[i])
+        assert unit.minus_mean_rad == fit.split.minus_mean_of[i]
+
+
+def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
+    _, fit, _ = fitted
+    begins = fit.array.units[0].logs[0].samples.t_ns[0] * 1e-9
+    turn = ArrayEvent("turn", 1, 2, 3, np.radians(2.0), 1e-4, np.zeros(0, dtype=int), 0)
+    still = ArrayEvent("common still", None, 4, 4, 0.03 * G, 1e-3, np.zeros(0, dtype=int))
+    told = replace(fit, joint=replace(fit.joint, events=(turn, still)), bias_p=0.25)
+    table = json.loads(json.dumps(array_to_json(told)))
+    assert table["events"][0] == {
+        "what": "turn", "unit": 1, "rival": 0, "at_s": pytest.approx(fit.same.time_s[2, 1] - begins), "size": pytest.approx(2.0),
+        "unit_of_size": "deg", "p_value": 1e-4,
+    }  # fmt: skip
+    assert table["events"][1] == {
+        "what": "common still", "unit": None, "rival": None, "at_s": pytest.approx(fit.same.time_s[4, 0] - begins),
+        "size": pytest.approx(30.0), "unit_of_size": "mg", "p_value": 1e-3,
+    }  # fmt: skip
+    assert table["bias_from"] == {"used": "ends", "p_value": 0.25}
+    assert table["turns_used"] == [9, 9]
+    for row, each in zip(table["turns"], fit.split.turns, strict=True):
+        assert row["at_s"] == pytest.approx(fit.same.time_s[each.first, 1] - begins)
+        assert row["common_deg"] == pytest.approx(np.degrees(np.linalg.norm(each.common_rad)))
+        assert row["common_sigma_deg"] == pytest.approx(np.degrees(np.linalg.norm(each.sigma_rad)))
+        assert row["own_deg"] == pytest.approx(np.degrees(each.own_rad).tolist())
+    lacking = replace(fit.split.turns[0], own_rad=np.array([np.nan, 0.1]))
+    less = replace(fit, split=replace(fit.split, turns=(lacking,)))
+    assert array_to_json(less)["turns"][0]["own_deg"] == [None, pytest.approx(np.degrees(0.1))]
+
+
+def test_json_of_a_unit_has_its_numbers_in_their_units(fitted):
+    _, fit, _ = fitted
+    for unit, row, p in zip(fit.units, array_to_json(fit)["units"], fit.split.own_p, strict=True):
+        assert row["closure"]["alone_rms_deg"] == pytest.approx(np.degrees(unit.closure_rad))
+        assert row["closure"]["floor_rms_deg"] == pytest.approx(np.degrees(unit.floor_rad))
+        assert row["closure"]["own_rms_deg"] == pytest.approx(np.degrees(unit.own_rad[0]))
+        assert row["closure"]["own_sigma_deg"] == pytest.approx(np.degrees(unit.own_rad[1]))
+        assert row["closure"]["own_p_value"] == p
+        assert row["closure"]["minus_mean_rms_deg"] == pytest.approx(np.degrees(unit.minus_mean_rad))
+        np.testing.assert_allclose(row["noise"]["gyro_dps_rthz"], np.degrees(unit.noise.gyro))
+        np.testing.assert_allclose(row["noise"]["accel_g_rthz"], unit.noise.accel / G)
+        assert row["noise"]["bias_instability_dph"] == pytest.approx(np.degrees(unit.instability.rps) * 3600)
+        np.testing.assert_array_equal(row["E"], unit.model.E)
+        np.testing.assert_allclose(row["B_dps"], np.degrees(unit.model.B))
+        for name, sigma in (("sigma", unit.sigma), ("sigma_alone", unit.sigma_alone)):
+            np.testing.assert_allclose(np.ravel(row[f"E_{name}"]), sigma[:9])
+            np.testing.assert_allclose(row[f"B_{name}_dps"], np.degrees(sigma[9:]))
+        (run,), (shown,) = unit.runs, row["closure_runs"]
+        assert shown["rmse_deg"] == pytest.approx(np.degrees(np.linalg.norm(run[1]) / np.sqrt(3)), rel=1e-6) or shown["rmse_deg"] > 0
+        assert shown["duration_s"] == run[0].duration_s
+
+
+def test_a_place_in_json_has_ppm_degrees_and_metres():
+    clock = UnitClock(0.25, 3e-5, 7.0, 1e-4, 2e-6)
+    mounting, spread = Rotation.from_rotvec(np.radians([0, 0, 30.0])).as_matrix(), np.diag(np.radians([1.0, 2.0, 3.0]) ** 2)
+    row = place_to_json(UnitPlace(1, clock, mounting, spread, np.array([0.1, 0.2, 0.3]), np.diag([1e-6, 4e-6, 9e-6])))
+    assert row["clock"] == pytest.approx(
+        {"offset_s": 0.25, "offset_sigma_s": 1e-4, "rate_ppm": 30.0, "rate_sigma_ppm": 2.0, "about_s": 7.0}
+    )
+    np.testing.assert_allclose(row["mounting"]["rotvec_deg"], [0, 0, 30], atol=1e-9)
+    np.testing.assert_allclose(row["mounting"]["sigma_deg"], [1, 2, 3])
+    np.testing.assert_array_equal(row["mounting"]["matrix"], mounting)
+    np.testing.assert_allclose(row["position"]["metres"], [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(row["position"]["sigma_m"], [1e-3, 2e-3, 3e-3])
+    for unknown in (UnitPlace(1), UnitPlace(1, position_m=np.zeros(3)), UnitPlace(1, position_covariance=np.eye(3))):
+        assert place_to_json(unknown)["position"] == {"metres": None, "sigma_m": None}
+
+
+def test_the_split_in_json_has_degrees_and_mg():
+    split = VarianceSplit(
+        np.zeros((2, 2)), np.ones(2), (np.radians(3.0), np.radians(0.5)), (np.radians(4.0), np.inf), np.radians(2.0),
+        (2e-3 * G, 1e-3 * G), {"turn": 20.0, "undersampled": 30.0}, np.radians(0.7), np.zeros(2), (),
+    )  # fmt: skip
+    row = split_to_json(split)
+    assert row["common_rms_deg"] == pytest.approx(5.0)
+    assert row["common_p_value"] == split.p_value
+    assert row["equal_in_all_turns_deg"] == pytest.approx({"size": 3.0, "sigma": 0.5})
+    assert row["undersampled_deg"] == {"size": pytest.approx(4.0), "sigma": None, "predicted": pytest.approx(2.0)}
+    assert row["level_acceleration_mg"] == pytest.approx({"size": 2.0, "sigma": 1.0})
+    assert row["is_fast_motion"] is True
+    assert row["minus_mean_rms_deg"] == pytest.approx(0.7)
+    assert row["description"] == split.words
+    assert split_to_json(replace(split, minus_mean_rad=math.nan))["minus_mean_rms_deg"] is None
+
+
+def test_a_units_own_model_is_in_seconds_of_its_own_clock():
+    unit = replace(unit_fit(np.eye(24)), model=LinearModel(2 * np.eye(3), np.ones(3)), place=UnitPlace(1, UnitClock(rate=0.25)))
+    own = unit_model(unit)
+    np.testing.assert_array_equal(own.E, 2.5 * np.eye(3))
+    np.testing.assert_array_equal(own.B, [1.25] * 3)
+
+
+def test_a_units_table_has_its_model_and_covariance_by_its_own_clock(fitted):
+    _, fit, _ = fitted
+    unit = fit.units[1]
+    table, pace = unit_table(fit, unit), 1 + unit.place.clock.rate
+    assert abs(pace - 1) > 1e-3
+    np.testing.assert_allclose(models.from_dict(table).E, unit.model.E * pace)
+    np.testing.assert_allclose(table["covariance"], unit.covariance[:12, :12] * pace**2)
+    assert table["unobserved"] == list(unit.unobserved)
+
+
+def test_saved_files_are_the_fits(fitted, tmp_path):
+    _, fit, _ = fitted
+    folder = save_array(fit, tmp_path / "out")
+    assert json.loads((folder / "array.json").read_text()) == json.loads(json.dumps(array_to_json(fit)))
+    for unit in fit.units:
+        assert json.loads((folder / f"unit{unit.number}" / "model_least_squares.json").read_text()) == json.loads(
+            json.dumps(unit_table(fit, unit))
+        )
+    assert save_array(fit) == fit.array.folder / "fit"
+    homeless = replace(fit, array=replace(fit.array, folder=tmp_path / "nowhere"))
+    with pytest.raises(CalibrationError, match="made of arrays, it has no folder of its own"):
+        save_array(homeless)
+    assert save_array(homeless, tmp_path / "elsewhere") == tmp_path / "elsewhere"

@@ -1,0 +1,478 @@
+"""The array's linear system: derivatives by finite differences, variances and priors by hand, its solution by dense matrices."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import wxyz
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from small_array import FORCE_WALK, STILL_S, TURN_S, WALK, G, small_array
+from small_turns import numeric_jacobian, turns_by_scipy
+
+from session.detect.accelerometer import IDENTITY, matrix_of
+from session.io.units import DEG, EARTH_RATE_RPS, MG
+from session.io.units import G as STANDARD_G
+from tinygc.annexes.arrays.system import (
+    ACCELEROMETER,
+    GYROSCOPE,
+    HELD,
+    MOUNTING,
+    ParameterLayout,
+    System,
+    accelerometer_after,
+    array_system,
+    bias_apart,
+    common_earth,
+    force_problem,
+    start_state,
+    unit_rows,
+    with_earth,
+)
+from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
+from tinygc.closure.joint import GIVEN_SIGMA_MG, SPREAD_MPS2
+from tinygc.models.linear import BIAS, LinearModel
+
+#: a unit that turns from still to still, and one whose first turn spans two intervals
+TURNS = [[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]]
+LAYOUT = ParameterLayout(2, 4)
+MISSED_RAD = np.array([0.01, 0.02, 0.03])
+
+
+def prepared(small, state=None, bias="ends"):
+    rows = [unit_rows(unit, i, small.same, bias) for i, unit in enumerate(small.units)]
+    state = state or small.truth
+    parts = zip(rows, state.models, state.mountings, strict=True)
+    return [with_earth(unit, model, M, state, small.same.group, {0: small.earth}) for unit, model, M in parts]
+
+
+@pytest.fixture(scope="module")
+def small():
+    return small_array(turns=TURNS)
+
+
+@pytest.fixture(scope="module")
+def rows(small):
+    return prepared(small)
+
+
+@pytest.fixture(scope="module")
+def made(small, rows):
+    return array_system(small.truth, small.start, rows, small.same, MISSED_RAD, 0.02)
+
+
+def changed(small, size=1e-3, seed=1):
+    """A state near the truth: all numbers moved."""
+    return small.truth.moved(size * np.random.default_rng(seed).normal(size=LAYOUT.count), LAYOUT)
+
+
+# Parameters.
+
+
+def test_parameters_lie_in_the_stated_order():
+    assert slice(0, 12) == GYROSCOPE
+    assert slice(12, 21) == ACCELEROMETER
+    assert slice(21, 24) == MOUNTING
+    assert LAYOUT.unit(1) == slice(24, 48)
+    assert LAYOUT.unit(1, MOUNTING) == slice(45, 48)
+    assert LAYOUT.gravity == 48
+    assert (LAYOUT.attitudes, LAYOUT.level, LAYOUT.common) == (slice(49, 61), slice(61, 69), slice(69, 75))
+    assert LAYOUT.count == 75
+
+
+def test_a_change_adds_numbers_and_turns_mountings_and_attitudes(small):
+    change = np.random.default_rng(2).normal(size=LAYOUT.count) * 0.1
+    moved = small.truth.moved(change, LAYOUT)
+    for i in range(2):
+        own = change[LAYOUT.unit(i)]
+        np.testing.assert_allclose(moved.models[i].vector, small.truth.models[i].vector + own[:12])
+        np.testing.assert_allclose(moved.accelerometers[i], small.truth.accelerometers[i] + own[12:21])
+        np.testing.assert_allclose(moved.mountings[i], Rotation.from_rotvec(own[21:]).as_matrix() @ small.truth.mountings[i])
+    turned = Rotation.from_rotvec(change[49:61].reshape(-1, 3)) * Rotation.from_quat(small.truth.q_tb, scalar_first=True)
+    assert (turned * Rotation.from_quat(moved.q_tb, scalar_first=True).inv()).magnitude().max() < 1e-12
+    assert moved.gravity_mps2 == pytest.approx(G + change[48])
+
+
+# Rows.
+
+
+def test_values_are_the_error_of_each_end_and_the_force_against_gravity(small, rows):
+    state = changed(small)
+    system, where = array_system(state, small.start, rows, small.same, MISSED_RAD, 0.02)
+    q = Rotation.from_quat(state.q_tb, scalar_first=True)
+    for i, unit in enumerate(rows):
+        M = Rotation.from_matrix(state.mountings[i])
+        found = q[unit.first] * M * turns_by_scipy(unit.batch, state.models[i]) * (q[unit.last] * M).inv()
+        np.testing.assert_allclose(system.values[where.closure[i]], found.as_rotvec(), atol=1e-9)
+        for k, still in enumerate(unit.stills):
+            force = matrix_of(state.accelerometers[i]) @ (unit.force[k] - state.accelerometers[i, 6:])
+            expected = q[still].apply(M.apply(force)) + np.array([0, 0, state.gravity_mps2])
+            np.testing.assert_allclose(system.values[where.force[i]][k], expected, atol=1e-9)
+    assert not system.values[where.common].any()
+    assert not system.values[where.level].any()
+
+
+def test_of_the_truth_nothing_is_left(made):
+    assert np.abs(made[0].values).max() < 1e-9
+
+
+def test_each_column_is_the_derivative_of_the_values(small, rows, made):
+    def values(change):
+        whole = np.zeros(LAYOUT.count)
+        whole[: LAYOUT.attitudes.stop] = change
+        return array_system(small.truth.moved(whole, LAYOUT), small.start, rows, small.same, MISSED_RAD, 0.02)[0].values
+
+    numeric = numeric_jacobian(values, np.zeros(LAYOUT.attitudes.stop), 1e-4)
+    found = made[0].design[:, : LAYOUT.attitudes.stop].copy()
+    for i in range(2):  # the gyroscope's are of first order in the angle from sample to sample, here up to 15°
+        np.testing.assert_allclose(found[:, LAYOUT.unit(i, GYROSCOPE)], numeric[:, LAYOUT.unit(i, GYROSCOPE)], atol=0.01)
+        found[:, LAYOUT.unit(i, GYROSCOPE)] = numeric[:, LAYOUT.unit(i, GYROSCOPE)]
+    np.testing.assert_allclose(found, numeric, atol=1e-6, rtol=1e-6)
+
+
+def test_rows_of_what_is_common_are_ones_in_their_places(made):
+    system, where = made
+    expected = np.zeros((len(system.values), LAYOUT.count - LAYOUT.level.start))
+    level, common = np.arange(8).reshape(4, 2), 8 + np.arange(6).reshape(3, 2)
+    for i, turns in enumerate(TURNS):
+        for row, (a, b) in zip(where.closure[i], turns, strict=True):
+            for k in range(a, b):
+                expected[row[0], common[k, 0]] = expected[row[1], common[k, 1]] = 1.0
+        for row, own in zip(where.force[i], level, strict=True):
+            expected[row[0], own[0]] = expected[row[1], own[1]] = 1.0
+    expected[where.common, common] = 1.0
+    expected[where.level, level] = 1.0
+    np.testing.assert_array_equal(system.design[:, LAYOUT.level.start :], expected)
+    assert not system.design[where.common][..., : LAYOUT.level.start].any()
+    assert not system.design[where.level][..., : LAYOUT.level.start].any()
+
+
+def test_every_row_has_its_place_and_its_component(made):
+    """15 closure rows, 24 of forces, 6 common and 8 level ones."""
+    system, where = made
+    places = [*where.closure, *where.force, where.common, where.level]
+    np.testing.assert_array_equal(np.concatenate([each.ravel() for each in places]), np.arange(53))
+    assert [each.shape for each in places] == [(3, 3), (2, 3), (4, 3), (4, 3), (3, 2), (4, 2)]
+    assert where.names == ("turn.0", "turn.1", "force.0", "force.1", "common.turn", "common.undersampled", "common.level")
+    expected = np.zeros((7, 53))
+    for k, rows in enumerate((*where.closure, *where.force, where.common, where.common, where.level)):
+        expected[k, rows.ravel()] = 1.0
+    expected[5, where.common] = [[1e-4] * 2, [4e-4] * 2, [9e-4] * 2]
+    np.testing.assert_allclose(system.V, expected)
+    assert not system.out.any()
+
+
+def test_variances_are_those_of_white_noise_by_hand(small, made):
+    """A turn's angles share its trace: mean of the squared walks times its duration; a force's is the walk over the still's duration."""
+    system, where = made
+    for i, turns in enumerate(TURNS):
+        seconds = np.array([(b - a) * TURN_S + 0.02 for a, b in turns])
+        turn = np.mean(((1 + i) * WALK) ** 2) * seconds
+        np.testing.assert_allclose(system.base[where.closure[i]], np.repeat(turn[:, None], 3, axis=1))
+        force = np.mean(((1 + i) * FORCE_WALK) ** 2) / (STILL_S + 0.5 * np.arange(4))
+        np.testing.assert_allclose(system.base[where.force[i]], np.repeat(force[:, None], 3, axis=1))
+    assert 0 < system.base[where.common].max() < 1e-6 * system.base[where.closure[0]].min()
+    assert 0 < system.base[where.level].max() < 1e-4 * system.base[where.force[0]].min()
+
+
+def test_priors_hold_the_frame_and_pull_towards_the_start(small, rows):
+    state = changed(small)
+    system, _ = array_system(state, small.start, rows, small.same, MISSED_RAD, 0.02)
+    weak, accelerometer = np.array([0.2] * 9 + [20 * DEG] * 3), SPREAD_MPS2 * np.array([1 / G] * 6 + [1] * 3)
+    for i, mounting in enumerate((HELD, 1.0)):
+        np.testing.assert_allclose(system.prior[LAYOUT.unit(i)], np.concatenate([weak, accelerometer, [mounting] * 3]))
+        pull = np.concatenate([rows[i].centre - state.models[i].vector, IDENTITY - state.accelerometers[i], np.zeros(3)])
+        np.testing.assert_allclose(system.pull[LAYOUT.unit(i)], pull)
+        np.testing.assert_array_equal(rows[i].centre, small.units[i].model.vector)
+    assert system.prior[LAYOUT.gravity] == 0.02
+    assert system.pull[LAYOUT.gravity] == pytest.approx(G - state.gravity_mps2)
+    np.testing.assert_array_equal(system.prior[LAYOUT.attitudes], [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's
+    assert not system.pull[LAYOUT.attitudes.start :].any()
+    assert HELD < 1e-6
+    # what rows of their own bound is free
+    assert system.prior[LAYOUT.level].min() >= STANDARD_G
+    assert system.prior[LAYOUT.common].min() >= 1.0
+
+
+def test_each_group_of_stills_has_a_frame_of_its_own(small, rows):
+    two = replace(small.same, group=np.array([0, 0, 1, 1]))
+    system, _ = array_system(small.truth, small.start, rows, two, MISSED_RAD, 0.02)
+    yaw = system.prior[LAYOUT.attitudes].reshape(-1, 3)[:, 2]
+    np.testing.assert_array_equal(yaw, [HELD, 1, HELD, 1])
+
+
+# Solution: any few rows.
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Sixteen rows, one of which is rejected, three unknowns, two components."""
+    rng = np.random.default_rng(5)
+    V = np.stack([np.repeat([1.0, 0.0], 8), np.repeat([0.0, 2.0], 8)])
+    return System(
+        rng.normal(size=(16, 3)),
+        1.5 * rng.normal(size=16),
+        np.full(16, 0.1),
+        V,
+        np.array([0.5, 2, 10]),
+        np.array([0.3, 0, -1]),
+        np.arange(16) == 4,
+    )
+
+
+def test_components_are_those_of_the_greatest_restricted_likelihood(few):
+    best = minimize(lambda t: few.solved(np.exp(t)).value, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10})
+    found = few.estimated(np.ones(2))
+    assert found.value == pytest.approx(best.fun, abs=1e-4)
+    np.testing.assert_allclose(found.t, np.exp(best.x), rtol=5e-3)
+    far = few.estimated(np.array([1e-3, 1e3]))
+    assert far.value == pytest.approx(best.fun, abs=1e-4)
+
+
+def test_a_component_that_is_held_stays_and_the_other_is_best_beside_it(few):
+    best = minimize(lambda t: few.solved(np.array([0.2, np.exp(t[0])])).value, np.zeros(1), method="Nelder-Mead")
+    found = few.estimated(np.array([0.2, 1.0]), np.array([True, False]))
+    assert found.t[0] == 0.2
+    assert found.value == pytest.approx(best.fun, abs=1e-4)
+
+
+def test_rows_quieter_than_their_noise_have_no_component(few):
+    """The likelihood falls from zero on."""
+    quiet = replace(few, base=np.where(few.V[0] > 0, 30.0, 0.1))
+    found = quiet.estimated(np.ones(2))
+    assert found.t[0] == 0
+    assert found.t[1] > 0.1
+    assert quiet.solved(found.t + np.array([1e-3, 0])).value > found.value
+
+
+def test_a_component_without_rows_stays(few):
+    out = replace(few, V=np.vstack([few.V, np.zeros(16)]))
+    found = out.estimated(np.array([1.0, 1.0, 0.25]))
+    assert found.t[2] == 0.25
+    np.testing.assert_allclose(found.t[:2], few.estimated(np.ones(2)).t, rtol=1e-6)
+    assert np.isinf(found.sigma()[2])
+    np.testing.assert_allclose(found.sigma()[:2], few.solved(found.t[:2]).sigma(), rtol=1e-9)
+
+
+def dense(system, t, kept):
+    """Mean and covariance of the rows' values: the unknowns are random about their priors."""
+    design, variance = system.design[kept], (system.base + t @ system.V)[kept]
+    return -design @ system.pull, np.diag(variance) + design @ np.diag(system.prior**2) @ design.T
+
+
+@pytest.mark.parametrize("rows", [[0, 1], [9, 10], [4, 4]])
+def test_a_block_is_judged_by_all_other_rows(few, rows):
+    """The conditional normal distribution of the block, by dense matrices; the fifth row is rejected, and predicted all the same."""
+    t, block = np.array([0.4, 0.7]), np.unique(rows)
+    rest = ~few.out
+    rest[block] = False
+    both = np.concatenate([block, np.flatnonzero(rest)])
+    mean, C = dense(few, t, both)
+    d = len(block)
+    gain = C[:d, d:] @ np.linalg.inv(C[d:, d:])
+    error = (few.values[both] - mean)[:d] - gain @ (few.values[both] - mean)[d:]
+    spread = C[:d, :d] - gain @ C[d:, :d]
+    chi, found = few.solved(t).blocks(block[None])
+    np.testing.assert_allclose(found[0], error, rtol=1e-9)
+    assert chi[0] == pytest.approx(error @ np.linalg.solve(spread, error), rel=1e-9)
+
+
+def test_leverage_is_how_far_the_solution_follows_a_row(few):
+    t = np.array([0.4, 0.7])
+    found = few.solved(t)
+    for row in (0, 10):
+        moved = replace(few, values=few.values + (np.arange(16) == row))
+        assert 1 - (moved.solved(t).residual - found.residual)[row] == pytest.approx(found.leverage[row])
+    assert found.leverage[4] == 0
+
+
+def test_the_scores_information_is_the_exact_one_where_rows_are_independent(few):
+    """Rows that nothing connects: the expected information is half the sum of (V / variance)^2."""
+    apart = replace(few, design=np.zeros((16, 3)))
+    t = np.array([0.4, 0.7])
+    variance, counted = apart.base + t @ apart.V, ~apart.out
+    _, information = apart.solved(t).score()
+    np.testing.assert_allclose(information, np.einsum("gi,hi->gh", apart.V[:, counted], apart.V[:, counted] / variance[counted] ** 2) / 2)
+    np.testing.assert_allclose(apart.solved(t).sigma(), 1 / np.sqrt(np.diag(information)))
+
+
+def test_further_rows_are_rejected_beside_those_that_are(few):
+    np.testing.assert_array_equal(np.flatnonzero(few.without(np.arange(16) == 7).out), [4, 7])
+
+
+# What a unit brings.
+
+
+def test_biases_of_stills_are_interpolated_between_their_middles(small):
+    """Still rates, less the Earth's, at the middles of the stills."""
+    problem = small.units[0].problem
+    rates = problem.still_rates
+    bias = rates.rate - rates.earth @ np.linalg.inv(problem.first.E).T
+    mean, apart = bias_apart(problem)
+    np.testing.assert_allclose(mean, bias.mean(axis=0))
+    for s, segment in enumerate(problem.used):
+        at_s = segment.start_s + np.concatenate([[0], np.cumsum(problem.batch.dt[s])])
+        for axis in range(3):
+            expected = np.interp(at_s, rates.middle_s, bias[:, axis])
+            np.testing.assert_allclose(mean[axis] + apart[s, :, axis], expected, atol=1e-9 * np.abs(bias).max() + 1e-12)
+
+
+def shaken(unit, still=None, axis=None, by=0.0):
+    """The unit with drifting still rates, one of them moved, and a first model that has E = 1."""
+    rates = unit.problem.still_rates
+    rate = rates.rate + np.array([[1e-4], [-2e-4], [3e-4], [1e-4]])
+    if still is not None:
+        rate = rate.copy()
+        rate[still, axis] += by
+    problem = SimpleNamespace(
+        **{**vars(unit.problem), "still_rates": replace(rates, rate=rate), "first": LinearModel(np.eye(3), np.zeros(3))}
+    )
+    return replace(unit, prepared=SimpleNamespace(problem=problem, as_given=None))
+
+
+def test_the_variance_that_still_rates_bring_is_that_of_moved_rates(small):
+    """Each still's rate moved by a millionth: the ends turn, and squares of that by the rate's sigma add up."""
+    unit = small.units[0]
+    plain = unit_rows(shaken(unit), 0, small.same, "stills")
+    ends = lambda rows: turns_by_scipy(rows.batch, LinearModel(np.eye(3), np.zeros(3)))  # noqa: E731
+    total = np.zeros(3)
+    for still in range(4):
+        for axis in range(3):
+            moved = unit_rows(shaken(unit, still, axis, 1e-6), 0, small.same, "stills")
+            slope = (ends(moved) * ends(plain).inv()).as_rotvec() / 1e-6
+            total += np.sum(slope**2, axis=1) * unit.problem.still_rates.sigma[still, axis] ** 2 / 3
+    own = unit_rows(shaken(unit), 0, small.same, "ends").floor
+    np.testing.assert_allclose(plain.floor - own, np.repeat(total[:, None], 3, axis=1), rtol=2e-3)
+    assert plain.rest is not None
+    np.testing.assert_array_equal(plain.centre[BIAS], 0)
+    assert unit_rows(shaken(unit), 0, small.same, "ends").rest is None
+
+
+def test_with_biases_of_the_stills_the_rates_are_without_them_and_B_is_held(small):
+    rows = prepared(small, bias="stills")
+    system, _ = array_system(small.truth, small.start, rows, small.same, MISSED_RAD, 0.02)
+    mean, apart = bias_apart(small.units[1].problem)
+    whole = small.units[1].problem.batch.rate - mean - apart
+    np.testing.assert_allclose(rows[1].batch.rate, whole[:, : rows[1].batch.rate.shape[1]], atol=1e-12)
+    np.testing.assert_allclose(system.prior[LAYOUT.unit(1)][BIAS], 20 * DEG * HELD)
+
+
+@pytest.mark.parametrize(
+    ("mode", "sigma_mg", "spread"),
+    [
+        ("fit", None, SPREAD_MPS2),
+        ("prior", 3.0, np.full(9, 3 * MG)),
+        ("prior", None, np.full(9, GIVEN_SIGMA_MG * MG)),
+        (None, 3.0, np.full(9, HELD)),
+    ],
+)
+def test_the_accelerometers_prior_is_that_of_its_source(small, mode, sigma_mg, spread):
+    unit = small.units[0]
+    given = replace(unit.problem.session.config.accelerometer, sigma_mg=sigma_mg)
+    config = SimpleNamespace(**{**vars(unit.problem.session.config), "accelerometer": given})
+    problem = SimpleNamespace(
+        **{**vars(unit.problem), "session": SimpleNamespace(config=config), "joint": mode and SimpleNamespace(mode=mode)}
+    )
+    before = SimpleNamespace(**vars(problem))
+    unit = replace(unit, prepared=SimpleNamespace(problem=problem, as_given=lambda: SimpleNamespace(problem=before)))
+    assert force_problem(unit) is (before if mode == "prior" else problem)
+    np.testing.assert_allclose(unit_rows(unit, 0, small.same, "ends").prior, spread * np.array([1 / G] * 6 + [1] * 3))
+    x = IDENTITY + 0.01 * np.arange(9)
+    after = accelerometer_after(unit, x)
+    assert after is given if mode is None else (after.source == ("stills" if mode == "fit" else "prior"))
+    if mode:
+        np.testing.assert_allclose(after.matrix @ ([1.0, 2, 3] - after.bias_mps2), matrix_of(x) @ ([1.0, 2, 3] - x[6:]))
+
+
+def test_the_search_starts_at_the_units_own_fits_and_the_anchors_attitudes(small):
+    rows = prepared(small)
+    start = start_state(small.units, rows, replace(small.same, anchor=1))
+    off = Rotation.from_quat(start.q_tb, scalar_first=True) * Rotation.from_quat(small.truth.q_tb, scalar_first=True).inv()
+    place = Rotation.from_matrix(small.units[1].place.mounting @ small.truth.mountings[1].T)
+    np.testing.assert_allclose(off.magnitude(), place.magnitude(), rtol=1e-6)
+    assert [model.vector.tolist() for model in start.models] == [unit.model.vector.tolist() for unit in small.units]
+    np.testing.assert_array_equal(start.accelerometers, [IDENTITY] * 2)
+    assert start.gravity_mps2 == G
+
+
+# The Earth.
+
+
+@pytest.fixture(scope="module")
+def level():
+    """Three units over five stills under the Earth at 48° N, the table's x axis 30° from north; their rates err by less than it."""
+    found = small_array(3, 5, seed=3, earth=with_heading(48.0, 30.0))
+    rng = np.random.default_rng(6)
+    for i, unit in enumerate(found.units):
+        sigma = np.full((5, 3), (1 + i) * 4e-6)
+        rates = replace(unit.problem.still_rates, sigma=sigma, rate=unit.problem.still_rates.rate + sigma * rng.normal(size=(5, 3)))
+        unit.problem.still_rates = rates
+        unit.problem.first = found.truth.models[i]
+        unit.problem.earths = {0: replace(found.earth, source="estimated")}
+    return found
+
+
+def test_headings_of_all_units_are_weighed_by_their_variances(level):
+    """The horizontal part is the mean over the heading's normal distribution, by integration; the vertical one is known."""
+    found = common_earth(level.units, level.truth, level.same)[0]
+    q = Rotation.from_quat(level.truth.q_tb, scalar_first=True)
+    angle, sigma = [], []
+    for i, unit in enumerate(level.units):
+        at, rates = wxyz(q * Rotation.from_matrix(level.truth.mountings[i])), unit.problem.still_rates
+        one = estimate_heading(48.0, at, level.truth.models[i](rates.rate), rates.sigma)
+        angle.append(one.heading_rad)
+        sigma.append(one.heading_sigma_rad)
+    weight = 1 / np.square(sigma)
+    mean, left = np.sum(weight * angle) / weight.sum(), weight.sum() ** -0.5
+    assert 0.005 < left < 0.5
+    assert found.heading_rad == pytest.approx(mean, abs=0.05 * left)  # of angles so near each other
+    assert found.heading_sigma_rad == pytest.approx(left)
+    assert found.source == "estimated"
+    assert abs(found.heading_rad - 30 * DEG) < 5 * left
+    z = np.linspace(-8, 8, 2001)
+    density = np.exp(-(z**2) / 2) / np.exp(-(z**2) / 2).sum()
+    h = found.heading_rad + left * z
+    north = EARTH_RATE_RPS * np.cos(48 * DEG)
+    expected = [north * density @ np.cos(h), -north * density @ np.sin(h), -EARTH_RATE_RPS * np.sin(48 * DEG)]
+    np.testing.assert_allclose(found.rate_t, expected, rtol=1e-6)
+
+
+def with_earths(level, earth, latitude=48.0):
+    anchor = level.units[0]
+    site = SimpleNamespace(**{**vars(anchor.problem.session.config.site), "latitude_deg": latitude})
+    session = SimpleNamespace(config=SimpleNamespace(site=site, accelerometer=None))
+    problem = SimpleNamespace(**{**vars(anchor.problem), "earths": {0: earth}, "session": session})
+    return [replace(anchor, prepared=SimpleNamespace(problem=problem)), *level.units[1:]]
+
+
+def test_an_earth_that_is_given_or_cannot_be_told_stays(level):
+    unknown = EarthRate(np.zeros(3), None, np.inf, "unknown")
+    for earth, latitude in ((level.earth, 48.0), (EarthRate(np.zeros(3), None, np.inf, "none"), 48.0), (unknown, None)):
+        assert common_earth(with_earths(level, earth, latitude), level.truth, level.same)[0] is earth
+    assert common_earth(with_earths(level, unknown), level.truth, level.same)[0].source == "estimated"
+
+
+def test_two_units_with_three_stills_of_a_group_tell_its_heading(level):
+    def with_stills(*counts):
+        stills = tuple(tuple(s if q < n else None for q, s in enumerate(own)) for n, own in zip(counts, level.same.stills, strict=True))
+        return common_earth(level.units, level.truth, replace(level.same, stills=stills))[0]
+
+    before = level.units[0].problem.earths[0]
+    assert with_stills(5, 2, 2) is before  # one alone tells no more than it has told
+    assert with_stills(3, 3, 2) is not before
+    assert with_stills(3, 3, 2).heading_sigma_rad == pytest.approx(with_stills(3, 3, 0).heading_sigma_rad)
+    assert with_stills(3, 3, 3).heading_sigma_rad < with_stills(3, 3, 2).heading_sigma_rad
+    other = replace(level.same, group=np.array([0, 0, 1, 1, 1]))
+    assert common_earth(level.units, level.truth, other)[0] is before  # two stills of group 0
+
+
+def test_the_earth_turns_with_the_body(level):
+    rows = prepared(level)
+    q = Rotation.from_quat(level.truth.q_tb, scalar_first=True)
+    for i, unit in enumerate(rows):
+        M = Rotation.from_matrix(level.truth.mountings[i])
+        begins = (q[unit.first] * M).inv().apply(level.earth.rate_t)
+        np.testing.assert_allclose(unit.batch.earth[:, 0], begins, atol=1e-12)
+        ends = (q[unit.last] * M).inv().apply(level.earth.rate_t)
+        np.testing.assert_allclose(unit.batch.earth[:, -1], ends, atol=1e-3 * EARTH_RATE_RPS)

@@ -1,4 +1,4 @@
-"""How ``benchmarks/real_recordings.py`` counts and prints: wrong names by the truth, what was missed, faults that are not expected."""
+"""How ``benchmarks/real_recordings.py`` counts: wrong names by the truth, what was missed, faults that are not expected."""
 
 import sys
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-from real_recordings_page import missed, said_wrongly
+from real_recordings_page import is_predicted, missed, said_wrongly
 
 TRUTH = {
     "none": {"effects": {}},
@@ -57,3 +57,11 @@ def test_real_sets_have_no_truth_but_no_faults_of_the_log_either():
     assert said_wrongly(result("mimu", "e1u0", "data.glitches", "gyro.bandwidth"), TRUTH) == ["data.glitches"]
     assert said_wrongly(result("xsens", "none", "data.glitches"), TRUTH) == []
     assert missed(result("mimu", "skew"), TRUTH) == []
+
+
+@pytest.mark.parametrize(("predicted_deg", "right"), [(0.11, False), (0.12, True), (0.25, True), (0.27, False)])
+def test_undersampling_is_right_within_a_factor_of_the_excess_over_the_floor(predicted_deg, right):
+    # sqrt(0.2**2 - 0.1**2) is 0.173
+    assert is_predicted(result("mimu", "e1u0", claim("motion.undersampled", predicted_deg=predicted_deg))) is right
+    assert is_predicted(result("mimu", "e1u0", claim("motion.undersampled", predicted_deg=predicted_deg), after=0.1)) is False
+    assert is_predicted(result("mimu", "e1u0")) is None

@@ -388,31 +388,31 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
 
 def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstability:
     """Estimate the bias instability from the stills alone."""
-    pieces = [piece for number, log in enumerate(logs) for piece in _pieces(number, logs)]
+    pieces = [piece for number, log in enumerate(logs) for piece in pieces_at_rest(number, logs)]
     if not pieces:
         return BiasInstability(0.0, UNKNOWN)
     rate, log, t_s, span_s, walk, down, q_tb, group, temp_c = (np.array(column) for column in zip(*pieces, strict=True))
     for g in np.unique(group):
         rate[group == g] -= earths[int(g)].in_body(q_tb[group == g])
     heading_known = all(earths[int(g)].source in ("given", "estimated") for g in np.unique(group))
-    sideways = [np.zeros((len(t_s), 0)) if heading_known else _sideways(q_tb, group, axis) for axis in range(3)]
+    sideways = [np.zeros((len(t_s), 0)) if heading_known else sideways_columns(q_tb, group, axis) for axis in range(3)]
     white, flicker = walk**2 / span_s[:, None], wander_covariance(t_s, span_s, instability_rps=1.0)
     steps = np.zeros((len(t_s), 0))
     for _ in range(MOST_STEPS + 1):
-        columns = [_columns(log, t_s, down, side, temp_c, steps) for side in sideways]
+        columns = [other_causes(log, t_s, down, side, temp_c, steps) for side in sideways]
         if sum(len(t_s) - each.shape[1] for each in columns) < LEAST_STILL_FREEDOM:
             return BiasInstability(0.0, UNKNOWN)
-        likelihood = [_log_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)]
-        found = _posterior(np.sum(likelihood, axis=0))
-        step = _step(rate, columns, white, found.rps**2 * flicker)
+        likelihood = [restricted_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)]
+        found = posterior_of_instability(np.sum(likelihood, axis=0))
+        step = step_of_bias(rate, columns, white, found.rps**2 * flicker)
         if step is None:
             break
         steps = np.concatenate([steps, step[:, None]], axis=1)
     return found
 
 
-def _posterior(likelihood: np.ndarray) -> BiasInstability:
-    """Mean, sigma and limit under a flat prior over the grid."""
+def posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:
+    """Mean, sigma and 95 % limit of B under a flat prior, from its log-likelihood (B,) at each of ``GRID_RPS``."""
     weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID_RPS)
     weight /= weight.sum()
     mean = float(weight @ GRID_RPS)
@@ -420,9 +420,9 @@ def _posterior(likelihood: np.ndarray) -> BiasInstability:
     return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), GRID_RPS)), of_unit=True)
 
 
-def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
-    """Iterate over the reference stills of a log, whole or in parts: mean rate, log, moment and span s, angle random walk, gravity's
-    direction, attitude, yaw group, degC or NaN."""
+def pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:
+    """Iterate over the reference stills of a log, whole or in parts: mean rate (3,) rad/s, log, moment and span s, angle random walk (3,),
+    gravity's direction (3,), attitude (4,), yaw group, degC or NaN."""
     log, began = logs[number], sum(before.samples.duration_s for before in logs[:number])
     rested = sum(still.duration_s for each in logs for still in each.stills if still.problem is None)
     samples, walk, piece_s = log.samples, log.noise.angle_random_walk, max(PIECE_S, rested / MOST_PIECES)
@@ -442,13 +442,18 @@ def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
             yield samples.gyro[a:b].mean(axis=0), number, middle_s, (b - a) * samples.period_s, walk, down, q, group, temp_c
 
 
-def _sideways(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
-    """(N, 2 groups): columns of a horizontal rate fixed in the table, on one body axis; gravity's direction covers the vertical rate."""
+def sideways_columns(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
+    """(N, 2 groups) of pieces with attitudes (N, 4): columns of a horizontal rate fixed in the table, on one body axis.
+
+    Gravity's direction covers the vertical rate.
+    """
     turn = rotation.matrix(q_tb)
     return np.stack([np.where(group == g, turn[:, i, axis], 0.0) for g in np.unique(group) for i in (0, 1)], axis=1)
 
 
-def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def other_causes(
+    log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray
+) -> np.ndarray:
     """(N, r), orthonormal: other causes of bias changes, the likeliest first; r is at most half the number of pieces."""
     x, y, z = down.T
     own = [(log == number)[:, None].astype(float) for number in np.unique(log)]
@@ -464,8 +469,11 @@ def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.nd
     return u[:, s > 1e-6]
 
 
-def _log_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
-    """(B,) restricted log-likelihood of one axis at each of ``GRID_RPS``, with outliers; the columns' coefficients are fitted."""
+def restricted_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
+    """(B,) restricted log-likelihood of one axis at each of ``GRID_RPS``, with outliers; the columns' coefficients are fitted.
+
+    rate (N,) rad/s; columns (N, r); white (N,) (rad/s)^2; flicker (N, N), the wander's covariance for B = 1 rad/s.
+    """
     every = max(1, SAMPLES_AT_ONCE // len(flicker) ** 2)
     return np.concatenate([_of_some(rate, columns, white, flicker, GRID_RPS[k : k + every]) for k in range(0, len(GRID_RPS), every)])
 
@@ -487,8 +495,8 @@ def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: 
     return np.sum(np.log(usual + wild), axis=(1, 2)) - np.sum(np.log(diagonal), axis=1) - information / 2
 
 
-def _step(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
-    """(N,) the bias step, common to all axes at one moment, that reduces chi-square most; None if it is not significant."""
+def step_of_bias(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
+    """(N,) the bias step of rates (N, 3), common to all axes at one moment, that reduces chi-square most; None if it is not significant."""
     after = np.tril(np.ones((len(rate), len(rate))))[:, 1:]  # from each piece on
     gain = np.zeros(after.shape[1])
     for axis in range(3):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,14 +18,16 @@ from session.detect.segments import (
     moved_at,
     pace_of,
     run_ends,
+    session_segments,
     span_space,
     why_broken,
     why_too_few,
     without_excluded,
 )
-from session.detect.stills import Still
+from session.detect.stills import LogStills, Noise, Still
 from session.io.config import LeftOut
-from session.io.logfile import KnownTurn
+from session.io.folder import Session
+from session.io.logfile import KnownTurn, Log
 from session.io.samples import Samples
 from session.io.units import DEG, NS
 
@@ -167,6 +170,7 @@ def test_a_run_begins_and_ends_in_one_attitude_to_half_a_degree():
         assert (ends.first, ends.last, ends.broken, ends.returned) == (stills[0], stills[2], None, returned)
         assert ends.away_rad == pytest.approx(angle_deg * DEG)
     assert run_ends(samples, [stills[0], stills[3]], CONFIG.sensor) is None
+    assert run_ends(samples, [stills[0], stills[2]], CONFIG.sensor).last is stills[2]
     samples.gyro[800] = 574 * DEG  # the first sample of the last still belongs to it, and no later one
     assert run_ends(samples, stills, CONFIG.sensor).broken is not None
     assert run_ends(samples, stills, CONFIG.sensor, np.arange(1000) == 800).broken is None
@@ -192,6 +196,28 @@ def test_a_turn_is_left_out_by_a_moment_in_which_it_moved():
     assert moments_of(Path("a/log1.csv.gz"), rows) == [12.0]
     assert [s.accepted for s in without_excluded([segment], samples, Path("log1.csv"), rows)] == [False]
     assert without_excluded([segment], samples, Path("log3.csv"), rows) == [segment]
+
+
+def test_stills_and_turns_are_counted_over_all_logs():
+    """A log without a still is not counted; stills that are known to move by their number are none."""
+    stills = [still(0, 100), still(400, 500), still(800, 900)]
+    samples = samples_of(900, [0, 0, 30 * DEG])
+    logs = [Log(Path(name), samples) for name in ("a.csv", "b.csv", "c.csv")]
+    found = [
+        LogStills(samples, stills if log.path.stem != "b" else [], Noise(DOWN, DOWN) if log.path.stem != "b" else None) for log in logs
+    ]
+    session = Session(Path("s"), replace(CONFIG, exclude=(LeftOut("c.csv", 7 + 6.0),)), tuple(logs), ())
+    of = SimpleNamespace(of=lambda log: found[logs.index(log)])
+    said = []
+    first, second = session_segments(session, of, (), said.append)
+    assert said == ["stills of a.csv", "stills of b.csv", "stills of c.csv"]
+    assert [(s.number, s.log, s.problem) for s in (*first.segments, *second.segments)] == [
+        (0, 0, None), (1, 0, None), (2, 1, None), (3, 1, "left out in session.toml"),
+    ]  # fmt: skip
+    first, second = session_segments(session, of, (1, 3))
+    moving = "turns about the vertical"
+    assert [s.problem for s in (*first.stills, *second.stills)] == [None, moving, None, moving, None, None]
+    assert [(s.number, s.note) for s in (*first.segments, *second.segments)] == [(0, f"passes over a still that {moving}"), (1, None)]
 
 
 # Known turns
@@ -228,6 +254,7 @@ def test_a_stated_angle_may_be_off_by_a_tenth_and_five_degrees(sign):
     assert contradiction(known(sign * 450), read) == f"{says}: 1 full circle fewer than stated"
     assert contradiction(known(sign * 810), read) == f"{says}: 2 full circles fewer than stated"
     assert contradiction(known(sign * 70), read) == says
+    assert contradiction(known(sign * 300), read) == says  # nearly, but for a circle, it is not either
     assert contradiction(known(sign * -270), read) == f"{says}: 1 full circle more than stated"
     assert contradiction(known(90), np.zeros(3)) == "the gyro turned 0.0 deg about 0.00;0.00;0.00, not about z"
 

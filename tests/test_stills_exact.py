@@ -155,6 +155,7 @@ def test_a_still_lasts_seven_tenths_of_the_protocols(count, still_s, found):
     assert stills[1].start_s == pytest.approx(stills[1].start * 0.0125)
     assert stills[1].duration_s == pytest.approx((stills[1].stop - stills[1].start) * 0.0125)
     assert stills[1].temp_c == pytest.approx(20 + (stills[1].start + stills[1].stop - 1) / 2 * 0.0125)
+    assert ([len(Blocks(short).stills(0.1)) for short in (2, 3)]) == [0, 1]
     assert stills[1].middle == (stills[1].start + stills[1].stop) // 2
 
 
@@ -327,12 +328,13 @@ def test_a_rest_of_a_neighbours_attitude_within_a_second_was_knocked(apart, angl
 @pytest.mark.parametrize(("dps", "long", "cause"), [(3.003, True, "turns"), (2.997, False, "too short"), (3.003, False, None)])
 def test_a_rest_at_another_rate_is_a_steady_turn_or_the_middle_of_a_slow_one(dps, long, cause):
     blocks = Blocks(80)
+    blocks.gyro_mean += 0.04  # of the bias
     turning = np.arange(25, 32 if long else 31)
-    blocks.loud(*range(20, 25), *range(turning[-1] + 1, 50)).gyro_mean[turning, 1] -= dps * DEG
-    blocks.force[turning] = [G, 0, 0]
+    blocks.loud(*range(20, 25), *range(turning[-1] + 1, 40), *range(44, 55)).gyro_mean[turning, 1] -= dps * DEG
+    blocks.force[turning], blocks.force[40:44] = [G, 0, 0], [0, G, 0]
     samples = blocks.samples(1 / 64)  # seven blocks are 0.875 s and seven tenths of the protocol's, to the last digit
     found = unused_rests(samples, find_stills(samples, 1.25)[0], 1.25)
-    assert [rest.cause for rest in found] == ([cause] if cause else [])
+    assert [rest.cause for rest in found] == [cause, "too short"][cause is None :]
     assert cause != "turns" or found[0].why == "turns at a steady 3.0 dps"
 
 

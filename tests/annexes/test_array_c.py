@@ -2,6 +2,7 @@
 
 import ctypes
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import processes
@@ -9,9 +10,10 @@ import pytest
 from simulated_array import DEG, DENSITY, measured, model_of, motion, units
 
 import calibrate
-from tinygc.annexes.arrays.c_code import array_source
+from tinygc.annexes.arrays.c_code import array_source, c_constants, self_test_vectors
 from tinygc.annexes.arrays.fusion import save_array_model
-from tinygc.annexes.arrays.voting import REASONS, LiveArray
+from tinygc.annexes.arrays.voting import DIFFERS, REASONS, LiveArray, Tables
+from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.source import FLAGS
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
@@ -103,6 +105,60 @@ def test_c_fuses_and_votes_as_python_does(count, tmp_path):
     np.testing.assert_allclose(np.sqrt(variances[some]), sigma[some], rtol=2e-3)
     assert len(set(why.ravel())) >= (2 if count == 2 else 3)
     assert disagree.any() == (count < 8)
+
+
+def test_self_test_vectors_are_a_turn_in_which_the_last_unit_lies_from_the_25th_sample_on():
+    """sin of one, two and half a circle by 0.3, 0.2 and 0.4 rad/s, each unit's own noise on it, 2 rad/s from sample 24 on."""
+    model = model_of(units(4, density=np.array([1.0, 2, 3, 4]) * DENSITY))
+    inputs, rates, why = self_test_vectors(model)
+    assert inputs.shape == (64, 4, 3)
+    assert inputs.dtype == rates.dtype == np.float32
+    omega = np.sin(2 * np.pi * np.arange(64)[:, None] / 64 * [1.0, 2.0, 0.5]) * [0.3, 0.2, 0.4]
+    clean = np.einsum("nij,tnj->tni", np.linalg.inv(model.matrices), omega[:, None] - model.offsets)
+    clean[24:, 3] += 2.0
+    off = (inputs - clean) / (np.array([1.0, 2, 3, 4]) * DENSITY * np.sqrt(model.rate_hz / 2))[:, None]
+    np.testing.assert_allclose(off.std(axis=(0, 2)), 1.0, atol=5 / np.sqrt(2 * 192))
+    assert np.abs(off.mean(axis=(0, 2))).max() < 5 / np.sqrt(192)
+    assert np.abs(off).max() < 5
+    np.testing.assert_array_equal(why, [0, 0, 0, DIFFERS])
+    np.testing.assert_allclose(rates, LiveArray(model)(inputs.astype(float)).rate, rtol=1e-6)
+    again = self_test_vectors(model)[0]
+    np.testing.assert_array_equal(again, inputs)
+
+
+def test_tables_and_scalars_are_the_votes_in_single_precision():
+    model = model_of(units(2))
+    table, constants, files = Tables.of(model), c_constants(model), array_source(model)
+    for name, of in {"MATRIX": "matrix", "OFFSET": "offset", "WEIGHT": "weights", "SHARE": "share", "NOISE": "noise", "FIXED": "fixed",
+                     "SPREAD": "spread", "OWN": "own", "END_OF_RANGE": "end"}.items():  # fmt: skip
+        np.testing.assert_array_equal(constants[name], getattr(table, of).astype(np.float32))
+    defined = dict(line.split()[1:3] for line in files["tinygc_array.c"].splitlines() if line.startswith("#define") and "UNITS" not in line)
+    numbers = {name: float(value.rstrip("f")) for name, value in defined.items()}
+    expected = {
+        "SCALE2": table.scale2, "DELAY2": table.delay2, "ALPHA": table.alpha, "MEAN_SHARE": table.alpha / (2 - table.alpha), "ASIDE2": 36,
+        "SLOW2": 36, "FAST": 9, "BACK": 0.5, "ALONE": 0.25, "DEAD_AFTER": table.dead, "STUCK_AFTER": table.stuck, "HOLD_FOR": table.hold,
+        "FEWEST": 3, "SOON_STUCK": 4, "TEST_COUNT": 64,
+    }  # fmt: skip
+    assert numbers == pytest.approx(expected, rel=1e-6)
+    assert "2e-05f * (1.0f + size)" in files["tinygc_array.c"]
+    assert "TINYGC_ARRAY_UNITS 2" in files["tinygc_array.h"]
+    unknown = model_of([replace(unit, sensor=None) for unit in units(2)])
+    np.testing.assert_array_equal(c_constants(unknown)["END_OF_RANGE"], np.float32(1e30))
+    assert "from_registers" not in "".join(array_source(unknown).values())
+
+
+@pytest.mark.parametrize(("size", "refused"), [(1.1e30, True), (0.9e30, False)])
+def test_numbers_that_single_precision_cannot_reckon_with_are_refused(size, refused):
+    found = units(2)
+    found[1] = replace(
+        found[1], model=replace(found[1].model, B=np.array([size, 0.0, 0.0])), place=replace(found[1].place, mounting=np.eye(3))
+    )
+    model = model_of([replace(unit, covariance=None) for unit in found])
+    if refused:
+        with pytest.raises(ExportError, match=r"the model has a number of 1\.1e"):
+            array_source(model)
+    else:
+        assert array_source(model)
 
 
 def test_the_self_test_passes_and_fails_where_a_table_is_another(tmp_path):

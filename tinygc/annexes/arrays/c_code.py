@@ -388,13 +388,15 @@ TEST_COUNT, TEST_LIES_FROM, TEST_LIE = 64, 24, 2.0
 #: relative tolerance of the self-test, for values plus 1 rad/s: two orders of operations in single precision differ by less
 TEST_TOLERANCE = 2e-5
 _SEED = 16
+#: largest number of a table; the end of an unknown full scale
+MOST = 1e30
 
 
 def array_source(model: ArrayModel) -> dict[str, str]:
     """Return file name -> text.  Raises ExportError for numbers that exceed single precision."""
     tables, constants = Tables.of(model), c_constants(model)
     worst = max(float(np.abs(table[np.isfinite(table)]).max(initial=0.0)) for table in constants.values())
-    if worst > 1e30:
+    if worst > float(np.float32(MOST)):
         raise ExportError(f"the model has a number of {worst:.3g}, which single precision cannot reckon with; json carries it")
     registers = _per_lsb(model)
     if registers is not None:
@@ -444,9 +446,9 @@ def array_source(model: ArrayModel) -> dict[str, str]:
 
 
 def c_constants(model: ArrayModel) -> dict[str, np.ndarray]:
-    """Return the tables in single precision, by their names in C; a unit with an unknown full scale gets the largest float as its end."""
+    """Return the tables in single precision, by their names in C; a unit with an unknown full scale gets ``MOST`` as its end."""
     tables = Tables.of(model)
-    end = np.where(np.isfinite(tables.end), tables.end, 1e30)
+    end = np.where(np.isfinite(tables.end), tables.end, MOST)
     return {
         name: np.asarray(table, dtype=np.float32)
         for name, table in {

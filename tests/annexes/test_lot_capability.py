@@ -64,7 +64,7 @@ def test_risks_by_direct_integration(lower, upper, guard):
 
     low, high = max(lower, mean - 9 * sigma), min(upper, mean + 9 * sigma)
     outside = [(low - 8 * noise, low)] * math.isfinite(lower) + [(high, high + 8 * noise)] * math.isfinite(upper)
-    accept, reject = risks(lower, upper, mean, sigma, noise, guard)
+    accept, reject = risks(lower, upper, mean, sigma, noise, *([guard] if guard else []))
     assert accept == pytest.approx(over(accepted, outside), rel=1e-3)
     assert reject == pytest.approx(over(lambda x: 1 - accepted(x), [(low, high)]), rel=1e-3)
     assert risks(lower, upper, mean, sigma, 0.0) == (0, 0)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import integrate, optimize, stats
+from scipy import optimize, stats
 from simulated_lots import COUNT, SPREAD, simulated_lot, truth
 from small_lots import Dense, believed, small_lot
 
@@ -262,7 +262,7 @@ def test_tails_are_those_of_the_largest_likelihood():
     told, member = np.full(60, 2), np.linspace(0.5, 1, 60)
 
     def logs(tails):
-        return member @ [stats.multivariate_t([0, 0], df=tails).logpdf([np.sqrt(d), 0]) for d in delta]
+        return member @ stats.multivariate_t([0, 0], df=tails).logpdf(np.column_stack([np.sqrt(delta), 0 * delta]))
 
     best = optimize.minimize_scalar(lambda tails: -logs(tails), bounds=(2.5, 30), method="bounded").x
     assert tails_of(delta, told, member) == pytest.approx(best, rel=1e-3)
@@ -276,12 +276,10 @@ def test_tails_are_taken_at_one_percent(p, taken):
     told, member, rest = np.full(40, 2), np.ones(40), stats.chi2.ppf((np.arange(39) + 0.5) / 40, 2)
 
     def gain(last):
-        delta = np.append(rest, last)
-        of = lambda inverse: np.sum([stats.multivariate_t([0, 0], df=1 / inverse).logpdf([np.sqrt(d), 0]) for d in delta])  # noqa: E731
-        return 2 * (
-            -optimize.minimize_scalar(lambda i: -of(i), bounds=(1e-4, 0.4), method="bounded").fun
-            - np.sum(stats.norm.logpdf(np.sqrt(delta)) + stats.norm.logpdf(0))
-        )
+        y = np.column_stack([np.sqrt(np.append(rest, last)), np.zeros(40)])
+        of = lambda inverse: -np.sum(stats.multivariate_t([0, 0], df=1 / inverse).logpdf(y))  # noqa: E731
+        best = optimize.minimize_scalar(of, bounds=(1e-4, 0.4), method="bounded").fun
+        return 2 * (-best - np.sum(stats.norm.logpdf(y)))
 
     last = optimize.brentq(lambda last: stats.chi2.sf(max(gain(last), 0), 1) / 2 - p, 10, 60, xtol=1e-3)
     assert np.isfinite(tails_of(np.append(rest, last), told, member)) == taken
@@ -334,12 +332,14 @@ def test_freedom_is_fishers_information_of_the_variance(tails):
     found = in_si(lot, belief, passed(lot, belief), 1, True)
     noise = [1 / sum(1 / (lot.covariance(np.flatnonzero(lot.unit == u))[:, 10, 10] + belief.repeatability[10, 10])) for u in range(4)]
 
-    def information(N):
-        logs = lambda y, variance: stats.t.logpdf(y, tails, scale=np.sqrt(N + variance))  # noqa: E731
-        score = lambda y: (logs(y, 0.7 + 1e-5) - logs(y, 0.7 - 1e-5)) / 2e-5  # noqa: E731
-        return integrate.quad(lambda y: score(y) ** 2 * np.exp(logs(y, 0.7)), -60, 60, points=[-3, 0, 3], limit=200)[0]
+    y = np.linspace(-200, 200, 200_001)
 
-    assert found.spread_freedom[10] == pytest.approx(2 * 0.7**2 * sum(map(information, noise)) * (4 - 2) / 4, rel=1e-4)
+    def information(N):
+        logs = lambda variance: stats.t.logpdf(y, tails, scale=np.sqrt(N + variance))  # noqa: E731
+        score = (logs(0.7 + 1e-5) - logs(0.7 - 1e-5)) / 2e-5
+        return np.sum(score**2 * np.exp(logs(0.7))) * 2e-3
+
+    assert found.spread_freedom[10] == pytest.approx(2 * 0.7**2 * sum(map(information, noise)) * (4 - 2) / 4, rel=1e-3)
     assert np.isnan(found.spread_freedom[0])
     if np.isfinite(tails):
         return
@@ -350,16 +350,16 @@ def test_freedom_is_fishers_information_of_the_variance(tails):
 
 
 def test_freedom_of_several_numbers_with_tails():
-    """The inverse of the information matrix of a bivariate t's three shape numbers, by a million draws of its scores."""
+    """The inverse of the information matrix of a bivariate t's three shape numbers, by draws of its scores."""
     lot = small_lot([1] * 4)
     lot = dataclasses.replace(lot, covariances=lot.covariances * 1e-9)
     belief = believed(np.eye(2), 1e-9 * np.eye(2), tails=5.0, beta_covariance=np.eye(2 * COUNT))
     freedom = in_si(lot, belief, passed(lot, belief), 1, True).spread_freedom[KNOWN]
-    y = stats.multivariate_t([0, 0], np.eye(2), df=5.0, seed=1).rvs(1_000_000)
+    y = stats.multivariate_t([0, 0], np.eye(2), df=5.0, seed=1).rvs(300_000)
     weight = 7 / (5 + np.sum(y**2, axis=1))
     scores = np.column_stack([(weight * y[:, 0] ** 2 - 1) / 2, (weight * y[:, 1] ** 2 - 1) / 2, weight * y[:, 0] * y[:, 1]])
     variance = np.linalg.inv(np.cov(scores.T))[0, 0]
-    assert freedom == pytest.approx(2 / variance * 4 * (4 - 2) / 4, rel=0.005)
+    assert freedom == pytest.approx(2 / variance * 4 * (4 - 2) / 4, rel=0.01)
 
 
 # To the end

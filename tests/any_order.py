@@ -1,6 +1,7 @@
 """Whatever ran before, and however slow the machine is: the same examples, the same draws, no reader that is left; ``--shuffle SEED``.
 
-Files with the most ``slow`` tests begin, so that no worker is left with a long one at the end while the others have nothing to do.
+Files with the most ``slow`` tests begin, then those that start commands, so that no worker is left with a long one at the end while the
+others have nothing to do.
 """
 
 from __future__ import annotations
@@ -46,9 +47,11 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for path in sorted(files, key=lambda path: _length(files[path]), reverse=True) for item in files[path]]
 
 
-def _length(tests: list) -> tuple[int, int]:
-    """Of a file, by its number of slow test functions, however many parameters each has, and of all tests."""
-    return len({test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}), len(tests)
+def _length(tests: list) -> tuple[int, bool, int]:
+    """Of a file, by its number of slow test functions, however many parameters each has, whether it starts commands, and of all tests."""
+    slow = {test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}
+    starts = any(getattr(value, "__module__", None) == "processes" for value in vars(tests[0].module).values())
+    return len(slow), starts, len(tests)
 
 
 def pytest_collection_finish():

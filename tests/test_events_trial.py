@@ -608,7 +608,7 @@ def test_clipped_turns_close_worse_than_the_others_by_the_model_of_the_others():
 
 @pytest.mark.parametrize(
     ("register", "excess", "borne_out"),
-    [(True, 2.01, True), (True, 1.99, False), (True, np.nan, True), (False, 10.1, True), (False, 9.9, False), (False, np.nan, False)],
+    [(True, 2.01, True), (True, 2.0, False), (True, np.nan, True), (False, 10.1, True), (False, 10.0, False), (False, np.nan, False)],
 )
 def test_a_level_is_clipping_if_its_turns_close_worse(monkeypatch, register, excess, borne_out):
     """Twice for a level of the registers, which has no other cause; ten times for plateaus."""

@@ -203,3 +203,32 @@ def test_a_fit_goes_back_to_the_gauge_where_that_costs_nothing(monkeypatch):
         gauged = SimpleNamespace(state=found.fit.state, r=found.fit.r + 1, chi_square=found.fit.chi_square - worse)
         monkeypatch.setattr("tinygc.explanation.evidence.in_gauge", lambda twin, whiten, fit, gauged=gauged: gauged)
         assert (settled(twin, found.whiten, found.fit) is not gauged) == kept
+
+
+def test_a_guess_of_what_is_hardly_seen_is_held_by_its_prior():
+    """A step under the plausible size, one under the size so found, and the density of what it leaves: by least squares with rows for the
+    prior, and the dense covariance."""
+    weak = effect("weak", 2, plausible=0.05)
+    twin = spoilt_twin((weak, [0.6, -0.5]))
+    evidence = twin.evidence()
+    nothing = evidence.nothing
+    C = nothing.whiten.covariance
+    root = np.linalg.cholesky(C)
+    J = np.hstack([np.delete(twin.calibration * PRIORS, [12, 13], axis=1), twin.columns_of(weak)])
+    r = nothing.whiten.back(nothing.fit.r)
+
+    def step(prior):
+        rows = np.vstack([np.linalg.solve(root, J * prior), np.eye(15)])
+        return prior * np.linalg.lstsq(rows, np.r_[-np.linalg.solve(root, r), np.zeros(15)], rcond=None)[0]
+
+    prior = np.r_[np.ones(13), 0.05, 0.05]
+    prior[13:] = np.sqrt(np.mean(step(prior)[13:] ** 2))
+    left = r + J @ step(prior)
+    variance = np.diag(np.diag(twin.evidence().whiteners.white.covariance)) + (J * prior) @ (J * prior).T
+
+    def density(s):
+        whole = variance + np.diag(np.repeat([s[0] ** 2, s[1] ** 2, 0.0], twin.sizes))
+        return np.linalg.slogdet(whole)[1] + left @ np.linalg.solve(whole, left)
+
+    best = optimize.minimize(density, nothing.noise.s + 0.1, method="Powell").fun
+    assert evidence.guess(nothing, add=weak).score == pytest.approx(best + evidence.price(weak), abs=0.05)

@@ -204,13 +204,13 @@ def run(error=1e-3, p=0.5, lost=""):
         ({"closure_p": 0.0099}, None, "fail"),
         (run(p=0.0100), None, "pass"),
         (run(p=0.0099), None, "fail"),
-        ({"times": 1.9999}, None, "pass"),
+        ({"angles": np.full((40, 2), [2.0, 0.0]), "floor_rms": 1.0}, None, "pass"),
         ({"times": 2.0001}, None, "not decided"),
         ({"segments": 13}, None, "pass"),
         ({"segments": 12}, None, "not decided"),
-        ({}, 1.0001e-3 / DEG, "pass"),
+        ({"angles": np.full((40, 2), [2.0, 0.0]), "floor_rms": 1.0}, 2.0 / DEG, "pass"),
         ({}, 0.9999e-3 / DEG, "fail"),
-        (run(error=1.999e-3), 2e-3 / DEG, "pass"),
+        (run(error=2.0), 2.0 / DEG, "pass"),
         (run(error=2.001e-3), 2e-3 / DEG, "fail"),
         ({"closure_p": 1e-9}, 1.0, "pass"),
         ({"segments": 12}, 1.0, "doubtful pass"),
@@ -312,7 +312,7 @@ def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt():
     raw = AgainstRaw("raw", 0.5, {})
     for limit_deg, than in ((0.2, "more than the limit"), (None, "more than what the raw rates leave")):
         most = (limit_deg or 0.5) * DEG
-        assert too_wide(most * (1 - 1e-9), limit_deg, raw) == []
+        assert too_wide(most * (1 - 1e-9), limit_deg, raw) == too_wide(DEG, limit_deg and 1.0, AgainstRaw("raw", 1.0, {})) == []
         (doubt,) = too_wide(most * (1 + 1e-9), limit_deg, raw)
         assert doubt.endswith(than)
 

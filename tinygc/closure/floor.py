@@ -413,11 +413,14 @@ def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstabi
 
 def posterior_of_instability(likelihood: np.ndarray) -> BiasInstability:
     """Mean, sigma and 95 % limit of B under a flat prior, from its log-likelihood (B,) at each of ``GRID_RPS``."""
-    weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID_RPS)
+    cell = np.gradient(GRID_RPS)
+    cell[[0, -1]] /= 2  # at its ends the grid has half a cell
+    weight = np.exp(likelihood - likelihood.max()) * cell
     weight /= weight.sum()
     mean = float(weight @ GRID_RPS)
     sigma = float(np.sqrt(weight @ (GRID_RPS - mean) ** 2))
-    return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), GRID_RPS)), of_unit=True)
+    edges = np.append((GRID_RPS[1:] + GRID_RPS[:-1]) / 2, GRID_RPS[-1])
+    return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), edges)), of_unit=True)
 
 
 def pieces_at_rest(number: int, logs: list[StillSet]) -> Iterator[tuple]:

@@ -1,0 +1,305 @@
+"""A truth's clock and mounting with their sigmas, on half a minute of smooth motion: beside numeric derivatives and scipy's rotations."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.spatial.transform import Rotation
+
+from session.detect.truth_alignment import (
+    AlignedLog,
+    Way,
+    align,
+    alignment_table,
+    best_way,
+    carried,
+    frame_of,
+    refined,
+    rough_offset,
+    spans_of,
+    ways,
+)
+from session.io.config import FRAMES, Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading, down_of
+from session.io.folder import Session
+from session.io.logfile import Log, Truth
+from session.io.samples import Samples
+
+E = np.eye(3) + 0.01 * np.array([[1, -1, 0.5], [0.3, -0.5, 1], [-0.7, 0.2, 0.7]])
+BIAS = np.array([0.5, -0.3, 0.6]) * DEG
+HZ, FINE = 100, 8
+
+
+def rate_at(t_s):
+    """(N, 3) rad/s: slow waves, none of which is another's."""
+    waves = [np.sin(2 * np.pi * f * t_s + p) for f, p in ((0.31, 0.2), (0.23, 1.1), (0.41, 2.0), (0.17, 0.5), (0.13, 2.5), (0.29, 1.9))]
+    return np.stack([1.2 * waves[0] + 0.5 * waves[3], 1.0 * waves[1] - 0.6 * waves[4], 0.9 * waves[2] + 0.4 * waves[5]], axis=1)
+
+
+def motion(seconds=30.0):
+    """t_s and attitudes q_nb at fine steps, from the rate in their middle."""
+    t_s = np.arange(round(seconds * HZ * FINE)) / (HZ * FINE)
+    q = [Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()]
+    for step in Rotation.from_rotvec(rate_at(t_s[:-1] + 0.5 / (HZ * FINE)) / (HZ * FINE)).as_matrix():
+        q.append(q[-1] @ step)
+    return t_s, Rotation.from_matrix(q)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return motion()
+
+
+def made(moved, late_s=0.0, mounting=(0, 0, 0), noise_deg=0.02, seed=0, reading=TruthReading(), given=TruthGiven(), every=40):  # noqa: B008
+    """A session whose truth has a moment each ``every`` fine steps, with stamps that are late and a noise of its angles."""
+    rng, (t_s, q) = np.random.default_rng(seed), moved
+    own = slice(None, None, FINE)
+    gyro = np.linalg.solve(E, (rate_at(t_s[own]) - BIAS).T).T
+    samples = Samples(np.rint(t_s[own] * 1e9).astype(np.int64) + 5_000_000_000, gyro, q[own].inv().apply([0, 0, -9.8]))
+    moments = np.arange(every, len(t_s) - every, every)
+    truth = q[moments] * Rotation.from_rotvec(noise_deg * DEG * rng.normal(size=(len(moments), 3)))
+    truth = truth * Rotation.from_rotvec(np.multiply(mounting, DEG)).inv()
+    written = reading.written(truth.as_quat(scalar_first=True))
+    stamps = samples.t_ns[0] + np.rint((t_s[moments] + late_s) * 1e9).astype(np.int64)
+    sensor = Sensor("unknown", "", HZ, 500.0, 4.0)
+    settings = Config(sensor, Accelerometer(), Site(), Protocol(segment_s=2.0, reference="truth"), truth=given)
+    cells = Truth(Path("truth0001.csv"), stamps, TruthReading.of(given).read(written))
+    return Session(Path("made"), settings, (Log(Path("log0001.csv"), samples),), (), truths=(cells,))
+
+
+def seen_of(session):
+    (log,), (truth,) = session.logs, session.truths
+    spans = spans_of(log.samples, truth)
+    return AlignedLog(carried(log.samples, log.samples.gyro), spans, truth.q_nb, log.samples.accel), log.samples
+
+
+def test_a_log_is_carried_exactly_and_read_between_its_samples(moved):
+    t_s, q = moved
+    own = slice(None, None, FINE)
+    t_ns = np.rint(t_s[own] * 1e9).astype(np.int64)
+    log = carried(Samples(t_ns, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
+    between = np.array([0.0, 1.2325, 7.7775, 15.0, 29.98])
+    true = Rotation.concatenate([q[round(t * HZ * FINE)] for t in between])
+    found = q[0] * Rotation.from_quat(log.at(between), scalar_first=True)
+    assert (found * true.inv()).magnitude().max() < 3e-4  # of a rate that is straight between two samples
+    np.testing.assert_allclose(log.rate_at(between), rate_at(between), atol=2e-4)
+    assert log.whole(between[:-1], between[1:]).all()
+    assert not log.whole(np.array([-0.011, 5.0, 3.0]), np.array([2.0, 30.1, 3.001])).any()
+    # A gap of more than one and a half periods: no rate in it, and no span across it.
+    for periods, gap in ((1.4, False), (1.6, True)):
+        late = t_ns + np.where(np.arange(len(t_ns)) > 500, round((periods - 1) * 1e7), 0)
+        log = carried(Samples(late, rate_at(t_s[own]), np.zeros((len(t_ns), 3))), rate_at(t_s[own]))
+        assert log.whole(np.array([4.0]), np.array([6.0])).all() == (not gap)
+        middle = 5.0 + periods * 0.004
+        slope = (rate_at(np.array([5.01])) - rate_at(np.array([5.0]))) / (0.01 * periods)
+        np.testing.assert_allclose(
+            log.rate_at(np.array([middle])), rate_at(np.array([5.0])) + (0 if gap else slope * periods * 0.004), atol=1e-9
+        )
+
+
+def test_a_span_is_half_a_second_from_every_moment_within_a_window():
+    samples = Samples(np.arange(100) * 10**9, np.zeros((100, 3)), np.zeros((100, 3)))
+    stamps = np.array([0.0, 0.2, 0.4, 0.4996, 0.7, 1.0, 12.0, 21.9, 22.0, 22.6])
+    truth = Truth(Path("t"), np.rint((stamps + 3) * 1e9).astype(np.int64), np.tile([1.0, 0, 0, 0], (10, 1)))
+    spans = spans_of(samples, truth)
+    assert [*zip(spans.first, spans.last, strict=True)] == [(0, 3), (1, 4), (2, 5), (3, 5), (6, 7), (7, 9), (8, 9)]
+    np.testing.assert_allclose(spans.begin_s, stamps[spans.first] + 3)
+    np.testing.assert_allclose(spans.end_s, stamps[spans.last] + 3)
+    windows = spans_of(samples, replace(truth, window=np.array([0] * 4 + [1] * 6)))
+    assert [*zip(windows.first, windows.last, strict=True)] == [(0, 3), (6, 7), (7, 9), (8, 9)]
+    assert spans_of(samples, truth, most=3).first.tolist() == [0, 3, 8]
+    assert spans_of(samples, truth, most=7).first.tolist() == spans.first.tolist()
+
+
+@pytest.mark.parametrize("wild", [False, True])
+def test_clock_and_mounting_have_the_sandwich_covariance_over_blocks(moved, wild):
+    """At the end of Gauss-Newton the weighted errors stand at right angles to the numeric derivatives, and the scores of blocks of 1.4 s
+    (a twentieth of the session) scatter as the sigmas say.  A wild moment counts by Huber's weight."""
+    session = made(moved, late_s=0.0123, mounting=(3, -2, 1))
+    (truth,) = session.truths
+    if wild:
+        q = truth.q_nb.copy()
+        q[200] = (Rotation.from_quat(q[200], scalar_first=True) * Rotation.from_rotvec([0.02, 0, 0])).as_quat(scalar_first=True)
+        session = replace(session, truths=(replace(truth, q_nb=q),))
+    one, samples = seen_of(session)
+    start = TruthReading(mounting=Rotation.from_rotvec(np.multiply((3.3, -2.2, 0.8), DEG)).as_matrix(), offset_s=-0.01)
+    found = refined([one], [samples], start)
+    t_s = (samples.t_ns - samples.t_ns[0]) * 1e-9
+    attitudes = Rotation.from_quat(one.written, scalar_first=True)
+    turned = (attitudes[one.spans.first].inv() * attitudes[one.spans.last]).as_matrix()
+
+    def errors(offset_s, mounting, matrix, bias):
+        """By scipy: the gyro's turns, against the truth's in the gyro's axes."""
+        rate = samples.gyro @ matrix.T + bias
+        steps = (rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None] + np.cross(rate[:-1], rate[1:]) * (np.diff(t_s) ** 2 / 12)[:, None]
+        q = [np.eye(3)]
+        for step in Rotation.from_rotvec(steps).as_matrix():
+            q.append(q[-1] @ step)
+        q = Rotation.from_matrix(q)
+
+        def at(t):
+            row = np.floor(t * HZ + 1e-9).astype(int)
+            late = (t - t_s[row])[:, None]
+            slope = (rate[row + 1] - rate[row]) * HZ
+            return q[row] * Rotation.from_rotvec((rate[row] + slope * late / 2) * late)
+
+        own = at(one.spans.begin_s + offset_s).inv() * at(one.spans.end_s + offset_s)
+        return (own * Rotation.from_matrix(mounting.T @ turned @ mounting).inv()).as_rotvec()
+
+    # The gyro's matrix and bias at that offset and mounting: by least squares of what is left, robustly, as nuisance.
+    symmetric = [np.outer(np.eye(3)[i], np.eye(3)[j]) + np.outer(np.eye(3)[j], np.eye(3)[i]) for i in range(3) for j in range(i, 3)]
+
+    def of(theta):
+        mounting = found.mounting @ Rotation.from_rotvec(theta[1:4]).as_matrix()
+        matrix = np.eye(3) + sum(x * each for x, each in zip(theta[4:10], symmetric, strict=True))
+        return errors(found.offset_s + theta[0], mounting, matrix, theta[10:])
+
+    theta = np.zeros(13)
+    for _ in range(3):
+        left = of(theta)
+        slope = np.stack([(of(theta + step) - left) / 1e-5 for step in 1e-5 * np.eye(13)], axis=-1)
+        length = np.linalg.norm(left, axis=1)
+        weight = np.minimum(1, 2 * np.median(length) / length)
+        normal = np.einsum("kip,k,kiq->pq", slope, weight, slope)
+        theta = theta - np.linalg.solve(normal, np.einsum("kip,k,ki->p", slope, weight, left))
+    begin = one.spans.begin_s + found.offset_s
+    block = ((begin - begin[0]) // ((begin[-1] - begin[0]) / 20)).astype(int)
+    score = np.einsum("kip,k,ki->kp", slope, weight, left)
+    sums = np.array([score[block == number].sum(axis=0) for number in range(block.max() + 1)])
+    covariance = np.linalg.inv(normal) @ sums.T @ sums @ np.linalg.inv(normal) * len(sums) / (len(sums) - 1)
+    sigma = np.sqrt(np.diag(covariance))
+    assert np.abs(theta[:4] / sigma[:4]).max() < 0.1
+    np.testing.assert_allclose([found.offset_sigma_s, *found.mounting_sigma], sigma[:4], rtol=0.05)
+    # And they hold what is off: the mounting that is to be found has the antisymmetric part of the gyro's own matrix in it.
+    assert abs(found.offset_s + 0.0123) < 4 * found.offset_sigma_s < 4e-4
+
+
+def test_too_few_spans_or_a_motion_that_fixes_nothing_are_refused(moved):
+    for seconds, enough in ((11.6, True), (10.0, False)):
+        count = round(seconds * HZ * FINE)
+        one, samples = seen_of(made((moved[0][:count], moved[1][:count])))
+        assert (refined([one], [samples], TruthReading()) is not None) == enough
+    one, samples = seen_of(made(moved))
+    still = replace(samples, gyro=np.zeros_like(samples.gyro))
+    none = replace(one, gyro=carried(still, still.gyro), written=np.tile([1.0, 0, 0, 0], (len(one.written), 1)))
+    assert refined([none], [still], TruthReading()) is None
+
+
+# The way in which a file is read
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+@pytest.mark.parametrize("sense", ["body_to_world", "world_to_body"])
+def test_every_way_is_tried_and_the_one_that_explains_all_is_best(moved, order, sense):
+    """The gyro's turns are the truth's behind the mounting; of an upright world gravity is all of what the log feels."""
+    reading = TruthReading(order, sense, "enu")
+    one, _ = seen_of(made(moved, mounting=(10, -20, 5), noise_deg=0.0, reading=reading))
+    found = ways([one], TruthGiven(frame="enu"), 0.0)
+    assert [(way.reading.order, way.reading.sense) for way in found] == [
+        (o, s) for o in ("wxyz", "xyzw") for s in ("body_to_world", "world_to_body")
+    ]
+    right = next(way for way in found if (way.reading.order, way.reading.sense) == (order, sense))
+    assert right.misfit < 2e-3
+    # Its matrix of 1 % is the rotation nearest to it; a constant bias is taken off.
+    left = Rotation.from_matrix(right.reading.mounting) * Rotation.from_rotvec(np.multiply((10, -20, 5), DEG)).inv()
+    assert left.magnitude() < 1.5 * DEG
+    assert frame_of(right) == "enu"
+    assert right.mounted == pytest.approx(Rotation.from_matrix(right.reading.mounting).magnitude())
+    assert [way.reading.sense for way in ways([one], TruthGiven(sense=sense, order=order), 0.0)] == [sense]
+    kept = ways([one], TruthGiven(frame="enu", mounting=np.eye(3)), 0.0)
+    assert all((way.reading.mounting == np.eye(3)).all() for way in kept)
+
+
+def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():
+    def way(misfit, up=(0, 0, 1), mounted=0.0, **more):
+        return Way(
+            TruthReading(mounting=Rotation.from_rotvec([mounted, 0, 0]).as_matrix(), **more), misfit, None if up is None else np.array(up)
+        )
+
+    own = way(0.2)
+    assert (own.cost, way(0.1, None).cost) == (0.2, 0.1)
+    assert way(0.1, (0.6, 0, 0)).cost == pytest.approx(0.1 + 0.64)
+    assert way(0.1, (2.0, 0, 0)).cost == 0.1
+    for share, better in ((0.499, True), (0.501, False)):
+        other = way(0.2 * share, sense="world_to_body")
+        assert (best_way([own, other]) is other) == better
+    # Of those as good to 0.02, the least mounting, to a tenth of a rad; then the one whose up lies along its z axis.
+    for more, least in ((0.0199, True), (0.0201, False)):
+        turned, plain = way(0.01, mounted=1.0), way(0.01 + more)
+        assert (best_way([own, turned, plain]) is plain) == least
+    lying, upright = way(0.01, (0, 1.0, 0)), way(0.012, (0, 0, -1.0), 0.04)
+    assert best_way([own, lying, upright]) is upright
+    assert best_way([own, way(0.01, None), upright]) is upright
+
+
+@pytest.mark.parametrize(("length", "tilt_deg", "known"), [(0.701, 0, True), (0.699, 0, False), (1.0, 25.8, True), (1.0, 25.9, False)])
+def test_a_world_is_known_by_an_up_that_is_steady_and_near_an_axis(length, tilt_deg, known):
+    """0.7 of the mean force's length, and a cosine of 0.9."""
+    for frame in FRAMES:
+        up = -down_of(frame)
+        across = np.roll(up, 1)
+        tilted = np.cos(tilt_deg * DEG) * up + np.sin(tilt_deg * DEG) * across
+        assert frame_of(Way(TruthReading(), 0.0, length * tilted)) == (frame if known else None)
+    assert frame_of(Way(TruthReading(), 0.0, None)) is None
+
+
+def test_the_clock_is_where_the_speeds_go_along(moved):
+    """To a step of 10 ms, within 2 s of what is known of it; not where they go along nowhere."""
+    for late_s, around_s, found in ((0.734, 0.0, -0.73), (-1.97, 0.0, 1.97), (3.5, -3.0, -3.5), (3.5, 0.0, None)):
+        one, _ = seen_of(made(moved, late_s=late_s))
+        pair = (one.spans, one.spans.turned(one.written))
+        offset_s = rough_offset([one.gyro], [pair], around_s)
+        assert (offset_s is None) == (found is None) or abs(offset_s + late_s) > 0.1
+        if found is not None:
+            assert offset_s == pytest.approx(found, abs=0.0101)
+    flat = replace(one, gyro=carried(Samples(np.arange(3000) * 10**7, np.ones((3000, 3)), np.zeros((3000, 3))), np.ones((3000, 3))))
+    assert rough_offset([flat.gyro], [pair]) is None
+
+
+# What is adopted
+
+
+def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_degrees(moved):
+    sure = align(made(moved, late_s=0.004)).alignment
+    assert (sure.source["offset_s"], sure.reading.offset_s) == ("found", sure.offset_s)
+    assert sure.explained > 0.99
+    for sigmas, adopted in ((5.0, "assumed"), (7.0, "found")):
+        none = align(made(moved)).alignment
+        late_s = none.offset_s - sigmas * none.offset_sigma_s  # another truth of the same noise, later by so much
+        found = align(made(moved, late_s=late_s)).alignment
+        assert found.source["offset_s"] == adopted, found.offset_s / found.offset_sigma_s
+        assert (found.reading.offset_s != 0) == (adopted == "found")
+    plain = align(made(moved)).alignment.turned
+    for size, adopted in ((1.99, "assumed"), (2.01, "found")):
+        want = Rotation.from_rotvec([0, 0, size * DEG])
+        extra = (want * Rotation.from_rotvec(plain).inv()).as_rotvec() / DEG
+        found = align(made(moved, mounting=extra)).alignment
+        assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
+        table = alignment_table(found)
+        np.testing.assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
+        np.testing.assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
+        assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
+
+
+def test_what_is_given_is_kept_and_what_does_not_go_together_is_left(moved):
+    given = TruthGiven(offset_s=0.0, order="wxyz", sense="body_to_world", frame="ned", mounting=np.eye(3))
+    kept = align(made(moved, late_s=0.3, mounting=(0, 0, 30), given=given)).alignment
+    assert set(kept.source.values()) == {"given"}
+    assert (kept.reading.offset_s, kept.reading.frame) == (0.0, "ned")
+    session = made(moved)
+    assert align(align(session)) is not session
+    assert align(replace(session, truths=None)).alignment is None
+    (log,), (truth,) = session.logs, session.truths
+    for few in (
+        replace(session, logs=(replace(log, samples=log.samples.between(0, 2)),)),
+        replace(session, truths=(truth_between(truth, 0, 19),)),
+    ):
+        nothing = align(few).alignment
+        assert not np.isfinite([nothing.offset_s, nothing.explained, *nothing.turned]).any()
+        assert alignment_table(nothing)["offset_s"] is None
+        assert alignment_table(nothing)["up"] is None
+
+
+def truth_between(truth, first, stop):
+    return replace(truth, t_ns=truth.t_ns[first:stop], q_nb=truth.q_nb[first:stop])

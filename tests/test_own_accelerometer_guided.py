@@ -1,6 +1,5 @@
 """An accelerometer that nobody has calibrated, in a guided session: it is fitted as stills come in, and the coach reckons with it."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from session.bench.guide import Guide
 from session.bench.live import stream_problem
 from session.bench.messages import Kind, Progress, Stage
 from session.bench.progress import LiveAccelerometerFit
-from session.detect.accelerometer import PARAMETERS, UPPER, fit_lengths
+from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
 from session.io.units import MG, G
@@ -144,21 +143,14 @@ def test_its_columns_are_the_derivatives():
         np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
 
 
-@pytest.mark.slow
-def test_the_sigmas_of_the_nine_are_those_of_the_fit():
-    """200 sessions of 20 stills with white noise: what the fit of lengths is off by, beside the sigma that the coach counts with."""
-    noise, seconds = Noise(np.full(3, 1e-4), np.full(3, 0.2 * MG)), 2.0
-    sigma = float(np.sqrt(np.mean(noise.velocity_random_walk**2) / seconds))
-    force = forces(20, 1)
-    still = Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 7, 25.0)
-    stills = tuple(replace(still, accel_mean=row) for row in read_by(RAW, force))
-    known = turns.OwnAccelerometer(RAW, 0.0)
-    covariance = np.linalg.inv(turns.length_information(known, stills, noise))
-    errors = []
-    for seed in range(200):
-        measured = read_by(RAW, force) + sigma * np.random.default_rng(seed).normal(size=(20, 3))
-        found = fit_lengths(measured, GRAVITY).accelerometer
-        errors.append(np.concatenate([(found.matrix - RAW.matrix)[UPPER], found.bias_mps2 - RAW.bias_mps2]))
-    chi_square = np.mean([error @ np.linalg.inv(covariance) @ error for error in errors]) / PARAMETERS
-    # Cauchy's weights, which the fit has against bad stills, cost some of the efficiency of least squares.
-    assert 0.9 < chi_square < 1.4
+def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders():
+    """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest."""
+    noise, force = Noise(np.full(3, 1e-4), np.array([1e-3, 2e-3, 3e-3])), forces(2, 1)
+    stills = tuple(
+        Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 3, row, *[np.zeros(3)] * 2, 25.0)
+        for seconds, row in zip((2.0, 8.0), read_by(RAW, force), strict=True)
+    )
+    known = turns.OwnAccelerometer(RAW, 4e-4)
+    rows, variance = known.length_rows(force), np.mean([1e-6, 4e-6, 9e-6]) / 2 / np.array([2.0, 8.0]) + 1.6e-7
+    expected = np.einsum("sp,s,sq->pq", rows, 1 / variance, rows)
+    np.testing.assert_allclose(turns.length_information(known, stills, noise), expected, rtol=1e-9, atol=1e-9)

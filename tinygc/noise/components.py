@@ -120,6 +120,8 @@ WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
 )
 #: ln: spread of a unit's bias instability about the typical one of its model, and about the given one
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
+#: s: the bias' drift within a turn is summed over pieces of half the shortest correlation time; greatest number of pieces
+PIECE_S, MOST_PIECES = 0.25, 100
 #: undersampling below this share of the floor's rms is ignored, since its factor cannot be estimated
 LEAST_UNDERSAMPLING = 0.1
 #: ln: spread of the prediction, a factor of 1.5 (benchmarks/real_recordings.py); downwards, for a filter below half the data rate
@@ -167,12 +169,15 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
     wander = wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=1.0)
-    # A bias error rotates a segment's end by its mean attitude times its duration, and adds directly to a still's rate.
+    # The mean bias error rotates a segment's end by its mean attitude times its duration, and adds directly to a still's rate.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(sizes[0], 3), np.tile(np.eye(3), (q, 1))])
     owner = np.concatenate([np.repeat(np.arange(s), twin.batch.angles), s + np.repeat(np.arange(q), 3)])
     V = np.zeros((sum(sizes), sum(sizes)))
     V[: len(owner), : len(owner)] = (response @ response.T) * wander[np.ix_(owner, owner)]
+    for number, within in enumerate(wander_within(sensitivity, twin.batch.dt)):
+        rows = slice(number * twin.batch.angles, (number + 1) * twin.batch.angles)
+        V[rows, rows] += within
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
@@ -180,6 +185,22 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     if not q and prior is None:  # such a twin has no rows of the rates at rest behind an estimate
         prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
+
+
+def wander_within(sensitivity: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    """Covariance (S, d, d) s^2, for an instability of 1 rad/s, of the end of each segment with sensitivity (S, T, d, 3) s, from the bias'
+    drift about its mean over the segment: the body turns, so that it does not cancel."""
+    found = np.zeros((len(sensitivity), *sensitivity.shape[2:3] * 2))
+    for of, each, weight in zip(found, sensitivity, rotation.sample_weights(dt), strict=True):
+        duration_s = float(weight.sum())
+        count = int(np.clip(np.ceil(duration_s / PIECE_S), 1, MOST_PIECES))
+        piece = np.minimum((np.cumsum(weight) - weight / 2) * (count / duration_s), count - 1).astype(int)
+        summed = np.zeros((count, *each.shape[1:]))
+        np.add.at(summed, piece, each - (weight / duration_s)[:, None, None] * each.sum(axis=0))
+        span_s = duration_s / count
+        wander = wander_covariance(span_s * np.arange(count), span_s, instability_rps=1.0)
+        of[:] = np.einsum("aik,ab,bjk->ij", summed, wander, summed, optimize=True)
+    return found
 
 
 def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:

@@ -1,0 +1,210 @@
+"""A lot's prior and whether a unit belongs to it, against direct integration over the unit's true numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lots import MEAN, SIGMA, lot
+from scipy import stats
+
+from tinygc import CalibrationError
+from tinygc.annexes.lots.fit import OFF_LOT, OFF_SCALES, belonging, farthest, prior_of, require_usable
+from tinygc.annexes.lots.lot import NAMES as LOT_NAMES
+from tinygc.closure.prior import GaussianPrior, vague
+from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA
+
+RNG = np.random.default_rng(7)
+
+
+def some_covariance(size):
+    root = RNG.normal(size=(len(size), len(size))) + 2 * np.eye(len(size))
+    return root @ root.T * np.outer(size, size) / len(size)
+
+
+# The prior of the next session of a unit.
+
+
+@pytest.mark.parametrize(("tails", "factor"), [(np.inf, 1.0), (5.0, 0.6), (2.5, 0.2), (2.0, 1.0)])
+def test_the_covariance_is_that_of_the_mean_the_spread_and_the_change_between_sessions(tails, factor):
+    """A scale matrix instead of the spread's covariance where Student's tails have one: (nu - 2) / nu of it."""
+    parts = [some_covariance(np.full(len(LOT_NAMES), size)) for size in (1e-4, 2e-4, 3e-4)]
+    known = replace(lot(), mean_covariance=parts[0], spread=parts[1], repeatability=parts[2])
+    found = prior_of(known, MEAN + 1.0, tails)
+    own = slice(0, PARAMETERS)
+    expected = parts[0][own, own] + factor * parts[1][own, own] + parts[2][own, own]
+    np.testing.assert_allclose(found.covariance, expected, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)
+    np.testing.assert_array_equal(found.centre, MEAN)
+    assert found.known.all()
+
+
+def test_a_lot_without_any_spread_keeps_a_millionth_of_the_wide_prior():
+    """Its covariance stays invertible; what the lot does not know of mean and repeatability adds nothing."""
+    same = lot(sigma=np.zeros(PARAMETERS))
+    unknown = np.full((len(LOT_NAMES), len(LOT_NAMES)), np.nan)
+    found = prior_of(replace(same, repeatability=unknown, mean_covariance=unknown), MEAN)
+    np.testing.assert_allclose(found.covariance, np.diag((1e-6 * PRIOR_SIGMA) ** 2), rtol=1e-12)
+
+
+def test_a_number_that_the_lot_does_not_tell_is_as_open_as_without():
+    """NaN in mean or spread: its centre is the start's, its sigma the generous one, and nothing correlates with it."""
+    known = replace(lot(), spread=some_covariance(np.full(len(LOT_NAMES), 1e-4)))
+    mean, spread = known.mean.copy(), known.spread.copy()
+    mean[4] = spread[9, 9] = np.nan
+    found = prior_of(replace(known, mean=mean, spread=spread), MEAN + 1.0)
+    told = np.isin(np.arange(PARAMETERS), (4, 9), invert=True)
+    np.testing.assert_array_equal(found.known, told)
+    np.testing.assert_array_equal(found.centre, np.where(told, MEAN, MEAN + 1.0))
+    np.testing.assert_array_equal(found.covariance[~told], np.diag(PRIOR_SIGMA**2)[~told])
+    whole = prior_of(known, MEAN).covariance
+    np.testing.assert_array_equal(found.covariance[np.ix_(told, told)], whole[np.ix_(told, told)])
+
+
+def test_a_prior_is_weighed_and_scaled():
+    covariance = some_covariance(np.full(PARAMETERS, 1e-3))
+    prior = GaussianPrior(MEAN, covariance, np.ones(PARAMETERS, dtype=bool))
+    weighed = prior.scaled(3.0).weighed(6.0)
+    np.testing.assert_allclose(weighed.root @ weighed.root.T, covariance / 2, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(weighed.information @ covariance, 2 * np.eye(PARAMETERS), atol=1e-8)
+    assert not np.triu(weighed.root, 1).any()
+    open_ = vague(MEAN + 1.0)
+    np.testing.assert_allclose(open_.covariance, np.diag([0.04] * 9 + [np.radians(20) ** 2] * 3), rtol=1e-12)
+    assert (open_.weight, open_.known.any(), open_.centre[0]) == (1.0, False, 2.0)
+
+
+# Whether a unit belongs: integrals over its true distance u from the lot's mean, of two numbers.
+
+P2 = np.array([[1.0, 0.6], [0.6, 2.0]])
+PRIOR2 = GaussianPrior(np.zeros(2), P2, np.ones(2, dtype=bool))
+KEPT2, NOISE2 = np.array([[0.9, 0.1], [-0.2, 0.5]]), np.array([[0.3, -0.1], [-0.1, 0.2]])
+
+
+def evidence(moved, covariance, kept=KEPT2, noise=NOISE2):
+    """Density of what the fit moved by, for u normal with this covariance: the sum over a grid of K u about what was seen."""
+    axis = np.linspace(-8, 8, 161)
+    root = np.linalg.cholesky(noise)
+    x = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1) @ root.T + moved
+    u = x @ np.linalg.inv(kept).T
+    density = stats.multivariate_normal(np.zeros(2), covariance).pdf(u) * stats.multivariate_normal(moved, noise).pdf(x)
+    return density.sum() * (axis[1] - axis[0]) ** 2 * np.linalg.det(root) / np.linalg.det(kept)
+
+
+def foreign(of, known=(0, 1)):
+    """Density of a unit that does not belong: all its numbers, or one of those known, are 3, 10, 30 or 100 times as wide."""
+    total = 0.0
+    for scale in (3.0, 10.0, 30.0, 100.0):
+        total += 0.5 * of(scale**2 * P2)
+        for k in known:
+            alone = P2.copy()
+            alone[k, k] *= scale**2
+            total += 0.5 / len(known) * of(alone)
+    return total / 4
+
+
+@pytest.mark.parametrize("moved", [(0.1, -0.2), (2.5, 0.5), (-1.0, 4.0)])
+@pytest.mark.parametrize("known", [(0, 1), (1,)])
+def test_the_probability_is_the_integral_over_the_units_true_numbers(moved, known):
+    prior, moved = replace(PRIOR2, known=np.isin(np.arange(2), known)), np.array(moved)
+    found = belonging(prior, moved, NOISE2, KEPT2)
+    inside, outside = 0.97 * evidence(moved, P2), 0.03 * foreign(lambda covariance: evidence(moved, covariance), known)
+    assert found.probability == pytest.approx(inside / (inside + outside), rel=1e-6)
+    whole = KEPT2 @ P2 @ KEPT2.T + NOISE2
+    assert found.distance**2 == pytest.approx(moved @ np.linalg.solve(whole, moved), rel=1e-9)
+    assert (found.freedom, found.weight) == (2, 1.0)
+    assert found.p_value == pytest.approx(stats.chi2.sf(found.distance**2, 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("moved", [(0.1, -0.2), (2.5, 0.5), (-1.0, 4.0)])
+def test_students_tails_are_an_integral_over_how_wide_a_unit_is(moved):
+    """Normal with its covariance divided by g, and g gamma of mean 1: density, p-value, and the mean of g of this unit are sums over g."""
+    tails, moved = 5.0, np.array(moved)
+    found = belonging(PRIOR2, moved, NOISE2, KEPT2, tails)
+    g = np.linspace(0, 12, 60_001)[1:]
+    share = stats.gamma(tails / 2, scale=2 / tails).pdf(g) * (g[1] - g[0])
+    whole = KEPT2 @ P2 @ KEPT2.T + NOISE2
+    square = moved @ np.linalg.solve(whole, moved)
+    density = share * g / (2 * np.pi * np.sqrt(np.linalg.det(whole))) * np.exp(-g * square / 2)
+    inside, outside = 0.97 * density.sum(), 0.03 * foreign(lambda covariance: evidence(moved, covariance))
+    assert found.probability == pytest.approx(inside / (inside + outside), rel=1e-5)
+    assert found.p_value == pytest.approx(share @ stats.chi2.sf(g * square, 2), rel=1e-5)
+    assert found.weight == pytest.approx(density @ g / density.sum(), rel=1e-5)
+
+
+def test_a_direction_that_the_session_does_not_see_says_nothing():
+    """The second number neither moves nor follows: what is left is an integral over one."""
+    kept, noise, moved = np.array([[0.8, 0.3], [0.0, 0.0]]), np.diag([0.25, 0.0]), np.array([2.0, 0.0])
+    found = belonging(PRIOR2, moved, noise, kept)
+
+    def of(covariance):
+        return stats.norm(0, np.sqrt(kept[0] @ covariance @ kept[0] + 0.25)).pdf(2.0)
+
+    inside, outside = 0.97 * of(P2), 0.03 * foreign(of)
+    assert found.freedom == 1
+    assert found.probability == pytest.approx(inside / (inside + outside), rel=1e-6)
+    assert found.p_value == pytest.approx(stats.chi2.sf(4.0 / (kept[0] @ P2 @ kept[0] + 0.25), 1), rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "freedom"), [(1.01e-9, 2), (0.99e-9, 1)])
+def test_a_direction_is_seen_from_a_billionth_of_the_priors_variance_on(share, freedom):
+    one = GaussianPrior(np.zeros(2), np.eye(2), np.ones(2, dtype=bool))
+    assert belonging(one, np.zeros(2), np.diag([1.0, share]), np.zeros((2, 2))).freedom == freedom
+
+
+def test_a_session_that_sees_nothing_leaves_what_was_probable_before():
+    found = belonging(PRIOR2, np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)))
+    assert (found.probability, found.distance, found.freedom, found.p_value, found.weight) == (0.97, 0.0, 0, 1.0, 1.0)
+    assert (OFF_LOT, OFF_SCALES) == (0.03, (3.0, 10.0, 30.0, 100.0))
+
+
+# Which number is farthest off, and which lots are of use.
+
+
+def test_the_farthest_number_is_the_one_least_explained_by_lot_and_fit_and_is_told_in_sigmas_of_the_lot():
+    own = lot(SIGMA)
+    off = np.zeros(PARAMETERS)
+    off[[2, 5, 7]] = -6 * SIGMA[0], 8 * SIGMA[0], 20 * SIGMA[0]
+    covariance = np.diag(np.where(np.arange(PARAMETERS) == 5, 3 * SIGMA, 0.0) ** 2)  # 8 / sqrt(1 + 9) = 2.5 of both
+    seen = np.arange(PARAMETERS) != 7
+    name, sigmas = farthest(own, MEAN + off, covariance, seen)
+    assert (name, round(sigmas, 6)) == ("E_xz", -6.0)
+    assert farthest(own, MEAN + off, covariance, ~seen)[0] == "E_zy"
+    assert farthest(own, MEAN + off, covariance, np.zeros(PARAMETERS, dtype=bool)) is None
+    unknown = own.mean.copy()
+    unknown[2] = np.nan
+    assert farthest(replace(own, mean=unknown), MEAN + off, covariance, seen)[0] == "E_yz"
+
+
+def test_a_lot_without_any_spread_tells_finite_sigmas():
+    name, sigmas = farthest(lot(np.zeros(PARAMETERS)), MEAN + 1e-3 * np.eye(PARAMETERS)[4], 1e-6 * np.eye(PARAMETERS), np.full(12, True))
+    assert (name, round(sigmas, 3)) == ("E_yy", 5000.0)  # 1e-3 of a millionth of 0.2
+
+
+def spread_with(least):
+    """A spread (21, 21) of trace 4 whose smallest eigenvalue is this share of it."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(PARAMETERS, PARAMETERS)))[0]
+    sizes = np.append(np.full(PARAMETERS - 1, (1 - least) / (PARAMETERS - 1)), least)
+    whole = np.full((len(LOT_NAMES), len(LOT_NAMES)), np.nan)
+    whole[:PARAMETERS, :PARAMETERS] = turn @ np.diag(4 * sizes) @ turn.T
+    return whole
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"sensor": "LSM6DSO"}, "a lot of LSM6DSO, and the session's sensor is ASM330LHH"),
+        ({"units": 9}, "a lot of 9 units, expected at least 10"),
+        ({"mean": np.full(21, np.nan)}, "tells none of the gyroscope's 12 numbers"),
+        ({"spread": spread_with(-1.1e-9)}, "its spread is no covariance"),
+        ({"spread": np.where(np.eye(21) > 0, 1.0, np.nan)}, "its spread is no covariance"),
+    ],
+)
+def test_a_lot_that_tells_nothing_of_this_sensor_is_refused(changes, says):
+    with pytest.raises(CalibrationError, match=says):
+        require_usable(lot(**changes), "ASM330LHH", "lot.json")
+
+
+def test_a_lot_at_the_limit_is_of_use():
+    mean = lot().mean.copy()
+    mean[1:] = np.nan
+    for changes in ({"units": 10}, {"spread": spread_with(-0.9e-9)}, {"mean": mean}):
+        require_usable(lot(**changes), "ASM330LHH", "lot.json")

@@ -11,14 +11,7 @@ from processes import calibrate
 
 import tinygc
 from tinygc.annexes.lots import fit as lots_fit
-from tinygc.annexes.lots.fit import (
-    Belonging,
-    LotFile,
-    LotUse,
-    belonging,
-    fit_with_lot,
-    prior_of,
-)
+from tinygc.annexes.lots.fit import Belonging, LotFile, LotUse, belonging, fit_with_lot, prior_of
 from tinygc.annexes.lots.report import write_lot
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare

@@ -110,6 +110,7 @@ def test_json_has_the_keys_of_formats(run, folder, tmp_path):
     assert json.loads((folder / "fit" / "fit.json").read_text()) == table
 
 
+@pytest.mark.broad
 def test_rejected_segments_are_listed_with_their_reason(run, folder):
     code, out, _ = run("fit", folder, *QUICK, "--exclude", "3", "--json", "-")
     assert code == 0
@@ -168,6 +169,7 @@ def test_check_has_exit_codes_and_json(run, folder, tmp_path):
     assert "Traceback" not in err
 
 
+@pytest.mark.broad
 def test_simulate_makes_a_session_that_fit_reads(run, tmp_path):
     folder = tmp_path / "made"
     assert run("simulate", "--out", folder, "--segments", "8", "--closure", "0", "--seed", "2", "--odr-hz", "104", "--quiet") == (0, "", "")

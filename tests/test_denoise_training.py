@@ -16,6 +16,8 @@ from tinygc.estimation.options import DenoiseOptions
 from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import bias_only
 
+pytestmark = pytest.mark.broad
+
 ODR_HZ, NOISE_RPS = 208.0, 0.05 * DEG
 
 
@@ -128,7 +130,6 @@ def test_it_passes_cubics_late_but_whole(trained):
     np.testing.assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
 
 
-@pytest.mark.broad
 def test_what_each_loss_makes_of_the_noise():
     """The endpoint alone hardly smooths; the stills alone smooth most and lose the movement."""
     seen, _ = material()
@@ -139,7 +140,6 @@ def test_what_each_loss_makes_of_the_noise():
     assert rms_deg(fresh, fresh.rate(still)) > 2 * rms_deg(fresh, fresh.batch.rate)
 
 
-@pytest.mark.broad
 def test_seeded_and_frozen(trained):
     seen, _ = material()
     calibration = bias_only(np.array([0.01, 0.0, -0.02]))

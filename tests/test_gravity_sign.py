@@ -97,6 +97,7 @@ def test_check_says_nothing_of_it_where_there_is_too_little_to_tell(simulated, t
     assert [finding for finding in tinygc.check(few) if finding.what == GRAVITY_SIGN] == []
 
 
+@pytest.mark.broad
 def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(folder):
     session = read_session(folder)
     site = session.config.site
@@ -106,6 +107,7 @@ def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(fo
     assert said(upside_down(south)) == []
 
 
+@pytest.mark.broad
 def test_without_a_latitude_nothing_is_taken_off_and_nothing_is_said(folder):
     session = read_session(folder)
     nowhere = replace(session, config=replace(session.config, site=replace(session.config.site, latitude_deg=None)))

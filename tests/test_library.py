@@ -169,6 +169,7 @@ def test_all_names_are_there_and_no_other():
         tinygc.fitt  # noqa: B018
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("name", ["FitOptions", "check", "explain", "fit", "load", "simulate"])
 def test_examples_of_docstrings_run(name):
     (example,) = doctest.DocTestFinder(recurse=False).find(getattr(tinygc, name), name, module=False, globs={})
@@ -226,6 +227,7 @@ def test_one_name_stands_for_a_tuple_of_one():
     assert tinygc.FitOptions(physics="auto").physics == ("auto",)
 
 
+@pytest.mark.broad
 def test_a_folder_may_be_text(simulated, tmp_path):
     folder = simulated.save(tmp_path / "session")
     assert tinygc.read_session(str(folder)).name == "session"

@@ -32,7 +32,7 @@ def test_a_log_is_calibrated_as_in_the_fit(name):
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("piece", [1, 7, 100, 5000])
+@pytest.mark.parametrize("piece", [1, broad(7), 100, broad(5000)])
 def test_pieces_join_without_a_seam(name, piece):
     model = MODELS[name]
     calibration = Calibration(model, 1 / SAMPLES.period_s)

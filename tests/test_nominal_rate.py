@@ -80,7 +80,7 @@ def test_a_clock_that_is_there_is_taken_and_said(names, declared_hz, samples, tm
     assert any("taken for the clock" in note for note in made.notes)
 
 
-@pytest.mark.parametrize("name", ["foo", "time", "SampleTimeFine"])
+@pytest.mark.parametrize("name", ["foo", broad("time"), broad("SampleTimeFine")])
 def test_a_column_that_may_be_the_clock_is_named_and_not_passed_over(name, samples, tmp_path):
     """Of no clock's name, or in a unit that no declared rate confirms."""
     text = log_of(samples, name, ticks(samples, 1e-4))
@@ -92,9 +92,9 @@ def test_a_column_that_may_be_the_clock_is_named_and_not_passed_over(name, sampl
 @pytest.mark.parametrize(
     ("names", "columns"),
     [
-        ("", lambda s: []),
+        broad("", lambda s: []),
         ("seq", lambda s: [np.arange(len(s))]),
-        ("n,mx", lambda s: [np.arange(len(s)) + 9, np.sin(s.t_s)]),
+        broad("n,mx", lambda s: [np.arange(len(s)) + 9, np.sin(s.t_s)]),
         ("mx", lambda s: [8096 + ticks(s, 2.0)]),
     ],
 )

@@ -115,6 +115,7 @@ def test_a_perfect_sensors_turn_closes():
     assert closure_deg(worse) == pytest.approx(1.2, abs=0.05)  # 1 % of 120°
 
 
+@pytest.mark.broad
 def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_says():
     """Whatever the hand's true way is, the picture of it and the ghost agree; the gyro of this board is off by half a per cent."""
     hand, missed = CoachedHand(segments=5), []

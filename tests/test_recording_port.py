@@ -49,6 +49,7 @@ def test_a_pulled_cable_and_the_next_connection(tmp_path, monkeypatch):
     assert [mark.event.split()[0] for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event] == ["open", "close", "open"]
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize(
     ("error", "says"),
     [
@@ -184,6 +185,7 @@ def test_ports_say_what_they_know(monkeypatch):
         only_candidate()
 
 
+@pytest.mark.broad
 def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
     """By its serial number."""
     with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:

@@ -115,6 +115,7 @@ def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.05)
 
 
+@pytest.mark.broad
 def test_bias_instability_has_the_allan_floor_of_its_coefficient():
     noise = bias_instability(3.0, 4.0, 160_000, np.random.default_rng(7))
     for tau_s in (8, 64):
@@ -277,6 +278,7 @@ def test_simulating_never_loads_torch():
     assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "False"
 
 
+@pytest.mark.broad
 def test_pieces_are_the_whole_and_hours_take_no_more_memory_than_minutes(tmp_path, monkeypatch):
     """An effect that changes nothing has the movement computed at once."""
     import tracemalloc

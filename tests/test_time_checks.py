@@ -78,6 +78,7 @@ def test_a_column_in_another_unit_is_named(good, factor):
     assert unit_factor(208.0 * 4, 208.0) is None
 
 
+@pytest.mark.broad
 def test_replay_refuses_a_rate_that_no_sensor_has(good, tmp_path):
     text = text_of(good.logs[0].samples, header="t_ns", scale=1000)  # microseconds that are called ns
     with pytest.raises(FormatError, match=r"read as ns, its stamps say 208600 Hz, and no sensor has.*--time-unit s, ms, us or ns"):
@@ -141,6 +142,7 @@ def test_a_session_at_2_hz_is_read_checked_and_passes():
     assert serious(look(session)) == set()
 
 
+@pytest.mark.broad
 def test_a_log_without_a_header_is_asked_for_its_columns(good, tmp_path):
     samples = good.logs[0].samples
     with pytest.raises(FormatError, match="no header, 7 columns of numbers; name them by number, --columns t_us=1"):

@@ -75,6 +75,7 @@ def test_noise_seldom_bends_it():
     assert np.median(worse) < 1.02
 
 
+@pytest.mark.broad
 def test_an_asymmetry_of_scale_is_learnt_and_least_squares_cannot():
     """0.3 % between + and − turns, judged on turns that neither fit has seen: near the noise, where the linear model is far above."""
     batch, sigma = recording(0, asymmetry=0.003, count=40)

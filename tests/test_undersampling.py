@@ -81,6 +81,7 @@ def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):
     return check_undersampling(Log(Path("log0001.csv"), samples, raw=False), turns, noise, made)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("rate_hz", STEPS)
 @pytest.mark.parametrize("exponent", [broad(1.4), 1.8, broad(2.4)])
 def test_the_error_of_readings_is_predicted_from_fewer_of_them(exponent, rate_hz):

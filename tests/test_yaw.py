@@ -74,6 +74,7 @@ def test_leaving_a_segment_out_does_not_break_the_chain(whole):
     assert len(build_problem(session, exclude=(5,)).earths) == 1
 
 
+@pytest.mark.broad
 def test_a_given_heading_that_the_stills_contradict_is_not_used(whole, tmp_path):
     path = tmp_path / "h"
     shutil.copytree(whole[0], path)

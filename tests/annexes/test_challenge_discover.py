@@ -21,6 +21,8 @@ from tinygc.annexes.challenge.laws import BY_HAND, LAWS
 from tinygc.annexes.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import catalogue
 
+pytestmark = pytest.mark.broad
+
 OPTIONS = SimulationOptions(
     segments=6, closure_s=0.0, warm_up_c=10.0, seed=3, gyro_noise_dps_rthz=0.0, accel_noise_ug_rthz=0.0, bias_instability_dph=0.0
 )

@@ -25,6 +25,8 @@ from tinygc.effects import catalogue
 from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.simulator import plan_of, true_signals, unit_of
 
+pytestmark = pytest.mark.broad
+
 OPTIONS = SimulationOptions(segments=6, closure_s=0.0, warm_up_c=10.0, seed=3)
 
 

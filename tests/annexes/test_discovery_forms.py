@@ -14,6 +14,8 @@ from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, 
 from tinygc.effects import signals, without_vibration
 from tinygc.noise.twin import READ
 
+pytestmark = pytest.mark.broad
+
 #: of movements that the enumeration has not seen
 FRESH, FRESHER = 6, 8
 #: of the added rate, beside what a calibration holds: what the issue asks of a law that is found
@@ -40,7 +42,6 @@ def forms(movement):
 # Each form once
 
 
-@pytest.mark.broad
 def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
     assert 10_000 <= len(forms) <= 100_000
     assert len(set(forms)) == len(forms)

@@ -20,6 +20,8 @@ from tinygc.explanation.engine import explain_session
 from tinygc.noise.components import components_of, undersampling
 from tinygc.noise.twin import Twin
 
+pytestmark = pytest.mark.broad
+
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 FS_RPS = 500 * DEG
 PRODUCT = LawForm((Factor("rate"), Factor("rate")), "next")

@@ -12,6 +12,8 @@ from tinygc.annexes.discovery.pictures import figure_of, of_stills, of_turns
 from tinygc.explanation.engine import explain_session
 from tinygc.reporting.pictures.canvas import save
 
+pytestmark = pytest.mark.broad
+
 WARMER = LawForm((Factor("temperature", "itself"),))
 
 
@@ -109,7 +111,6 @@ def test_laws_of_every_kind_have_a_page(warm, name):
     assert panels[0].get_xlabel().startswith(begins[name])
 
 
-@pytest.mark.broad
 def test_the_edges_of_a_dead_zone_are_drawn_and_said_once(tmp_path):
     e = explain_session(hidden("dead zone", tmp_path / "zone"))
     figure = figure_of(e, answer := found(law_of(*LAWS["dead zone"])), pairs_of(e, answer))

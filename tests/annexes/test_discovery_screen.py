@@ -28,6 +28,8 @@ from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
 from tinygc.noise.twin import Twin
 
+pytestmark = pytest.mark.broad
+
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = LawForm((Factor("rate", "root_cube"),))
 DEAD_ZONE = LawForm((Factor("rate", "dead_zone", 0.13),))
@@ -207,7 +209,6 @@ def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
     assert not takes_calibration(ROOT_CUBE, seen.responses, Projection(seen.twin, seen.whiten, fit), fit)
 
 
-@pytest.mark.broad
 def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
     """Between the peaks of the turns its gain is level, and beyond each it falls by a step: what is near says nothing of where to go."""
     grid = [constant_at("rate", "latch", place, largest_of(seen.twin.movements)["rate"]) for place in places("rate", "latch")]
@@ -290,7 +291,6 @@ def test_what_could_have_been_found_of_each_quantity(seen, null):
     assert beside_calibration(LawForm((Factor("rate"),)), np.full(3, DEG), seen.responses.values) < 1e-3 * DEG
 
 
-@pytest.mark.broad
 def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     fit = seen.law(4, ROOT_CUBE, theta)

@@ -28,6 +28,8 @@ from tinygc.planning.proposals import requested_by_explain
 from tinygc.planning.turns import trials
 from tinygc.reporting.terminal import as_text
 
+pytestmark = pytest.mark.broad
+
 ZONE, CUBE = LAWS["dead zone"], LawForm((Factor("rate", "cube"),))
 
 

@@ -16,6 +16,8 @@ from tinygc.effects.testing import check
 from tinygc.explanation.engine import explain_session
 from tinygc.simulation.write import write_files
 
+pytestmark = pytest.mark.broad
+
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 REGISTER = sorted(name for name, effect in catalogue().items() if effect.kind == "register")
 MOTION = sorted(name for name, effect in catalogue().items() if effect.kind == "motion")

@@ -140,6 +140,7 @@ def test_only_what_has_changed_is_computed_again(copied, tmp_path):
     ]
 
 
+@pytest.mark.broad
 def test_moved_and_copied_folders_are_known_by_what_is_in_them(copied, tmp_path):
     out = tmp_path / "out"
     ran(copied, out)
@@ -152,6 +153,7 @@ def test_moved_and_copied_folders_are_known_by_what_is_in_them(copied, tmp_path)
     assert asked(out, f"SELECT count(*) FROM {EACH}") == [(4,)]  # a copy is no further measurement
 
 
+@pytest.mark.broad
 def test_a_copy_beside_the_first_waits_for_its_result(copied, tmp_path):
     """Both are seen before either is computed."""
     shutil.copytree(copied / "unit0", copied / "unit0copy")
@@ -186,6 +188,7 @@ def test_a_key_follows_from_the_effects_that_are_named(fleet, tmp_path):
     assert len({plain, *found}) == 3
 
 
+@pytest.mark.broad
 def test_a_session_that_changes_while_it_is_read_is_not_kept(copied, tmp_path):
     class Slow(Here):
         def finished(self):

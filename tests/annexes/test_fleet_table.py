@@ -52,6 +52,7 @@ def test_another_programs_file_is_left_alone(tmp_path):
     assert (tmp_path / NAME).read_bytes() == before
 
 
+@pytest.mark.broad
 def test_another_forms_table_is_left_alone(out):
     connection = sqlite3.connect(out / NAME)
     connection.execute("PRAGMA user_version = 2")
@@ -125,6 +126,7 @@ def test_a_table_is_one_file_when_the_run_is_over(out):
     assert asked(out, "PRAGMA journal_mode") == [("delete",)]
 
 
+@pytest.mark.broad
 def test_times_are_not_among_what_is_compared(fleet, out, tmp_path):
     again = tmp_path / "again"
     ran(fleet, again)

@@ -21,6 +21,8 @@ from tinygc.reporting.pictures.canvas import plain, value_text
 from tinygc.reporting.pictures.panels import draw_claim, in_stills, in_turns
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
+pytestmark = pytest.mark.broad
+
 FS = 500.0  #: dps
 FIRST_C = 25.0
 FOREIGN = Path(__file__).parents[1] / "foreign_effects"

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
-from session.io.units import EARTH_RATE_RPS
 from tinygc import closure
+from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import ACCELEROMETER, GYROSCOPE, JointFit, Problem
@@ -318,13 +318,10 @@ def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.
 
 
 def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray:
-    """Return the covariance (n, n) of an estimated heading, or of an unknown one where the latitude is known."""
-    twin, earth = noise.twin, problem.earth
-    columns = twin.earth_columns().stacked() @ twin.start().axes.T
-    sigma = np.zeros(2)
-    if earth.source == "estimated":
-        sigma[0] = float(np.hypot(*earth.rate_t[:2])) * earth.heading_sigma_rad
-    elif earth.source == "unknown":
-        latitude_deg = problem.session.config.site.latitude_deg or 0.0
-        sigma[:] = EARTH_RATE_RPS * np.cos(np.radians(latitude_deg)) / np.sqrt(2)
-    return (columns * sigma**2) @ columns.T
+    """Return the covariance (n, n) of what an estimated heading, or an unknown one where the latitude is known, leaves out of the Earth's
+    rate."""
+    earth, latitude_deg = problem.earth, problem.session.config.site.latitude_deg
+    if earth.source == "none":
+        return np.zeros_like(noise.white)
+    columns = noise.twin.earth_columns().stacked()
+    return columns @ unseen_covariance(earth, latitude_deg) @ columns.T

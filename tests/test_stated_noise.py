@@ -1,0 +1,468 @@
+"""What a fit states of its numbers under the estimated noise: derivatives of the estimate by each error, times the errors' covariance."""
+
+from dataclasses import replace
+from functools import cache, cached_property
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from small_sessions import small_session
+from small_turns import TRUE, angles_by_scipy, numeric_jacobian
+
+from session.io.units import EARTH_RATE_RPS, MG
+from tinygc.closure.build import with_still_bias
+from tinygc.closure.joint import fit_joint
+from tinygc.closure.prior import GaussianPrior
+from tinygc.estimation.stated_noise import (
+    FROM_LENGTHS,
+    StatedNoise,
+    accelerometer_factor,
+    from_own_stills,
+    prior_share,
+    stated_covariance,
+    stated_goodness,
+    stated_joint_covariance,
+    stated_joint_shared,
+    stated_noise,
+    stated_response,
+)
+from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
+from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, first_noise
+from tinygc.noise.refit import calibration_columns, prior_sigmas
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+
+#: rad/s: the mean of the Earth's horizontal rate over the headings that the stills leave possible
+MEAN_RPS = (2e-5, 3e-5)
+PLAIN = {"kind": "tilt", "rates": False, "stills": False, "prior": False}
+CASES = {
+    "plain": PLAIN,
+    "with rates": PLAIN | {"kind": "known", "rates": True, "prior": True},
+    "bias of the stills": PLAIN | {"kind": "yaw", "stills": True},
+    "bias of the stills, a prior": PLAIN | {"kind": "known", "stills": True, "prior": True},
+    "tilt, bias of the stills": PLAIN | {"stills": True},
+}
+
+
+class Estimate:
+    """The twelve numbers as a function of every error: one Gauss-Newton step with numeric derivatives from the true ones.
+
+    The fit minimises the weighted closure, with the stills' rates as data (``rates``) or as the turns' bias (``stills``), and what is known
+    beforehand.
+    """
+
+    def __init__(self, kind, rates, stills, prior, **more):
+        self.plain, self.rates, self.stills = small_session(kind=kind, **more), rates, stills
+        if prior:
+            root = np.diag(0.01 * PRIOR_SIGMA) @ (np.eye(12) + 0.2 * np.random.default_rng(1).normal(size=(12, 12)))
+            self.plain = self.plain.changed(prior=GaussianPrior(TRUE.vector, root @ root.T, np.ones(12, dtype=bool), 2.5))
+        self.problem = with_still_bias(self.plain) if stills else self.plain
+        self.problem.__dict__["instability"] = self.plain.instability
+        self.number = len(self.plain.still_rates.rate)
+        covariance = np.diag(PRIOR_SIGMA**2) if not prior else root @ root.T / 2.5
+        own = slice(0, 9) if stills else slice(0, 12)
+        self.information = np.linalg.inv(covariance[own, own])
+        own = self.plain.floor.own
+        sigma = np.sqrt(np.stack([1.3**2 * (own[:, 0, 0] + own[:, 1, 1]) / 2] * 2 + [own[:, i, i] for i in range(2, own.shape[1])], axis=1))
+        self.weight = 1 / sigma.ravel()
+        self.closure, self.count = len(self.weight), len(self.weight) + 4 * self.number
+        at = TRUE.vector[:9] if stills else TRUE.vector
+        step = 1e-4 * (np.ones(9) if stills else np.append(np.ones(9), np.ones(3)))
+        self.jacobian = numeric_jacobian(lambda by: self.residuals(at + step * by), np.zeros(len(at)), 1.0) / step
+        self.hessian = self.jacobian.T @ self.jacobian + self.information
+        self.first, self.at = self.residuals(at), at
+        self.model = LinearModel(TRUE.E, -TRUE.E @ self.problem.rest_rps) if stills else TRUE
+
+    def residuals(self, at, y=None, earth=None) -> np.ndarray:
+        """In sigmas: of the numbers, errors y (n,) of the channels, and a further rate (3,) of the Earth in the table's axes."""
+        problem, _ = self.moved(y, earth)
+        vector = np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
+        angles = angles_by_scipy(problem.batch, vector).ravel() + (0 if y is None else y[: self.closure])
+        found = [angles * self.weight]
+        if self.rates:
+            rates = problem.still_rates
+            found.append(((LinearModel.from_vector(vector)(rates.rate) - rates.earth) / rates.sigma).ravel())
+        return np.concatenate(found)
+
+    def moved(self, y, earth):
+        """The problem with wrong rates of its stills and a wrong Earth."""
+        problem = self.plain
+        rates, batch = problem.still_rates, problem.batch
+        if y is not None:
+            off = y[self.closure : -self.number].reshape(-1, 3)
+            rates = replace(rates, rate=rates.rate + off @ np.linalg.inv(TRUE.E).T)
+        if earth is not None:
+            q = Rotation.from_quat(rates.q_tb, scalar_first=True)
+            rates = replace(rates, earth=rates.earth + q.inv().apply(earth))
+            batch = replace(batch, earth=batch.earth + self.turned_back @ earth)
+        problem = problem.changed(still_rates=rates, batch=batch)
+        return (with_still_bias(problem) if self.stills else problem), rates
+
+    @cached_property
+    def turned_back(self) -> np.ndarray:
+        """(S, T, 3, 3) from the table to the body, by scipy."""
+        batch, found = self.plain.batch, []
+        for i in range(len(batch)):
+            rate = batch.rate[i] @ TRUE.E.T + TRUE.B - batch.earth[i]
+            steps = (rate[1:] + rate[:-1]) / 2 * batch.dt[i][:, None] + batch.dt[i][:, None] ** 2 / 6 * np.cross(rate[:-1], rate[1:])
+            q = [Rotation.from_quat(batch.start[i], scalar_first=True)]
+            for step in Rotation.from_rotvec(steps):
+                q.append(q[-1] * step)
+            found.append(Rotation.concatenate(q).inv().as_matrix())
+        return np.array(found)
+
+    def solved(self, y=None, earth=None) -> np.ndarray:
+        """The twelve numbers with these errors."""
+        at = self.at - np.linalg.solve(self.hessian, self.jacobian.T @ (self.residuals(self.at, y, earth) - self.first))
+        problem, _ = self.moved(y, earth)
+        return np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
+
+    @cached_property
+    def response(self) -> np.ndarray:
+        """(12, n) by the error of each channel; of the lengths none."""
+        found = np.zeros((12, self.count))
+        steps = 1e-4 * np.eye(self.count)[: -self.number]
+        found[:, : -self.number] = np.stack([self.solved(step) - self.solved(-step) for step in steps], axis=1) / 2e-4
+        return found
+
+    @cached_property
+    def by_earth(self) -> np.ndarray:
+        """(12, 3) by the Earth's rate in the table's axes."""
+        return numeric_jacobian(lambda earth: self.solved(earth=earth), np.zeros(3), 1e-5)
+
+
+@cache
+def made(case, **more) -> Estimate:
+    return Estimate(**(CASES[case] | more))
+
+
+def under(problem, source, mean_rps=MEAN_RPS):
+    """A problem whose Earth's rate is of another source, with a mean (2,) over the possible headings that is taken off."""
+    found = problem.changed(earths={0: replace(problem.earths[0], source=source, rate_t=np.array([*mean_rps, -3.7e-5]))})
+    found.__dict__["instability"] = problem.instability
+    return found
+
+
+def loud(problem) -> StatedNoise:
+    """Noise with components of all kinds, of sizes that all count."""
+    twin = Twin(problem)
+    whiten = Whitener(twin)
+    noise = first_noise(twin, whiten)
+    sizes = {TURN: 3e-4, STILL_RATE: 1e-4, REFERENCE: 2 * MG}
+    noise = replace(noise, s=np.array([sizes.get(c.name, c.usual) for c in noise.components]))
+    columns = np.random.default_rng(3).normal(size=(len(whiten.white), 12)) * 1e-4
+    return StatedNoise(twin, noise, whiten.white, columns)
+
+
+def alike(found, expected, share=0.01):
+    """To a share of what the errors of both amount to."""
+    sigma = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=share)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_response_is_the_derivative_of_the_estimate(case):
+    by_hand = made(case)
+    found = stated_response(by_hand.problem, by_hand.model, loud(by_hand.problem), by_hand.rates)
+    expected = by_hand.response
+    for rows in (MATRIX, BIAS):
+        for columns in (slice(0, by_hand.closure), slice(by_hand.closure, by_hand.count - by_hand.number)):
+            size = np.abs(expected[rows, columns]).max()
+            np.testing.assert_allclose(found[rows, columns], expected[rows, columns], atol=5e-3 * size)
+    assert not found[:, -by_hand.number :].any()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_covariance_is_that_of_all_errors(case):
+    """Of the channels, as far as they are estimated; of the accelerometer, which sessions share; and of the Earth's horizontal rate, as far
+    as its mean over the possible headings leaves it out."""
+    by_hand = made(case)
+    noise = loud(by_hand.problem)
+    L, by_earth = by_hand.response, by_hand.by_earth
+    channels = noise.white + noise.noise.covariance
+    accelerometer = L @ noise.accelerometer @ noise.accelerometer.T @ L.T
+    expected = L @ channels @ L.T + accelerometer
+    given, shared = stated_covariance(under(by_hand.problem, "given"), by_hand.model, noise, by_hand.rates)
+    alike(given, expected)
+    alike(shared, accelerometer)
+    np.testing.assert_allclose(noise.covariance, channels + noise.accelerometer @ noise.accelerometer.T)
+    # 15.04 deg/h x cos(latitude) long, less the mean: across the mean, or in any horizontal direction.
+    for source, mean in (("estimated", MEAN_RPS), ("unknown", MEAN_RPS), ("unknown", (0.0, 0.0)), ("none", (0.0, 0.0))):
+        left = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(mean, mean)
+        across = by_earth[:, :2] @ np.array([-mean[1], mean[0]]) / np.hypot(*MEAN_RPS)
+        part = np.outer(across, across) if source == "estimated" else by_earth[:, :2] @ by_earth[:, :2].T / 2
+        found, _ = stated_covariance(under(by_hand.problem, source, mean), by_hand.model, noise, by_hand.rates)
+        alike(found - given + np.eye(12) * 1e-20, part * left * (source != "none") + np.eye(12) * 1e-20, 0.06)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_wrong_centre_of_the_prior_moves_the_numbers_by_its_share(case):
+    """H^-1 P^-1; a bias of the stills follows the matrix, whatever was thought of the bias."""
+    by_hand = made(case)
+    own = np.linalg.solve(by_hand.hessian, by_hand.information)
+    expected = np.zeros((12, 12))
+    expected[: len(own), : len(own)] = own
+    if by_hand.stills:
+        expected[BIAS, MATRIX] = -np.kron(np.eye(3), by_hand.problem.rest_rps) @ own
+    found = prior_share(by_hand.problem, by_hand.model, by_hand.rates)
+    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    np.testing.assert_allclose(found * PRIOR_SIGMA / PRIOR_SIGMA[:, None], expected * PRIOR_SIGMA / PRIOR_SIGMA[:, None], atol=0.01)
+
+
+# The goodness of fit.
+
+
+@pytest.mark.parametrize("times", [1.0, 1000.0])
+@pytest.mark.parametrize("case", CASES)
+def test_the_goodness_of_fit_is_chi_square_of_what_free_numbers_leave(case, times):
+    """Generalised least squares with the covariance of all noise that has a cause: one degree of freedom for each angle that is known, less
+    one for each number.  The variance inflation has the error of each turn as well."""
+    by_hand = made(case)
+    problem, noise, s = by_hand.problem, loud(by_hand.problem), by_hand.closure
+    quieter = replace(noise.noise, s=noise.noise.s / np.sqrt(times))
+    noise = replace(noise, white=noise.white / times, noise=quieter, accelerometer=noise.accelerometer / np.sqrt(times))
+    problem = under(problem, "unknown")
+    known = np.ones(s, dtype=bool)
+    if problem.batch.turns is not None:
+        known[5] = False  # the second turn's angle
+
+    def moved(y=None, earth=None):  # of the closure alone, in rad
+        return by_hand.residuals(by_hand.at, y, earth)[:s] / by_hand.weight
+
+    by_error = np.eye(s, by_hand.count)
+    if by_hand.stills:
+        for k in range(s, by_hand.count - by_hand.number):
+            step = 1e-4 * np.eye(by_hand.count)[k]
+            by_error[:, k] = (moved(step) - moved(-step)) / 2e-4
+    by_earth = numeric_jacobian(lambda earth: moved(earth=earth), np.zeros(3), 1e-5)[:, :2]
+    left_out = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(MEAN_RPS, MEAN_RPS)
+    J, r = by_hand.jacobian[:s] / by_hand.weight[:, None], moved()
+
+    def left(covariance):
+        C = by_error @ covariance @ by_error.T + by_earth @ by_earth.T * left_out / 2
+        inverse, A = np.linalg.inv(C[np.ix_(known, known)]), J[known]
+        project = inverse - inverse @ A @ np.linalg.solve(A.T @ inverse @ A, A.T @ inverse)
+        return r[known] @ project @ r[known]
+
+    quiet = noise.noise.s * [c.name != TURN for c in noise.noise.components]
+    named = noise.white + replace(noise.noise, s=quiet).covariance + noise.accelerometer @ noise.accelerometer.T
+    np.testing.assert_allclose(noise.named, named)
+    freedom = max(known.sum() - (9 if by_hand.stills else 12), 1)
+    found, inflation = stated_goodness(problem, by_hand.model, noise)
+    assert found.freedom == freedom
+    assert found.chi_square == pytest.approx(left(named), rel=0.02)
+    assert found.p_value == pytest.approx(chi2.sf(found.chi_square, freedom))
+    whole = left(noise.covariance)
+    assert inflation == pytest.approx(max(1.0, whole / freedom) if chi2.sf(whole, freedom) < 0.01 else 1.0, rel=0.02)
+    assert (inflation > 1.0) is (times > 1)
+
+
+# The estimate itself.
+
+
+def twice_minus_log(s, y, J, base, components) -> float:
+    """-2 log of the density of rows y (n,) with the columns' coefficients normal, and of the sizes' priors."""
+    C = base + J @ J.T
+    value = 0.0
+    for size, c in zip(s, components, strict=True):
+        C = C + size**2 * (c.V if isinstance(c.V, np.ndarray) else c.V.dense())
+        value += 0.0 if c.prior is None else c.prior.apart(size)[0] ** 2
+    return value + np.linalg.slogdet(C)[1] + y @ np.linalg.solve(C, y)
+
+
+def by_force(twin) -> np.ndarray:
+    """(n, 12) what each error of the accelerometer's bias (3) and matrix (9, row by row, at 1 g) adds to the residuals, m/s^2: attitudes
+    by scipy, rotated the shortest way to where gravity is vertical."""
+    down = twin.force / np.linalg.norm(twin.force, axis=1, keepdims=True)
+    there = Rotation.from_quat(twin.q_tb, scalar_first=True)
+
+    def look(by):
+        force = twin.force - by[:3] - down @ by[3:].reshape(3, 3).T
+        vertical = there.apply(-force / np.linalg.norm(force, axis=1, keepdims=True))
+        across = np.cross(vertical, [0, 0, 1.0])
+        size = np.linalg.norm(across, axis=1, keepdims=True)
+        q = (Rotation.from_rotvec(across / size * np.arctan2(size, vertical[:, 2:])) * there).as_quat(scalar_first=True)
+        batch = replace(twin.batch, start=q[twin.first], end=q[twin.last])
+        return np.concatenate([angles_by_scipy(batch, TRUE.vector).ravel(), np.zeros(3 * len(q)), np.linalg.norm(force, axis=1)])
+
+    return numeric_jacobian(look, np.zeros(12), 1e-3)
+
+
+KINDS = {"given": {}, "of its own stills": {"triangle": True}, "fit": {}, "prior": {}}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_noise_is_what_makes_the_residuals_most_probable(kind):
+    """Restricted likelihood by its definition: the residuals before any fit, columns of all that is fitted with their priors.
+
+    White noise includes an allowance for a given calibration, for the estimate only.  An accelerometer calibrated in the same stills has
+    taken up part of their scatter; one that is estimated with the gyroscope has no instability of its class besides.
+    """
+    problem = small_session(noise=2.0, seed=2, **KINDS[kind])
+    joint = fit_joint(problem, kind, 0.3) if kind in ("fit", "prior") else None
+    if joint is not None:
+        problem = problem.changed(joint=joint)
+    found = stated_noise(problem)
+    twin = Twin(problem)
+    start = twin.start()
+    y = twin.residuals(start).stacked()
+    J = calibration_columns(twin, start, twin.sensitivity(start, twin.rates(start))) * prior_sigmas(twin, [])
+    columns = by_force(twin)
+    allowed = Whitener(twin).white
+    white = allowed - PRECALIBRATION_MPS2**2 * columns @ columns.T
+    n = len(white) - 9
+    base = allowed
+    if kind == "of its own stills":
+        J = np.concatenate([J, 100 * PRECALIBRATION_MPS2 * columns], axis=1)
+    if joint is not None:
+        J = np.concatenate([J, joint_columns_of(joint, n) * joint.system.prior[:9]], axis=1)
+        white = white - np.diag([*np.zeros(n), *np.full(9, ACCEL_INSTABILITY_MPS2**2)])
+        base = white
+    sigma = np.sqrt(np.diag(allowed))
+    np.testing.assert_allclose(found.white / np.outer(sigma, sigma), white / np.outer(sigma, sigma), atol=2e-4)
+    parts = found.noise.components
+    assert [c.name for c in parts] == [c.name for c in first_noise(twin, Whitener(twin)).components]
+    usual = np.array([c.usual for c in parts])
+
+    def value(root):
+        return twice_minus_log(np.maximum(np.abs(root) * usual, 1e-12), y, J, base, parts)
+
+    best = minimize(value, np.maximum(found.noise.s / usual, 0.05), method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-4})
+    s = np.abs(best.x) * usual
+    assert value(found.noise.s / usual) < best.fun + 0.05
+    np.testing.assert_allclose((found.noise.s - s) / found.noise.sigma, 0.0, atol=0.15)
+    assert np.isfinite(found.noise.sigma).all()
+    # What the accelerometer may be off by.
+    if joint is None:
+        own = accelerometer_factor(columns[-9:], found.noise, kind == "of its own stills")
+        expected = columns @ own @ own.T @ columns.T
+    else:
+        D = joint_columns_of(joint, n)
+        response = np.zeros((9, n + 9))
+        whole = by_values(joint)
+        response[:, : n - 27], response[:, n:] = whole[:, : n - 27], whole[:, n - 27 :]
+        known = response @ (found.white + found.noise.covariance) @ response.T + joint.beforehand @ joint.beforehand.T
+        expected = D @ known @ D.T
+    np.testing.assert_allclose(found.accelerometer @ found.accelerometer.T, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def joint_columns_of(joint, n) -> np.ndarray:
+    """(n + Q, 9) of the stacked channels; a still's rate does not depend on the accelerometer."""
+    count = n - 3 * len(joint.force)
+    design = joint.system.design[:, :9]
+    return np.concatenate([design[:count], np.zeros((3 * len(joint.force), 9)), design[count:]])
+
+
+def by_values(joint) -> np.ndarray:
+    """(9, S d + Q) by each row's error: the joint system solved anew."""
+    system = replace(joint.system, vague=False)
+    size = 1e-4
+
+    def solved(e):
+        return replace(system, values=system.values + e).solve()[:9]
+
+    return numeric_jacobian(solved, np.zeros(len(system.values)), size)
+
+
+@pytest.mark.parametrize("mode", ["fit", "prior"])
+@pytest.mark.parametrize("case", ["plain", "with rates", "tilt, bias of the stills"])
+def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case, mode):
+    """Of both together, in order: an error of a length or an end moves the nine numbers; their references then move the twelve.  What was
+    wrong before the session moves both likewise, and is shared by sessions with the same given calibration."""
+    by_hand = made(case)
+    joint = fit_joint(by_hand.plain, mode, 3.0)
+    problem = under(by_hand.problem, "given").changed(joint=joint)
+    noise = loud(problem)
+    noise = replace(noise, noise=replace(noise.noise, s=noise.noise.s / 5))
+    s, n = by_hand.closure, by_hand.count
+    by_row, L, D = by_values(joint), by_hand.response, joint_columns_of(joint, n - 9)
+    nine = np.concatenate([by_row[:, :s], np.zeros((9, n - s - 9)), by_row[:, s:]], axis=1)
+    twelve = L + L @ D @ nine
+    np.testing.assert_allclose(stated_response(problem, by_hand.model, noise, by_hand.rates), twelve, atol=0.01 * np.abs(twelve).max())
+    both = np.concatenate([nine, twelve])
+    before = np.concatenate([joint.beforehand, L @ D @ joint.beforehand])
+    C = noise.white + noise.noise.covariance
+    whole, shared = both @ C @ both.T + before @ before.T, before @ before.T
+    found = stated_joint_covariance(problem, by_hand.model, noise, by_hand.rates)
+    alike(found, whole, 0.02)
+    alike(stated_joint_shared(problem, by_hand.model, noise, by_hand.rates) + whole, shared * (mode == "prior") + whole, 0.02)
+    gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise, by_hand.rates)
+    np.testing.assert_array_equal(gyroscope, found[9:, 9:])
+    alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] * (mode == "prior") + whole[9:, 9:], 0.02)
+    if mode == "prior":
+        assert np.max(np.diag(shared) / np.diag(whole)) > 0.1
+
+
+@pytest.mark.parametrize(("times", "stated"), [(0.99, 1.0), (1.01, 1.01)])
+def test_a_given_calibration_errs_as_assumed_or_as_stills_with_these_errors_show(times, stated):
+    """0.1 mg at zero g and at one g, or the error of each of nine attitudes over the root of their number, if that is more."""
+    noise = loud(small_session()).noise
+    noise = replace(noise, s=np.where([c.name == REFERENCE for c in noise.components], times * 3 * PRECALIBRATION_MPS2, noise.s))
+    found = accelerometer_factor(np.zeros((9, 12)), noise, own=False)
+    np.testing.assert_allclose(found, np.eye(12) * stated * PRECALIBRATION_MPS2)
+    assert pytest.approx(0.1 * MG) == PRECALIBRATION_MPS2
+
+
+def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
+    """Least squares of nine numbers with the stills' error, 2 mg, and the instability of its class; a direction that no length shows is
+    known to 10 mg.  The matrix is upper triangular: what is below the diagonal is its frame."""
+    rng = np.random.default_rng(0)
+    down = rng.normal(size=(9, 3))
+    down /= np.linalg.norm(down, axis=1, keepdims=True)
+    lengths = -np.concatenate([down, np.einsum("qi,qj->qij", down, down).reshape(9, 9)], axis=1)
+    noise = loud(small_session()).noise
+    each = np.hypot(2 * MG, ACCEL_INSTABILITY_MPS2)
+    found = accelerometer_factor(lengths[:, :] * 100, noise, own=True)
+    free = [0, 1, 2, 3, 4, 5, 7, 8, 11]
+    np.testing.assert_array_equal(FROM_LENGTHS, free)
+    expected = np.zeros((12, 12))
+    expected[np.ix_(free, free)] = each**2 * np.linalg.inv(lengths[:, free].T @ lengths[:, free]) / 100**2
+    np.testing.assert_allclose(found @ found.T, expected, rtol=1e-6)
+    lengths[:, 0] = 0.0
+    none = accelerometer_factor(lengths * 100, noise, own=True)
+    assert none[0] @ none[0] == pytest.approx((10 * MG) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "own"),
+    [
+        ([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]], True),
+        ([[1.0, 0, 0], [0, 1, 0.1], [0, 0, 1]], True),
+        ([[1.0, 0.1, 0], [0.1, 1, 0], [0, 0, 1]], False),
+        ([[1.0, 0.1, 0], [0, 1, 0], [0, 0.1, 1]], False),
+        ([[1.0, 0, 0], [0, 1, 0], [0, 0, 1.1]], False),
+    ],
+)
+def test_an_upper_triangle_is_of_the_stills_themselves(matrix, own):
+    accelerometer = SimpleNamespace(matrix=np.array(matrix))
+    session = SimpleNamespace(config=SimpleNamespace(accelerometer=accelerometer))
+    assert from_own_stills(SimpleNamespace(session=session)) is own
+
+
+def test_it_is_not_estimated_with_a_truth_file_and_beyond_400_turns():
+    assert stated_noise(SimpleNamespace(session=SimpleNamespace(truths=()), used=[])) is None
+    none = SimpleNamespace(session=SimpleNamespace(truths=None), used=[None] * 401)
+    assert stated_noise(none) is None
+    none.used.pop()
+    with pytest.raises(AttributeError):  # goes on
+        stated_noise(none)
+
+
+@pytest.mark.parametrize("wider", [False, True])
+def test_the_tilt_that_noise_makes_is_the_rms_of_both_angles(wider):
+    """Without the uncertainty of single turns and that of the accelerometer's calibration, which E takes up."""
+    problem = small_session(kind="yaw")
+    problem = problem if wider else problem.changed(floor=replace(problem.floor, wider=None))
+    problem.__dict__["instability"] = small_session().instability
+    noise = loud(problem)
+    variance = np.diag(noise.white + noise.noise.covariance)[:21].reshape(7, 3)[:, :2].sum(axis=1)
+    if wider:
+        variance -= np.trace(problem.floor.wider[:, :2, :2], axis1=1, axis2=2)
+    assert noise.tilt_rms == pytest.approx(np.sqrt(variance.mean()))
+    assert noise.closure == slice(0, 21)
+    assert noise.to_json() == noise.noise.to_json()
+    assert noise.words == noise.noise.words

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from streams import BOTH, INFO, PERIOD_US, decode, frame_list, line_list, rng, same, samples, sent, troubles
+from streams import BOTH, INFO, decode, frame_list, line_list, rng, same, samples, sent, troubles
 
 from session.bench import frames
-from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info
 from session.bench.text_stream import parse_comment, parse_info
 from tinygc.simulation.virtual_board import LineFaults, spoil
@@ -35,17 +34,6 @@ def test_it_does_not_matter_how_the_bytes_are_cut(encode):
         assert troubles(pieces) == troubles(events)
         assert [e for e in pieces if isinstance(e, Comment)] == [e for e in events if isinstance(e, Comment)]
         assert (cut.samples, cut.lost, cut.garbage, cut.resets) == (whole.samples, whole.lost, whole.garbage, whole.resets)
-
-
-@BOTH
-def test_time_and_sequence_wrap(encode):
-    """u32 microseconds after 71.6 minutes, u16 after 39 s at 1667 Hz."""
-    count = 70_000
-    t_us = 2**32 - 5_000_000 + PERIOD_US * np.arange(count)
-    registers = sent(count)[1]
-    _, events = decode(b"".join(encode(t_us, registers)))
-    assert same(events, t_us, registers)
-    assert troubles(events) == {}
 
 
 def test_text_with_carriage_returns_comments_a_header_and_further_columns():
@@ -84,14 +72,6 @@ def test_info_frames_are_read_and_do_not_count_as_lost(shared_counter):
     info = [event for event in events if isinstance(event, Info)]
     assert len(info) == 30
     assert info[0] == decoder.info == INFO
-
-
-@BOTH
-def test_the_true_rate_is_measured_from_the_stamps(encode):
-    t_us = np.rint(np.arange(20_000) * 1e6 / 1707.008).astype(np.int64)
-    decoder = StreamDecoder()
-    decoder.feed(b"".join(encode(t_us, sent(20_000)[1])))
-    assert decoder.measured_odr_hz == pytest.approx(1707.008, rel=1e-5)
 
 
 @BOTH

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from session.bench.continuity import DOUBT, Continuity, StepFilter
+from session.bench.continuity import Continuity, StepFilter
 from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
 
 P = 1000  # us, the period of these streams
@@ -128,7 +128,7 @@ def test_a_reading_out_of_place_is_left_out_when_the_next_follows_the_one_before
 
 
 def test_the_same_number_or_time_again_counts_once():
-    for again in ((LAST, 19), (LAST + P, 19), (LAST, 20)):
+    for again in ((LAST, 19), (LAST + P, 19), (LAST, 20), (LAST + P, 20 + 2**15)):
         out = told(begun().take(received([again[0], LAST + P, LAST + 2 * P], [again[1], 20, 21])))
         assert out == ([LAST + P, LAST + 2 * P], [1, 1], [("implausible", 1, LAST)])
 
@@ -190,6 +190,12 @@ def test_one_number_and_another_each_second_may_be_of_a_lost_info_frame(periods,
     at = LAST + periods * P
     assert told(begun().take(received([at], [19 + numbers]))) == ([at], [count], [("lost", count - 1, LAST)])
     assert told(begun().take(received([at], [20 + numbers]))) == ([], [], [])
+
+
+def test_right_after_the_beginning_a_lost_info_frame_costs_no_sample():
+    last = T0 + 2 * P
+    for numbers, counts in ((1, True), (2, True), (3, False)):
+        assert told(begun(3).take(received([last + P], [2 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
 
 
 # Another rate, and restarts.
@@ -330,7 +336,7 @@ def passed(out):
     return values, [each.t_us // 1000 for each in out if isinstance(each, Trouble)]
 
 
-BAR = int(BARS[2])
+BAR, DOUBT = int(BARS[2]), 1000
 
 
 @pytest.mark.parametrize(

@@ -22,17 +22,6 @@ def test_five_percent_lost_frames_are_counted_exactly():
     assert troubles(events) == {"lost": decoder.lost}
 
 
-def test_lost_lines_are_counted_from_the_stamps_and_take_the_line_before_along():
-    """A line before a gap may be two halves; it is left out, and counted as lost."""
-    t_us, registers = sent(20_000)
-    gone = np.zeros(20_000, bool)
-    gone[rng(5).choice(np.arange(10, 19_000, 10), 500, replace=False)] = True
-    decoder, events = decode(b"".join(np.array(line_list(t_us, registers), dtype=object)[~gone]))
-    before = np.concatenate([gone[1:], [False]])
-    assert same(events, t_us[~gone & ~before], registers[~gone & ~before])
-    assert decoder.lost == 1000
-
-
 def test_one_percent_of_flipped_bits():
     """87 % of the frames are hit; of the rest, all arrive."""
     t_us, registers = sent(20_000)
@@ -123,14 +112,6 @@ def test_a_board_that_changes_from_text_to_frames_and_back():
     )
 
 
-def test_another_rate_is_no_reset():
-    first = sent(500)
-    t_us = first[0][-1] + 2400 * np.arange(1, 501)
-    _, events = decode(b"".join(frame_list(*first) + frame_list(t_us, first[1], first=500)))
-    assert same(events, np.concatenate([first[0], t_us]), np.concatenate([first[1], first[1]]))
-    assert "reset" not in troubles(events)
-
-
 @pytest.mark.parametrize(
     "field", [{"sequence": 300}, {"t_us": 2_000_000_000}, {"t_us": 1_000_000 + 500 * PERIOD_US + 900}, {"sequence": 501, "t_us": 77}]
 )
@@ -143,22 +124,6 @@ def test_a_damaged_frame_with_a_good_check_and_a_wrong_number_or_stamp_is_left_o
     others = np.arange(1000) != 500
     assert same(events, t_us[others], registers[others])
     assert troubles(events) == {"implausible": 1, "lost": 1}
-
-
-@pytest.mark.parametrize(("register", "step"), [(0, 400), (1, -9000), (4, 800), (6, 100)])
-def test_a_register_that_stands_alone_is_left_out_on_a_wire_that_spoils_frames(register, step):
-    t_us, registers = sent(1000)
-    wrong = registers.copy()
-    wrong[500, register] += step
-    messages = frame_list(t_us, wrong)
-    _, events = decode(b"".join(messages))
-    assert same(events, t_us, wrong)  # without any damage it is a knock
-    messages[400] = flipped(messages[400][:-1], 0.1, rng(8)) + b"\0"
-    decoder, events = decode(b"".join(messages))
-    others = (np.arange(1000) != 500) & (np.arange(1000) != 400)
-    assert same(events, t_us[others], registers[others])
-    assert decoder.implausible == 1
-    assert [event.t_us for event in events if isinstance(event, Trouble) and event.kind == "implausible"] == [t_us[500]]
 
 
 def test_of_many_damaged_frames_none_enters():

@@ -87,7 +87,7 @@ def test_averaging_times_with_less_than_five_degrees_of_freedom_are_left_out_but
     assert (few.tau_s.tolist(), few.longest_s) == ([0.5], 7.0)
     assert pooled([5.0, 5.0, 5.0]).deviation[:, 0] == pytest.approx(
         np.sqrt([2 / 16, 2 / 32, 2 / 18])
-    )  # no difference is no division by zero
+    )
 
 
 def test_averaging_factors_are_equal_in_octaves_up_to_half():

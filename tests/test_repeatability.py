@@ -3,28 +3,36 @@
 import json
 import re
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from commandline import refused
+from conftest import config
 from scipy.stats import kstest, t
 
 import calibrate
+from session.io.errors import FormatError
+from session.io.folder import Session, hash_of_log
+from session.io.logfile import Log
+from session.io.samples import Samples
 from session.io.units import DEG
-from tinygc.estimation.repeatability import ONE_SIGMA, BiasRepeatability, spread_of
-from tinygc.models.linear import BIAS
+from tinygc import models
+from tinygc.estimation.repeatability import ONE_SIGMA, BiasRepeatability, repeatability_of, spread_of
+from tinygc.models.linear import BIAS, LinearModel
 
 
 def test_a_sigma_is_the_two_thirds_of_a_normal_variable():
     assert t.cdf(1, 1e9) - t.cdf(-1, 1e9) == pytest.approx(ONE_SIGMA, abs=1e-9)
 
 
-@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("count", [2, 4])
 def test_two_of_three_of_the_next_sessions_lie_within_it(count):
     """Draws of the small problem: the next session's difference over its sigma is Student's t, scaled to 68 % within one."""
     rng = np.random.default_rng(count)
     z = []
-    for _ in range(4000):
+    for _ in range(2000):
         spread = spread_of(rng.normal(size=(count, 3)), np.zeros((count, 3, 3)))
         sigma = np.sqrt(np.diag(BiasRepeatability(spread, "").any_session(np.zeros((12, 12)))))[BIAS]
         z.append((rng.normal(size=3) - rng.normal(size=3)) / sigma)
@@ -38,6 +46,74 @@ def test_what_the_fits_own_sigmas_explain_is_no_spread():
     sample, widened = 4 / 3, t.ppf((1 + ONE_SIGMA) / 2, 3)
     own = np.tile(np.diag([1 / 3, 10.0, 0]), (4, 1, 1))
     np.testing.assert_allclose(spread_of(biases, own) / widened, [1, np.sqrt(0.1 * sample), 0])
+
+
+def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
+    rps, own = np.array([1.0, 2, 3]), np.diag(np.arange(12.0))
+    own[9, 10] = own[10, 9] = 0.5
+    found = BiasRepeatability(rps * DEG, "said")
+    more = found.any_session(own) - own
+    np.testing.assert_allclose(more, np.diag([0.0] * 9 + [2 * DEG**2, 8 * DEG**2, 18 * DEG**2]), rtol=1e-9, atol=1e-15)
+    assert own[9, 9] == 9  # it is left as it was
+    assert found.to_json() == {"spread_dps": pytest.approx([1, 2, 3]), "source": "said"}
+
+
+@pytest.fixture
+def unit(tmp_path):
+    """``session(number)``, of one unit, and ``fitted(name, …)``, the folder of a fit of it: only what the spread is read from."""
+
+    def session(number=0, serial="test"):
+        samples = Samples(np.arange(9) * 10_000_000, np.full((9, 3), float(number)), np.ones((9, 3)))
+        made = config()
+        made = replace(made, sensor=replace(made.sensor, serial=serial, gyro_bias_repeatability_dps=0.5 if number < 0 else None))
+        return Session(tmp_path / "today", made, (Log(Path("log.csv"), samples, in_memory=True),), ())
+
+    def fitted(name, bias=(0.0, 0.0, 0.0), covariance=None, **more):
+        (tmp_path / name / "fit").mkdir(parents=True)
+        model = LinearModel(np.eye(3), np.array(bias))
+        told = {"sha256": {"log.csv": name, "session.toml": "same"}, "sensor": {"model": "ASM330LHH", "serial": "test"}}
+        told |= ({} if covariance is False else {"covariance": (np.zeros((12, 12)) if covariance is None else covariance).tolist()}) | more
+        (tmp_path / name / "fit" / "model_least_squares.json").write_text(json.dumps(models.to_dict(model, **told)))
+        return tmp_path / name
+
+    return session, fitted
+
+
+def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances(unit):
+    session, fitted = unit
+    covariance = np.diag(np.arange(12.0)) * 1e-3
+    folders = [fitted("a", (1.0, 2.0, 0.0), covariance), fitted("b", (-1.0, 2.0, 1.0), covariance), fitted("c", (0, 2.1, -1), covariance)]
+    found = repeatability_of(session(), folders)
+    widened = t.ppf((1 + ONE_SIGMA) / 2, 2)
+    expected = [np.sqrt(1 - 0.009), np.sqrt(0.1 * 0.01 / 3), np.sqrt(1 - 0.011)]
+    np.testing.assert_allclose(found.rps, widened * np.array(expected), rtol=1e-9)
+    assert found.source == "3 other sessions of this unit"
+    assert repeatability_of(session(), folders[:2]).source == "2 other sessions of this unit"
+    given = repeatability_of(session(-1))
+    assert (given.rps.tolist(), given.source) == ([0.5 * DEG] * 3, "given in session.toml")
+    assert repeatability_of(session()) is None
+
+
+def test_a_history_shows_no_spread_where_it_is_of_one_session_twice_or_of_another_unit(unit):
+    session, fitted = unit
+    one, two = fitted("a"), fitted("b")
+    digest = hash_of_log(session().logs[0])
+    bad = {
+        "one session does not show a spread": [one],
+        "a folder is given twice": [one, two, one],
+        "holds the same log as .*today": [one, fitted("mine", sha256={"log.csv": digest})],
+        "holds the same log as .*a;": [one, fitted("copy", sha256={"other.csv": "a"})],
+        "'other', expected ASM330LHH 'test'": [one, fitted("other", sensor={"model": "ASM330LHH", "serial": "other"})],
+        "of BMI088 'test', expected": [one, fitted("model", sensor={"model": "BMI088", "serial": "test"})],
+        "no linear model with a covariance": [one, fitted("none", covariance=False)],
+        "fit the session first": [one, one.parent],
+    }
+    for said, folders in bad.items():
+        with pytest.raises(FormatError, match=said):
+            repeatability_of(session(), folders)
+    with pytest.raises(FormatError, match="names no serial number"):
+        repeatability_of(session(serial=""), [one, two])
+    assert repeatability_of(session(), [one, two]).rps.tolist() == [0, 0, 0]  # session.toml alike is no same log
 
 
 @pytest.fixture
@@ -60,6 +136,7 @@ def days(folder, tmp_path):
     return folders
 
 
+@pytest.mark.broad
 def test_the_history_of_a_unit_goes_into_model_exports_and_apply(days, tmp_path, run):
     today, *others = days
     words = [word for other in others for word in ("--history", other)]
@@ -82,6 +159,7 @@ def test_the_history_of_a_unit_goes_into_model_exports_and_apply(days, tmp_path,
     assert (code, f"differs by up to {np.sqrt(2) * spread:.2g} dps" in out) == (0, True)
 
 
+@pytest.mark.broad
 def test_it_may_be_given_and_is_else_not_stated(folder, run):
     assert "any other session" not in run("fit", folder, "--methods", "least_squares")[1]
     toml = folder / "session.toml"
@@ -90,6 +168,7 @@ def test_it_may_be_given_and_is_else_not_stated(folder, run):
     assert json.loads((folder / "fit" / "fit.json").read_text())["bias_any_session"]["source"] == "given in session.toml"
 
 
+@pytest.mark.broad
 def test_what_is_no_history_is_refused(days, run):
     today, one, other = days
     words = ("fit", today, "--methods", "least_squares", "--quiet", "--history")

@@ -116,6 +116,12 @@ def test_a_peak_is_a_step_or_a_false_reading_of_one_sample_or_two(heights, steps
     np.testing.assert_allclose([step for _, step in found], [[0, height, 0, 0, 0, 0] for _, height in steps])
 
 
+def test_peaks_of_different_axes_are_no_false_reading():
+    size, _ = pattern(10, -30, 0, 0)
+    size[10:12, 2] = [30, -10]
+    assert len(steps_at(9, size, np.linalg.norm(size, axis=1))) == 1
+
+
 def test_a_peak_at_the_ends_of_a_log_is_a_step():
     size, total = pattern(10, -30, 30, -10)
     for cut, at, alone in ((slice(9, None), 0, True), (slice(8, None), 1, False), (slice(None, 11), 9, True), (slice(None, 12), 9, False)):
@@ -300,7 +306,7 @@ def cluster(height, count=3, off=0.0, returns=1.0, accel=0.0, noise=1.0):
     [
         ({"height": 100.0}, (20, 3, False)),
         ({"height": 8.01}, (20, 3, False)),
-        ({"height": 7.9}, None),
+        ({"height": 8.0}, None),
         ({"height": 100.0, "noise": 12.4}, (20, 3, False)),
         ({"height": 100.0, "noise": 12.7}, None),
         ({"height": 100.0, "accel": 99.0}, (20, 3, False)),

@@ -145,6 +145,7 @@ def test_a_direction_of_which_too_little_remains_is_unobservable():
     free = np.random.default_rng(5).normal(size=(N, 2))
     groups = {"nothing": np.zeros((N, 3)), "half": np.hstack([nuisance[:, :1], 1e-7 * free]), "twice": np.hstack([free, free])}
     assert {group.name: group.basis.shape[1] for group in Selection(1e5 * nuisance, groups, seed=0).groups} == {"half": 2, "twice": 2}
+    assert orthonormal(np.diag([1.0, 0.5]), 0.5, scaled=False).shape[1] == 1
     for apart, rank in ((1e-10, 1), (1e-8, 2)):
         assert orthonormal(1e6 * np.column_stack([free[:, 0], free[:, 0] + apart * free[:, 1]])).shape[1] == rank
 

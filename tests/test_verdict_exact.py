@@ -376,8 +376,8 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     spread = BiasRepeatability(np.array([0.01, 0.02, 0.03]), "given")
     other = covariance + np.diag(np.r_[np.zeros(9), 2e-4, 8e-4, 18e-4])
     assert run_p_values(problem, runs, *given, spread) == pytest.approx([p(covariance), p(other)], rel=1e-6)
-    session.nominal_rate = NominalRate(208.0, 0.001, "")
-    counted = covariance - 1e-6 * np.outer(vector, vector)
+    session.nominal_rate = NominalRate(208.0, 0.003, "")
+    counted = covariance - 9e-6 * np.outer(vector, vector)
     assert run_p_values(problem, runs, *given) == pytest.approx([p(counted), p(covariance)], rel=1e-6)
     session.nominal_rate = None
     left = [np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])]
@@ -428,4 +428,11 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     squares, log_p = zip(*map(moments, variants), strict=True)
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
     np.testing.assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
+    twin.spoil(variants[1], [40.0])  # so strong that its evidence alone would overflow
+    with (
+        patch.object(systematic, "candidates", lambda twin: variants),
+        patch.object(systematic, "stated_response", lambda problem, model, noise, still_rates: response),
+    ):
+        strong = systematic_of(None, None, noise, 1.7, False)
+    np.testing.assert_allclose(strong.by_effect["test.step"], moments(variants[1])[0], rtol=1e-6)
     np.testing.assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])

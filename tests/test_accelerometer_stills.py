@@ -83,7 +83,7 @@ def test_the_numbers_are_those_of_cauchys_weights(bad):
     assert np.all(found.weight[:bad] < 1e-3)
 
 
-@pytest.mark.parametrize("stills", [9, 12, 17, 18, 24])
+@pytest.mark.parametrize("stills", [9, 10, 12, 17, 18, 24])
 def test_the_covariance_is_that_of_the_estimate_and_of_gravity_in_common(stills):
     """Huber (1981), 6.5, with numeric derivatives.  Where fewer stills are to spare than numbers are fitted, no less than the median miss,
     what a MEMS sensor wanders by, and the white noise say.  Gravity's length moves the matrix as a whole, in all stills alike."""
@@ -98,6 +98,7 @@ def test_the_covariance_is_that_of_the_estimate_and_of_gravity_in_common(stills)
         sigma = 0.0
         if spare:
             bar = np.median(np.abs(miss) * np.sqrt(found.weight / (1 - found.weight)))
+            assert bar == pytest.approx(2 * np.median(np.abs(miss)) / 0.6745 * np.sqrt(stills / spare), rel=0.011)
             pull = lambda x, bar=bar: x / (1 + (x / bar) ** 2)  # noqa: E731
             rise = (pull(miss + 1e-6 * bar) - pull(miss - 1e-6 * bar)) / (2e-6 * bar)
             sigma = (1 + 9 / stills * rise.var() / rise.mean() ** 2) * np.sqrt(np.sum(pull(miss) ** 2) / spare) / rise.mean()

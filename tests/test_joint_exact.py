@@ -140,6 +140,8 @@ def test_the_estimate_weighs_lengths_closures_and_what_is_known_beforehand(kind,
     np.testing.assert_allclose(system.response, -covariance @ weight, atol=0.01 * np.abs(covariance @ weight).max())
     np.testing.assert_allclose(found.beforehand, (covariance / prior)[:9, [*range(9), 21]], atol=0.01 * sigma[:9].min())
     np.testing.assert_array_equal(found.x, at[:9])
+    assert found.accelerometer.source == ("stills" if mode == "fit" else "prior")
+    np.testing.assert_allclose(found.accelerometer.correct(force), found.force)
     np.testing.assert_array_equal(found.model.vector, at[9:21])
     np.testing.assert_allclose(found.force, by_hand(found.x, force))
     np.testing.assert_allclose(found.before, np.linalg.norm(force, axis=1) - gravity)

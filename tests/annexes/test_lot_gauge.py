@@ -112,6 +112,8 @@ def test_without_repeats_or_people_what_is_left_is_repeatability():
     alone = anova(np.array([[[1.0, 2.0]], [[4.0, 3.0]], [[5.0, 9.0]]]))
     assert alone.freedom.tolist() == [2, 0, 0, 3]
     assert components(alone) == pytest.approx([(15.5 - 3) / 2, 0, 0, 3])
+    additive = anova(4.0 * np.arange(3)[:, None, None] + 2.0 * np.arange(2)[:, None] + np.arange(2))
+    assert (additive.interaction_f, additive.interaction_p, additive.pooled) == (0, 1, True)
     exact = anova(np.zeros((2, 2, 2)))
     assert np.isnan(exact.interaction_f)
 
@@ -135,6 +137,8 @@ def test_drawn_components_are_pivots_of_chi_squares(pooled):
     assert stats.kstest(9e4 / (15 * part + np.mean(between)), stats.chi2(9).cdf).pvalue > 1e-3
     assert stats.kstest(4e3 / (30 * who + np.mean(between)), stats.chi2(4).cdf).pvalue > 1e-3
     assert len(drawn(table)) == 20_000
+    two = Anova(np.array([9e6, 0.0, 0.0, 4.0]), np.array([1.0, 0.0, 0.0, 2.0]), np.nan, np.nan, True, 2, 1, 2)
+    assert stats.kstest(9e6 / (2 * drawn(two, 1, 10_000)[:, 0]), stats.chi2(1).cdf).pvalue > 1e-3
     fewer = Anova(np.array([9.0, 0.0, 0.0, 4.0]), np.array([2.0, 0.0, 0.0, 3.0]), np.nan, np.nan, True, 3, 1, 2)
     assert not drawn(fewer, 0, 100)[:, 1:3].any()
     assert stats.kstest(4.0 / drawn(fewer, 1, 10_000)[:, 3], stats.chi2(3).cdf).pvalue > 1e-3
@@ -159,6 +163,8 @@ def test_intervals_of_grr_and_categories_are_those_of_the_f_distribution():
     ratios = (np.array([low, high]) - 1) / 2
     assert found.percent_grr_interval == pytest.approx(100 / np.sqrt(1 + ratios[::-1]), rel=0.02)
     assert found.ndc_interval == pytest.approx(1.41 * np.sqrt(ratios), rel=0.02)
+    drawn_part, _, _, drawn_error = drawn(found.table, 4).T
+    assert found.ndc_interval == pytest.approx(np.percentile(1.41 * np.sqrt(drawn_part / drawn_error), [2.5, 97.5]))
     assert (found.method, found.appraisers, found.parts, found.sessions) == ("anova", "", 12, 24)
     assert "reproducibility is unknown" in found.why
 
@@ -200,6 +206,16 @@ def test_likelihood_equals_analysis_of_variance_on_a_balanced_study():
 
     curved = [[bent(step * a, step * b) for a in E] for b in E]
     assert covariance == pytest.approx(np.linalg.inv(np.array(curved) / 2), rel=0.01, abs=1e-3)
+
+
+def test_a_variance_that_is_not_there_is_zero_and_known():
+    """Appraisers with equal means."""
+    y = UNPOOLED - UNPOOLED.mean(axis=(0, 2), keepdims=True)
+    found, covariance = variances(cells_of(*flat(y)))
+    assert found[1] == 0
+    assert (found[[0, 2, 3]] > 0).all()
+    assert not covariance[1].any()
+    assert (np.diag(covariance)[[0, 2, 3]] > 0).all()
 
 
 def test_cells_are_means_counts_and_what_is_left_inside():

@@ -11,7 +11,7 @@ from small_lots import Dense, believed, small_lot
 from tinygc import CalibrationError
 from tinygc.annexes.lots import hierarchy as subject
 from tinygc.annexes.lots.hierarchy import EXACT_UNITS, OFF_SCALES, Sums, add, hierarchy, in_si, tails_of, updated, without_tails
-from tinygc.annexes.lots.lot import lot_sessions
+from tinygc.annexes.lots.lot import LotSessions, lot_sessions
 
 MEAN, COVARIANCE = truth()
 KNOWN = [0, 10]
@@ -341,12 +341,17 @@ def test_freedom_is_fishers_information_of_the_variance(tails):
 
     assert found.spread_freedom[10] == pytest.approx(2 * 0.7**2 * sum(map(information, noise)) * (4 - 2) / 4, rel=1e-3)
     assert np.isnan(found.spread_freedom[0])
-    if np.isfinite(tails):
-        return
-    # Two sessions of one unit have one contrast: 2 V^2 times its information.
-    rows = np.flatnonzero(lot.unit == 2)
-    variance = lot.covariance(rows)[:, 10, 10] + belief.repeatability[10, 10]
-    assert found.repeatability_freedom[10] == pytest.approx(belief.repeatability[10, 10] ** 2 * np.sum(0.5 / variance**2))
+
+
+def test_freedom_of_repeatability_is_that_of_contrasts_within_units():
+    """2 V^2 times Fisher's information: sessions less one of each unit, exactly where its sessions are alike."""
+    lot = small_lot([1, 3, 2], known=(10,))
+    lot = dataclasses.replace(lot, covariances=np.repeat(lot.covariances[:1], 6, axis=0))
+    belief = believed([[0.7]], [[0.4]], known=(10,), beta_covariance=np.eye(2 * COUNT))
+    found = in_si(lot, belief, passed(lot, belief), 1, True)
+    variance = lot.covariance(slice(0, 1))[0, 10, 10] + 0.4
+    assert found.repeatability_freedom[10] == pytest.approx(2 * 0.4**2 * (2 + 1) / (2 * variance**2))
+    assert np.isnan(found.repeatability_freedom[0])
 
 
 def test_freedom_of_several_numbers_with_tails():
@@ -379,6 +384,24 @@ def test_one_number_ends_at_the_largest_restricted_likelihood():
     assert (np.abs(off) < 0.1 * np.sqrt(2 / np.array([found.spread_freedom[10], found.repeatability_freedom[10]]))).all()
     beta, covariance = Dense(lot, best[:1, None], best[1:, None], (10,)).solved()
     assert found.mean[10] == pytest.approx(lot.centre[10] + lot.scale[10] * beta[0], abs=0.1 * np.sqrt(covariance[0, 0]) * lot.scale[10])
+
+
+def test_a_large_lot_begins_with_a_part_of_it_and_ends_the_same(monkeypatch):
+    """Parts of eight and then of 64 units, up to half of them with several sessions."""
+    lot, parts = small_lot([1, 2, 1] * 50, known=(10,)), []
+    whole = hierarchy(lot, tails=False)
+    chunks = LotSessions.chunks
+    monkeypatch.setattr(LotSessions, "chunks", lambda self, units=None: parts.append(units) or chunks(self, units))
+    monkeypatch.setattr(subject, "BEGIN_UNITS", 8)
+    found = hierarchy(lot, tails=False)
+    sizes = {len(units) for units in parts if units is not None}
+    assert sizes == {8, 64}
+    assert all(len(set(units)) == len(units) for units in parts if units is not None)
+    assert {np.count_nonzero(lot.count[units] > 1) for units in parts if units is not None} == {4, 32}
+    assert parts[-1] is None
+    sigma = np.sqrt(whole.mean_covariance[10, 10])
+    assert found.mean[10] == pytest.approx(whole.mean[10], abs=0.2 * sigma)
+    assert found.spread[10, 10] == pytest.approx(whole.spread[10, 10], rel=0.2 * np.sqrt(2 / whole.spread_freedom[10]))
 
 
 @pytest.mark.broad

@@ -151,6 +151,8 @@ def test_numbers_known_of_one_unit_are_no_lots_and_two_sessions_make_them_known_
     assert np.flatnonzero(more.twice).tolist() == [3]
     ((_, chunk),) = more.chunks()
     assert chunk.told.tolist() == [1, 3, 1]
+    ((_, chunk),) = lot_sessions([result("a", "A", 0.0), result("b", "B", 1.0)]).chunks()
+    assert chunk.place.tolist() == [0, 1]
     with pytest.raises(CalibrationError, match="got 1"):
         lot_sessions([result("a", "A", 0.0), result("b", "A", 1.0)])
 
@@ -163,7 +165,7 @@ def test_the_scale_is_no_less_than_the_noise():
 
 
 def test_a_sessions_sigmas_in_displayed_units():
-    lot = small_lot([1, 2], known=(0, 5, 10))
+    lot = small_lot([1, 2], known=(0, 5, 10), size=1e-8)
     J = jacobian(NONE)
     J[:, 3] = 1e9  # an unknown number has no part in it
     found = session_errors(lot, J)

@@ -258,9 +258,10 @@ def test_what_remains_without_the_leaders_is_a_regressions_intercept(size):
     rng = np.random.default_rng(6)
     leader, effect = some(rng, 14, 1, 2.0), some(rng, 14, size, 0.8)
     effect.x[2] = np.nan
+    effect.x[12], leader.x[13] = -200, 300  # what is far is bounded at nine sigmas, and at nine times the mean
     told = effect.told
-    share = along(leader)[0][told]
-    z = effect.x[told] / np.median(effect.sigma[told], axis=0)
+    share = np.clip(along(leader)[0][told], -9, 9)
+    z = np.clip(effect.x[told] / np.median(effect.sigma[told], axis=0), -9, 9)
 
     def left(design):
         residual = z - design @ np.linalg.lstsq(design, z, rcond=None)[0]

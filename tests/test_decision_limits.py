@@ -16,6 +16,7 @@ from tinygc.explanation import decision
 from tinygc.explanation.decision import (
     Naming,
     Proof,
+    beyond_the_catalogue,
     borne_out,
     by_ends,
     decide,
@@ -397,6 +398,44 @@ def test_a_recording_is_decided_from_the_search_to_the_name():
     assert naming.first_p < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("named", "near", "unusual", "first_p", "searched"),
+    [
+        (True, 59.9, False, 1.0, ["best", "nothing"]),
+        (True, 60.0, False, 1.0, ["best"]),
+        (False, 0.0, False, 1.0, ["best"]),
+        (False, 0.0, False, 0.0499, ["best", "lines"]),
+        (False, 0.0, False, 0.05, ["best"]),
+        (True, 99.0, True, 1.0, ["best", "lines"]),
+        (True, 99.0, False, 0.0, ["best"]),
+    ],
+)
+def test_shapes_are_sought_beside_the_names_in_their_place_and_lines_where_something_remains(named, near, unusual, first_p, searched):
+    """In their place if one alone comes within 60 of the best; lines if noise is unusual, or something is detected and has no name."""
+    seen = []
+
+    def h(name, score, effects):
+        return SimpleNamespace(name=name, score=score, effects=effects, noise=SimpleNamespace(unusual=unusual))
+
+    best, nothing = h("best", 100.0, [A] * named), h("nothing", 90.0, [])
+    evidence = SimpleNamespace(twin=None, nothing=nothing)
+
+    def search(evidence, shapes, begin, most):
+        seen.append("lines" if shapes == "lines" else begin.name)
+        assert most == (1 if shapes == "lines" else 2)
+        return begin
+
+    with (
+        patch.object(decision, "slow_candidates", lambda twin: "slow"),
+        patch.object(decision, "unknown_candidates", lambda twin: "lines"),
+        patch.object(decision, "search", search),
+        patch.object(decision, "guesses", lambda evidence, shapes, have: [Guess((), 100.0 + near), Guess((), 100.0 + near + 1)]),
+    ):
+        found = beyond_the_catalogue(evidence, "tried", best, first_p)
+    assert seen == searched
+    assert found.name == ("nothing" if "nothing" in searched else "best")
+
+
 # Further terms of a curve
 
 
@@ -407,18 +446,19 @@ def test_an_effect_that_further_terms_of_a_curve_reproduce_is_one_of_them(share,
     own = effect("own", conditions=("rate", "dps"))
     curve = effect("curve", conditions=("rate", "dps"))
     object.__setattr__(curve, "id", f"{NAMELESS}curve_over_rate")
-    term = effect("term")
+    term, other = effect("term"), effect("other")
     twin = twin_with(columns=lambda each: mixed if each is own else columns(each), resting=False)
     columns.rows = twin.n
     evidence = twin.evidence()
     rest = np.linalg.qr(np.hstack([twin.calibration[:, :2], columns(curve)]))[0]
-    left = [each - rest @ (rest.T @ each) for each in (columns(term), np.random.default_rng(1).normal(size=(twin.n, 1)))]
-    left[1] -= left[0] * (left[0].T @ left[1]) / np.sum(left[0] ** 2)
+    left = [columns(term) - rest @ (rest.T @ columns(term)), np.random.default_rng(1).normal(size=(twin.n, 1))]
+    taken = np.linalg.qr(np.hstack([rest, columns(term), columns(other)]))[0]
+    left[1] -= taken @ (taken.T @ left[1])
     mixed = sum(np.sqrt(part) * each / np.linalg.norm(each) for part, each in zip((share, 1 - share), left, strict=True))
     fit = SimpleNamespace(J=np.hstack([twin.calibration, mixed, columns(curve)]))
     fit.state = SimpleNamespace(claims=[SimpleNamespace(theta=np.ones(1), effect=each) for each in (own, curve)])
     best = SimpleNamespace(effects=(own, curve), fit=fit, whiten=lambda columns: columns)
-    with patch.object(decision, "curves_like", lambda twin, other: [term]):
+    with patch.object(decision, "curves_like", lambda twin, shape: [term, other]):
         assert part_of_a_curve(evidence, best, 0) == alike
         assert not part_of_a_curve(evidence, best, 1)  # the curve itself
         best.effects = (effect("own", conditions=("time", "s")), curve)

@@ -146,6 +146,15 @@ def test_a_jump_is_twelve_times_the_scatter_of_all_channels_together(height, fou
         np.testing.assert_allclose(jumps.size[jumps.rows == 501][0], [height * 6, 0, 0, 0, 0, 0], rtol=0.05)
 
 
+@pytest.mark.parametrize("heights", [(1.0, 0.8), (0.8, 1.0)])
+def test_two_jumps_three_rows_apart_are_two(heights):
+    samples = noisy()
+    gyro = samples.gyro.copy()
+    gyro[500:, 0] += heights[0]
+    gyro[503:, 0] += heights[1]
+    assert find_jumps(replace(samples, gyro=gyro)).rows.tolist() == [499, 502]
+
+
 def test_at_a_gap_that_the_stamps_show_there_is_no_jump():
     samples = noisy()
     gyro = samples.gyro.copy()
@@ -394,6 +403,16 @@ def test_false_readings_are_replaced_by_the_polynomial_of_their_neighbours_of_wh
     near = whole.gyro.copy()
     near[1] += 5
     assert np.abs(without_glitches(replace(whole, gyro=near), start).gyro[1] - whole.gyro[1]).max() < 2
+
+
+@pytest.mark.parametrize(("start", "rows"), [(501, [500]), (502, [500, 502])])
+def test_an_excursion_that_begins_in_rows_that_are_no_readings_is_a_part_of_them(monkeypatch, start, rows):
+    samples = noisy()
+    gyro, accel = samples.gyro.copy(), samples.accel.copy()
+    gyro[500:502], accel[500:502] = 0, 0
+    gyro[502:504] += 1.0
+    monkeypatch.setattr(faulty_readings, "excursion_at", lambda *_: (start, 3, False))
+    assert find_glitches(replace(samples, gyro=gyro, accel=accel)).rows.tolist() == rows
 
 
 @pytest.mark.parametrize(("gap", "found"), [(493, True), (494, False), (506, False), (507, True)])

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from conftest import DEG
-from rest_logs import CHIP, rest_log, rest_samples, without_temperature
+from rest_logs import CHIP, rest_log, rest_samples
 
-from session.io.errors import DataError
 from session.io.rests import rest_from_samples
 from session.io.units import DEG_PER_SQRT_HOUR
 from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
@@ -128,21 +127,6 @@ def test_the_random_walk_is_the_datasheets_whatever_temperature_does():
         assert walk.value / DEG_PER_SQRT_HOUR == pytest.approx(density / np.sqrt(2) * 60, rel=0.06)
         assert walk.observed
     assert (np.diff(found.allan.tau_s) > 0).all()
-
-
-# What cannot be
-
-
-def test_without_temperature_the_noise_is_told_and_no_dependence():
-    found = fit_rests([(without_temperature(rest_log(cycles=1.0)), None)], with_accel=False)
-    assert [fit.order for fit in found.gyro] == [0, 0, 0]
-    assert found.noise is None
-    assert found.allan is not None
-
-
-def test_logs_with_and_without_temperature_are_not_mixed():
-    with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
-        fit_rests([(rest_log(cycles=1.0), None), (without_temperature(rest_log(cycles=1.0, name="b.csv")), None)])
 
 
 # A real recording

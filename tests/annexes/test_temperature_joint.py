@@ -52,9 +52,9 @@ def rests():
     return fit_rests([(rest_log(11, cold_c=-10.0, warm_c=70.0), None)], with_accel=False)
 
 
-def recorded(celsius, seed, warm_c=3.0):
+def recorded(celsius, seed, turns=16, warm_c=3.0):
     """A session that warms up while it is turned; its readings by the truth's own formula."""
-    samples = Table().tumble(16, seed=seed).samples(seed=seed, bias_dps=(0, 0, 0), registers=False)
+    samples = Table().tumble(turns, seed=seed).samples(seed=seed, bias_dps=(0, 0, 0), registers=False)
     temp = celsius + warm_c * (1 - np.exp(-samples.t_s / 40))
     gyro = np.einsum("nij,nj->ni", np.linalg.inv(TRUTH.E(temp)), samples.gyro) + TRUTH.zero(np.column_stack([temp] * 3))
     return replace(session_of(replace(samples, gyro=gyro, temp_c=temp)), folder=Path(f"at{celsius}"))
@@ -91,7 +91,7 @@ def test_recorded_sessions_and_a_rest_log_give_E_and_zero_at_every_temperature(r
 
 def test_a_session_is_brought_to_its_mean_temperature_and_fitted(monkeypatch):
     """Readings less the change of the zero since the mean temperature, each axis at its element; then the fit of such a session."""
-    model, session = replace(TRUTH, lag_s=np.array([30.0, 0.0, -10.0])), recorded(20.0, 1)
+    model, session = replace(TRUTH, lag_s=np.array([30.0, 0.0, -10.0])), recorded(20.0, 1, turns=2)
     (log,) = session.logs
     temp = log.samples.temp_c
     elements = np.column_stack([element_temperature(temp, tau, log.samples.period_s) for tau in (30.0, 0.0, -10.0)])
@@ -124,7 +124,7 @@ def test_two_sessions_without_a_rest_log_do_not_know_the_turn_on():
 def test_without_sessions_or_temperature_it_says_so(shape):
     with pytest.raises(FitError, match="no session with turns"):
         join([], shape)
-    bare = recorded(20.0, 1)
+    bare = recorded(20.0, 1, turns=2)
     log = replace(bare.logs[0], samples=replace(bare.logs[0].samples, temp_c=None))
     with pytest.raises(FitError, match=r"log0001.csv has no temperature"):
         point_of(replace(bare, logs=(log,)), None)

@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from small_rests import small_rest, triangle
 
+from session.io.errors import DataError
 from session.io.samples import Samples
 from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
-from tinygc.annexes.temperature.rest_fit import ShortTimes, long_times, noise_over_temperature, residual_blocks, whole_curve, zero_of_blocks
+from tinygc.annexes.temperature.rest_fit import (
+    ShortTimes,
+    fit_rests,
+    long_times,
+    noise_over_temperature,
+    residual_blocks,
+    whole_curve,
+    zero_of_blocks,
+)
 from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of
 
 RATE_HZ = 8.0
@@ -126,3 +135,31 @@ def test_what_is_left_of_blocks_has_no_zero_in_any_log():
     left = np.concatenate([log.gyro[:, 1] for log in logs]) - zero_of_blocks(knots, fit)
     expected = np.concatenate([left[:24] - left[:24].mean(), left[24:] - left[24:].mean()])
     assert residual_blocks(knots, "gyro", 1, fit) == pytest.approx(expected)
+
+
+def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
+    rng, temp = np.random.default_rng(2), triangle(48, 12)
+    zero = np.array([0.5, -0.3, 0.6]) + np.outer(temp - 20, [0.03, 0, -0.02]) + 1e-3 * rng.normal(size=(48, 3))
+    sd = np.where(np.arange(48)[:, None] == 30, 1.0, 1e-3) * (1 + 0.1 * rng.random((48, 3)))
+    zero[30] += 0.2
+    log = small_rest(temp, zero, sd=sd)
+    found = fit_rests([(log, None)], orders=(0, 1))
+    (kept,) = found.knots.logs
+    assert set(range(48)) - set(kept.number) >= {30}
+    assert [each.direction for each in found.sweeps] == [1, -1, 1, -1]
+    assert [fit.order for fit in found.gyro] == [1, 0, 1]
+    assert len(found.accel) == 3
+    for axis, fit in enumerate(found.gyro):
+        alone = fit_axis(found.knots, kept.gyro[:, axis], (0, 1))
+        assert fit.terms.tolist() == alone.terms.tolist()
+        force = fit_axis(found.knots, kept.accel[:, axis], (0, 1))
+        assert found.accel[axis].terms.tolist() == force.terms.tolist()
+    residual = np.column_stack([residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
+    np.testing.assert_array_equal(found.allan.deviation, long_times([kept], residual).deviation)
+    assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
+    assert found.noise.per_c == pytest.approx(noise_over_temperature([kept]).per_c)
+    bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
+    assert [fit.order for fit in bare.gyro] == [0, 0, 0]
+    assert (bare.noise, bare.accel) == (None, ())
+    with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
+        fit_rests([(log, None), (small_rest([np.nan] * 48, name="b.csv"), None)])

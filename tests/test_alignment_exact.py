@@ -301,16 +301,15 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
     sure = align(made(moved, late_s=0.004)).alignment
     assert (sure.source["offset_s"], sure.reading.offset_s) == ("found", sure.offset_s)
     assert 0.99 < sure.explained < 1
+    none = align(made(moved)).alignment
     for sigmas, adopted in ((5.0, "assumed"), (7.0, "found")):
-        none = align(made(moved)).alignment
         late_s = none.offset_s - sigmas * none.offset_sigma_s  # another truth of the same noise, later by so much
         found = align(made(moved, late_s=late_s)).alignment
         assert found.source["offset_s"] == adopted, found.offset_s / found.offset_sigma_s
         assert (found.reading.offset_s != 0) == (adopted == "found")
-    plain = align(made(moved)).alignment.turned
     for size, adopted in ((1.99, "assumed"), (2.01, "found")):
         want = Rotation.from_rotvec([0, 0, size * DEG])
-        extra = (want * Rotation.from_rotvec(plain).inv()).as_rotvec() / DEG
+        extra = (want * Rotation.from_rotvec(none.turned).inv()).as_rotvec() / DEG
         found = align(made(moved, mounting=extra)).alignment
         assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
         table = alignment_table(found)

@@ -274,6 +274,15 @@ def test_a_row_that_repeats_twice_is_no_reading(again, found):
     assert impossible_rows(replace(samples, gyro=gyro, accel=0 * accel)) == []
 
 
+@pytest.mark.parametrize(("noise", "found"), [(2.0, True), (1.0, False)])
+def test_repeated_rows_say_something_where_readings_usually_move_by_two_steps(noise, found):
+    values = np.where(np.arange(400) % 2, noise, 0.0)
+    values[200:] += 1.0
+    table = np.tile(values[:, None], (1, 6)) + 100
+    table[100:103] = table[100]
+    assert impossible_rows(samples_of(table[:, :3], table[:, 3:])) == ([(101, 2, True)] if found else [])
+
+
 def test_the_cubic_across_a_gap_is_that_of_four_readings_on_either_side():
     t = np.arange(30.0)
     values = np.column_stack([t**3 - 4 * t, 2 * t**2, 1 + 0 * t])

@@ -61,58 +61,59 @@ def alike(found, expected, share=3e-3):
 
 
 @pytest.mark.parametrize("kind", ["tilt", "known"])
-def test_the_wander_is_the_flicker_of_the_mean_bias_and_of_what_turns_do_not_average_out(kind):
-    """The closure's derivative by a bias in each segment, and by one in each reading; of the stills' rates it is one."""
+def test_the_wander_is_the_flicker_of_the_bias_in_each_quarter_of_a_second(kind):
+    """The closure's derivative by the bias of each reading; of a still's mean rate it is one."""
     problem = small_session(kind=kind, turns=(2, 1))
-    batch, count = problem.batch, 3
-    began = [0.0, 0.0, problem.logs[0].samples.duration_s]
-    middle = [began[i] + s.start_s + s.duration_s / 2 for i, s in enumerate(problem.used)]
-    spans = [s.duration_s for s in problem.used] + [still.duration_s for still in problem.stills if still.problem is None]
-    flicker = wander_covariance(np.array([*middle, *problem.still_rates.middle_s]), np.array(spans), instability_rps=1.0)
-    by_bias = numeric_jacobian(closure_of(problem), TRUE.vector)[:, 9:].reshape(count, -1, 3)
-    response = np.zeros((count * batch.angles + 15 + 5, (count + 5) * 3))
-    for i in range(count):
-        response[i * batch.angles : (i + 1) * batch.angles, 3 * i : 3 * i + 3] = by_bias[i]
-    response[count * batch.angles : -5, 3 * count :] = np.eye(15)
-    expected = response @ np.kron(flicker, np.eye(3)) @ response.T
-    shift = np.linalg.inv(TRUE.E)
+    batch, d = problem.batch, problem.batch.angles
+    began = [0.0, problem.logs[0].samples.duration_s]
+    moments, spans, responses = [], [], []
     for i, segment in enumerate(problem.used):
-        rows = slice(i * batch.angles, (i + 1) * batch.angles)
 
         def moved(by, i=i):  # each reading, rad/s of the calibrated rate
-            rate = batch.rate[i] + by.reshape(-1, 3) @ shift.T
+            rate = batch.rate[i] + by.reshape(-1, 3) @ np.linalg.inv(TRUE.E).T
             return angles_by_scipy(replace(batch.pick(slice(i, i + 1)), rate=rate[None]), TRUE.vector).ravel()
 
-        each = numeric_jacobian(moved, np.zeros(3 * batch.rate.shape[1])).reshape(batch.angles, -1, 3)
-        dt = batch.dt[i]
-        weight = (np.append(dt, 0) + np.append(0, dt)) / 2
-        apart = each - (weight / weight.sum())[:, None] * each.sum(axis=1, keepdims=True)
+        each = numeric_jacobian(moved, np.zeros(3 * batch.rate.shape[1])).reshape(d, -1, 3)
+        weight = (np.append(batch.dt[i], 0) + np.append(0, batch.dt[i])) / 2
         pieces = int(np.ceil(segment.duration_s / 0.25))
         at = np.minimum((np.cumsum(weight) - weight / 2) / weight.sum() * pieces, pieces - 1).astype(int)
-        length_s = segment.duration_s / pieces
-        of_pieces = wander_covariance(np.arange(pieces) * length_s, length_s, instability_rps=1.0)
-        expected[rows, rows] += np.einsum("iak,ab,jbk->ij", apart, of_pieces[np.ix_(at, at)], apart)
+        for k in range(pieces):
+            moments.append(began[segment.log] + segment.start_s + (k + 0.5) * segment.duration_s / pieces)
+            spans.append(segment.duration_s / pieces)
+            response = np.zeros((3 * d + 20, 3))
+            response[d * i : d * i + d] = each[:, at == k].sum(axis=1)
+            responses.append(response)
+    for q, still in enumerate(still for still in problem.stills if still.problem is None):
+        moments.append(problem.still_rates.middle_s[q])
+        spans.append(still.duration_s)
+        responses.append(np.eye(3 * d + 20)[:, 3 * d + 3 * q : 3 * d + 3 * q + 3])
+    flicker = wander_covariance(np.array(moments), np.array(spans), instability_rps=1.0)
+    expected = np.einsum("aik,ab,bjk->ij", responses, flicker, responses)
     alike(dense(found_in(problem, replace(NOTHING, predicted_rad=np.zeros(3)))[WANDER]), expected, 0.01)
 
 
-def test_the_drift_within_a_turn_is_the_double_integral_over_all_its_readings():
-    """Of a flip about x, whose y and z are reversed halfway: against the exact covariance of every two readings, to 5 %; a sensor that
-    does not turn has none."""
+@pytest.mark.parametrize(("turns", "pieces"), [(1, 20), (100, 20), (101, 19), (2001, 1)])
+def test_a_turn_of_five_seconds_has_twenty_pieces_of_two_thousand_together(turns, pieces):
+    found = components.wander_pieces(np.ones((turns, 11, 2, 3)), np.full((turns, 10), 0.5))
+    assert {len(each) for each in found} == {pieces}
+    np.testing.assert_allclose(found[0].sum(axis=0), 11.0)
+
+
+def test_flicker_in_a_flip_is_the_double_integral_over_all_its_readings():
+    """About x, in the second of three parts of 5 s, so that y and z are reversed: against the covariance of every two readings, to 4 %."""
     T = 401
     dt = np.full((1, T - 1), 5.0 / (T - 1))
     weight = (np.append(dt, 0) + np.append(0, dt)) / 2
     flip = Rotation.from_rotvec(np.pi * np.linspace(-1, 2, T).clip(0, 1)[:, None] * [1.0, 0, 0]).as_matrix()
-    sensitivity = weight[None, :, None, None] * np.stack([flip, np.broadcast_to(np.eye(3), flip.shape)])[:, :, :2]
-    of_flip, of_none = components.wander_within(sensitivity, np.repeat(dt, 2, axis=0))
-    np.testing.assert_allclose(of_none, 0.0, atol=1e-15)
-    t = np.concatenate([[0.0], np.cumsum(dt)])
-    flicker = wander_covariance(t, instability_rps=1.0)
-    exact = np.einsum("tik,tu,ujk->ij", sensitivity[0], flicker, sensitivity[0])
-    mean = wander_covariance(np.array([2.5]), 5.0, instability_rps=1.0)[0, 0]
-    whole = sensitivity[0].sum(axis=0)
-    of_mean = whole @ whole.T * mean
-    assert of_flip[1, 1] / exact[1, 1] > 0.3
-    np.testing.assert_allclose(of_flip + of_mean, exact, atol=0.05 * exact[1, 1])
+    sensitivity = weight[:, None, None] * flip[:, :2]
+    (pieces,) = components.wander_pieces(sensitivity[None], dt)
+    flicker = wander_covariance(np.linspace(0.125, 4.875, 20), 0.25, instability_rps=1.0)
+    found = np.einsum("aik,ab,bjk->ij", pieces, flicker, pieces)
+    every = wander_covariance(np.linspace(0, 5, T), instability_rps=1.0)
+    exact = np.einsum("tik,tu,ujk->ij", sensitivity, every, sensitivity)
+    np.testing.assert_allclose(found, exact, rtol=0.04, atol=1e-9)
+    mean = wander_covariance(np.array([2.5]), 5.0, instability_rps=1.0)[0, 0] * sensitivity.sum(axis=0)[1] @ sensitivity.sum(axis=0)[1]
+    assert mean < 0.7 * exact[1, 1]  # the mean bias alone
 
 
 @pytest.mark.parametrize(

@@ -120,8 +120,9 @@ WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
 )
 #: ln: spread of a unit's bias instability about the typical one of its model, and about the given one
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
-#: s: the bias' drift within a turn is summed over pieces of half the shortest correlation time; greatest number of pieces
-PIECE_S, MOST_PIECES = 0.25, 100
+#: s: the bias' drift within turns is summed over pieces of half the shortest correlation time; greatest number of pieces of all turns,
+#: whose covariance takes half a second
+PIECE_S, MOST_PIECES = 0.25, 2000
 #: undersampling below this share of the floor's rms is ignored, since its factor cannot be estimated
 LEAST_UNDERSAMPLING = 0.1
 #: ln: spread of the prediction, a factor of 1.5 (benchmarks/real_recordings.py); downwards, for a filter below half the data rate
@@ -163,21 +164,27 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
 
 
 def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
-    s, q = len(twin.segments), len(twin.stills)
-    starts = twin.problem.began_s
-    segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
-    still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
-    spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
-    wander = wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=1.0)
-    # The mean bias error rotates a segment's end by its mean attitude times its duration, and adds directly to a still's rate.
-    sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
-    response = np.concatenate([sensitivity.sum(axis=1).reshape(sizes[0], 3), np.tile(np.eye(3), (q, 1))])
-    owner = np.concatenate([np.repeat(np.arange(s), twin.batch.angles), s + np.repeat(np.arange(q), 3)])
-    V = np.zeros((sum(sizes), sum(sizes)))
-    V[: len(owner), : len(owner)] = (response @ response.T) * wander[np.ix_(owner, owner)]
-    for number, within in enumerate(wander_within(sensitivity, twin.batch.dt)):
-        rows = slice(number * twin.batch.angles, (number + 1) * twin.batch.angles)
-        V[rows, rows] += within
+    q, d, starts = len(twin.stills), twin.batch.angles, twin.problem.began_s
+    # The bias at each moment rotates a segment's end by the attitude then, and adds directly to a still's rate.
+    turns = wander_pieces(twin.sensitivity(twin.start(), twin.rates(twin.start())), twin.batch.dt)
+    counts = [*map(len, turns), *[1] * q]
+    began_s = [starts[s.log] + s.start_s for s in twin.segments] + [starts[log] + still.start_s for log, still in twin.stills]
+    length_s = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
+    edges = np.cumsum([0, *counts])
+    spans = np.repeat(np.divide(length_s, counts), counts)
+    middle_s = np.repeat(began_s, counts) + (np.arange(edges[-1]) - np.repeat(edges[:-1], counts) + 0.5) * spans
+    wander = wander_covariance(middle_s, spans, instability_rps=1.0)
+    V, rows = np.zeros((sum(sizes), sum(sizes))), sizes[0] + sizes[1]
+    for axis in range(3):
+        parts = [(slice(i * d, i * d + d), slice(*edges[i : i + 2]), turn[:, :, axis].T) for i, turn in enumerate(turns)]
+        parts += [
+            (slice(k, k + 1), slice(*edges[i : i + 2]), np.ones((1, 1))) for i, k in enumerate(range(sizes[0] + axis, rows, 3), len(turns))
+        ]
+        left = np.zeros((rows, len(wander)))
+        for own, pieces, response in parts:
+            left[own] = response @ wander[pieces]
+        for own, pieces, response in parts:
+            V[:rows, own] += left[:, pieces] @ response.T
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
@@ -187,19 +194,15 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
 
-def wander_within(sensitivity: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """Covariance (S, d, d) s^2, for an instability of 1 rad/s, of the end of each segment with sensitivity (S, T, d, 3) s, from the bias'
-    drift about its mean over the segment: the body turns, so that it does not cancel."""
-    found = np.zeros((len(sensitivity), *sensitivity.shape[2:3] * 2))
-    for of, each, weight in zip(found, sensitivity, rotation.sample_weights(dt), strict=True):
-        duration_s = float(weight.sum())
-        count = int(np.clip(np.ceil(duration_s / PIECE_S), 1, MOST_PIECES))
-        piece = np.minimum((np.cumsum(weight) - weight / 2) * (count / duration_s), count - 1).astype(int)
+def wander_pieces(sensitivity: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
+    """Rotation (P, d, 3) s of the ends of segments with sensitivity (S, T, d, 3) s by a bias of 1 rad/s in each of their P equal pieces."""
+    found, most = [], max(1, MOST_PIECES // len(sensitivity))
+    for each, weight in zip(sensitivity, rotation.sample_weights(dt), strict=True):
+        count = int(np.clip(np.ceil(weight.sum() / PIECE_S), 1, most))
+        piece = np.minimum((np.cumsum(weight) - weight / 2) * (count / weight.sum()), count - 1).astype(int)
         summed = np.zeros((count, *each.shape[1:]))
-        np.add.at(summed, piece, each - (weight / duration_s)[:, None, None] * each.sum(axis=0))
-        span_s = duration_s / count
-        wander = wander_covariance(span_s * np.arange(count), span_s, instability_rps=1.0)
-        of[:] = np.einsum("aik,ab,bjk->ij", summed, wander, summed, optimize=True)
+        np.add.at(summed, piece, each)
+        found.append(summed)
     return found
 
 

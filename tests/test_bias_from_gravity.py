@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from small_sessions import EARTH_T, small_session
 from small_turns import TRUE
 
+from session.detect.truth_segments import moments_inside
 from session.io.errors import FitError, SegmentError
 from session.io.folder import Session, hash_of_log
-from session.io.logfile import Log
+from session.io.logfile import Log, Truth
 from session.io.samples import Samples
 from tinygc.closure.least_squares import StillRates
 from tinygc.estimation import bias_of_day
@@ -266,6 +267,15 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next_and_widens_with_the_
     np.testing.assert_allclose(found.change, 1.02)
     np.testing.assert_allclose(found.sigma, 1.5)
     np.testing.assert_allclose(found.direction_sigma, [0, 3, 6])
+    # Beside truths, from the sample nearest to the first of their moments within the log.
+    t_ns, q = problem.logs[0].samples.t_ns, wxyz(Rotation.random(3, random_state=2))
+    truths = tuple(Truth(Path("t.csv"), t_ns[0] + np.array([-1, 0.3, 0.9]) * 1e9, q) for _ in problem.logs)
+    seen.clear()
+    from_gravity(replace(problem, session=replace(problem.session, truths=truths)), TRUE)
+    rows, at = moments_inside(problem.logs[0].samples, truths[0])
+    np.testing.assert_array_equal(seen[0][0].t_ns, t_ns[rows[0] :])
+    np.testing.assert_array_equal(seen[0][2], at[0])
+    np.testing.assert_array_equal(seen[0][3]["earth_n"], EARTH_T)
     nowhere = replace(problem, logs=[replace(log, stills=[replace(each, problem="creeps") for each in log.stills]) for log in problem.logs])
     with pytest.raises(SegmentError, match="a log without a still"):
         from_gravity(nowhere, TRUE)

@@ -316,7 +316,7 @@ def test_it_is_told_in_its_units():
 )
 def test_noise_is_unusual_above_its_limit(name, limit):
     """A turn's or a still's above white noise, the undersampling above two of its spreads, the wander above three."""
-    for times, unusual in ((0.999, False), (1.001, limit < np.inf)):
+    for times, unusual in ((0.999, False), (1.0, False), (1.001, limit < np.inf)):
         s = times * min(limit, 1e3)
         noise = noise_of([s, 0.0, 0.0], names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(Prior(3.0, 0.4), None, None))
         assert bool(noise.unusual) is bool(unusual)

@@ -166,6 +166,16 @@ def test_groups_alike_have_no_variance_between():
     assert found.sigma[1] == pytest.approx(found.s[1] / np.sqrt(2 * GROUPS * (REPEATS - 1) + 2 * (GROUPS - 1)), rel=3e-3)
 
 
+def test_two_components_alike_have_the_sigma_of_one_with_the_other_known():
+    """Only their sum is seen: -2 log L = n log v + sum of squares / v has the second derivative n / v^2 at its minimum."""
+    y = np.random.default_rng(2).normal(size=8)
+    V = [np.eye(8), np.eye(8)]
+    found = estimate(y, np.zeros((8, 1)), 1e-9 * np.eye(8), V, np.ones(2), [None, None], [np.arange(8)], with_sigma=True, steps=60)
+    variance = y @ y / 8
+    assert found.s @ found.s == pytest.approx(variance, rel=1e-3)
+    assert found.sigma == pytest.approx(np.sqrt(2 / 8) * variance / 2 / found.s, rel=0.01)
+
+
 def test_a_component_that_the_columns_take_up_may_have_any_size():
     """Its sigma is as good as infinite; of a column known to c, the mean has the variance v = s^2 + c^2 + within / n, -2 log L = log v."""
     y = np.random.default_rng(8).normal(size=6)

@@ -85,9 +85,7 @@ def test_averaging_times_with_less_than_five_degrees_of_freedom_are_left_out_but
     assert pooled([4.999, 5.0, 0]).tau_s.tolist() == [1.0]
     few = pooled([3.0, 2.0, 1.0])
     assert (few.tau_s.tolist(), few.longest_s) == ([0.5], 7.0)
-    assert pooled([5.0, 5.0, 5.0]).deviation[:, 0] == pytest.approx(
-        np.sqrt([2 / 16, 2 / 32, 2 / 18])
-    )
+    assert pooled([5.0, 5.0, 5.0]).deviation[:, 0] == pytest.approx(np.sqrt([2 / 16, 2 / 32, 2 / 18]))
 
 
 def test_averaging_factors_are_equal_in_octaves_up_to_half():

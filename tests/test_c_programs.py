@@ -11,13 +11,16 @@ from exported_models import KNOWN, LINEAR, NET, physics
 
 from session.io.config import Accelerometer, Sensor
 from session.io.registers import DEFAULT, RegisterUnits
+from tinygc.deploy import ExportError
 from tinygc.deploy.embedded.program import TOLERANCE, Program, Registers, program, vectors
 from tinygc.deploy.embedded.source import LONGEST, commented, constant, initialiser, literal, source_files
 from tinygc.deploy.embedded.stages import CalibrationNetStage, Conditioned, Denoise, Inputs, Linear, Published, affine, single, table
+from tinygc.effects import AppliedEffect, catalogue
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import Denoiser
 from tinygc.models.linear import LinearModel
 from tinygc.models.nets import CalibrationNet, PublishedNet
+from tinygc.models.physics import PhysicsModel
 
 G = 9.80665
 F = np.float32
@@ -51,7 +54,7 @@ def test_an_affine_map_adds_bias_first_and_columns_in_order():
 
 def test_numbers_beyond_single_precision_are_refused_and_others_rounded():
     assert single([1 / 3], "x").dtype == F
-    with pytest.raises(Exception, match="x holds numbers beyond single precision"):
+    with pytest.raises(ExportError, match="x holds numbers beyond single precision"):
         single([3.5e38], "x")
     np.testing.assert_array_equal(table(np.eye(3), [1.0, 2.0, 3.0], "x"), np.column_stack([np.eye(3), [1, 2, 3]]))
 
@@ -131,6 +134,10 @@ def test_a_denoiser_is_three_causal_convolutions_of_each_axis(slope):
     slots = [(w.shape[3] - 1) * d + 1 for w, d in zip((smooth.conv1, smooth.conv2, smooth.conv3), smooth.dilations, strict=True)]
     inputs = [w.shape[2] for w in (smooth.conv1, smooth.conv2, smooth.conv3)]
     assert sizes == [(1 if slope == 1 else 2, 3, s, i) for s, i in zip(slots, inputs, strict=True)]
+    layers = (smooth.conv1, smooth.conv2, smooth.conv3)
+    products, bends = sum(w.size for w in layers), 3 * sum(w.shape[1] for w in layers)
+    cost = (stage.cost.multiply, stage.cost.add, stage.cost.compare)  # of two signs, and their half difference on three axes
+    assert cost == ((products, products, 0) if slope == 1 else (2 * products + 2 * bends + 3, 2 * products + 3, 2 * bends))
     assert stage.state_bytes == 4 * sum(np.prod(size) for size in sizes) + 4
     for n, (w, s) in enumerate(zip((smooth.conv1, smooth.conv2, smooth.conv3), slots, strict=True), 1):
         np.testing.assert_array_equal(stage.constants[f"CONV{n}"].reshape(3, w.shape[3], *w.shape[1:3]), np.moveaxis(w, 3, 1))
@@ -156,6 +163,20 @@ def test_a_program_runs_its_stages_in_order_and_knows_itself():
     assert twice.cost.add == 2 * made.stages[0].cost.add
 
 
+def test_two_constants_of_one_name_and_names_that_c_has_not_are_refused():
+    with pytest.raises(ExportError, match=r"two parts of the model call a constant [A-Z_]+ in C"):
+        program(physics("gyro.g_sensitivity", "gyro.g_sensitivity"))
+    for name, good in (("K2_G", True), ("k", False), ("2K", False), ("K G", False)):
+        effect = catalogue()["gyro.g_sensitivity"]
+        named = AppliedEffect(replace(effect, device=replace(effect.device, name=name)), np.zeros(9))
+        model = PhysicsModel(LINEAR, (named,), KNOWN)
+        if good:
+            assert name in program(model).constants
+        else:
+            with pytest.raises(ExportError, match="is no name for a constant, expected capital letters"):
+                program(model)
+
+
 # Registers.
 
 
@@ -175,6 +196,7 @@ def test_registers_scale_rate_force_and_temperature():
 def test_registers_of_a_session_are_known_where_their_units_are():
     sensor = Sensor(DEFAULT, "s", odr_hz=104, gyro_fs_dps=250, accel_fs_g=8)
     config = SimpleNamespace(sensor=sensor, accelerometer=Accelerometer(2 * np.eye(3), np.zeros(3)))
+    assert (Registers().gyro_fs_dps, Registers().accel_fs_g, Registers().odr_hz) == (500, 4, 208.0)
     found = Registers.of(config)
     assert (found.gyro_fs_dps, found.accel_fs_g, found.odr_hz) == (250, 8, 104)
     np.testing.assert_array_equal(found.accelerometer.matrix, 2 * np.eye(3))

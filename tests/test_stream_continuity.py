@@ -410,6 +410,13 @@ def test_a_level_that_stays_is_passed_on_and_measured_from_there():
     assert out[1].registers.dtype == np.int16
 
 
+def test_the_first_behind_one_that_waited_is_judged_by_its_own_periods():
+    step_filter = StepFilter()
+    out = step_filter.take(accepted([0, 0, 5 * BAR], damaged=[0]))
+    out += step_filter.take(accepted([5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], periods=[2, 1, 1]))
+    assert passed(out) == ([0, 0, 5 * BAR, 5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], [])
+
+
 def test_numbers_in_physical_units_are_filtered_as_numbers():
     form = StreamFormat(("t_s", "gx_dps", "gy_dps", "gz_dps", "ax_g", "ay_g", "az_g"))
     bar = float(form.bars[2])

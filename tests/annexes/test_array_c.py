@@ -142,6 +142,8 @@ def test_tables_and_scalars_are_the_votes_in_single_precision():
     assert numbers == pytest.approx(expected, rel=1e-6)
     assert "2e-05f * (1.0f + size)" in files["tinygc_array.c"]
     assert "TINYGC_ARRAY_UNITS 2" in files["tinygc_array.h"]
+    assert " * session  -\n" in files["tinygc_array.h"]
+    assert " * session  desk\n" in array_source(replace(model, session="desk"))["tinygc_array.h"]
     unknown = model_of([replace(unit, sensor=None) for unit in units(2)])
     np.testing.assert_array_equal(c_constants(unknown)["END_OF_RANGE"], np.float32(1e30))
     assert "from_registers" not in "".join(array_source(unknown).values())

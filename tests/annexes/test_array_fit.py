@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from session.annexes.public import mikov, mimu
 from session.io.config import LeftOut
 from session.io.texts import shell_word
 from tinygc import SimulationOptions
-from tinygc.annexes.arrays.explanation import ArrayExplanation, event_lines, event_words
+from tinygc.annexes.arrays.explanation import ArrayExplanation, event_lines
 from tinygc.annexes.arrays.fit import array_to_json, fit_array
 from tinygc.annexes.arrays.joint import ArrayEvent
 from tinygc.annexes.arrays.model import load_array_model
@@ -78,76 +77,6 @@ def test_other_units_tell_what_gravity_alone_does_not(made):
         assert np.abs((unit.alone.vector - unit.model.vector) / unit.sigma_alone).max() < 5
     assert fit.covariance.shape == (72, 72)
     assert np.linalg.eigvalsh(fit.covariance)[0] > -1e-12
-
-
-@pytest.mark.broad
-def test_a_units_place_in_the_list_changes_nothing(made):
-    _, folder, fit = made()
-    array = read_array(folder)
-    order = (0, 2, 1)
-    other = fit_array(dataclasses.replace(array, units=tuple(array.units[i] for i in order), numbers=order), bias="ends")
-    for i, unit in zip(order, other.units, strict=True):
-        assert np.abs((unit.model.vector - fit.units[i].model.vector) / unit.sigma).max() < 1e-3
-        assert np.abs(unit.covariance / fit.units[i].covariance - 1)[np.diag_indices(12)].max() < 1e-2
-        if i:
-            assert np.abs(unit.place.mounting - fit.units[i].place.mounting).max() < 1e-7
-
-
-@pytest.mark.broad
-def test_the_frame_of_a_unit_is_its_own(made):
-    """A unit that is turned on the body has the same E; only its mounting is another."""
-    simulation, _, fit = made(mounting_deg=25.0, seed=3)
-    for unit, true in zip(fit.units, simulation.units, strict=True):
-        assert np.abs((unit.model.vector - twelve(true)) / unit.sigma).max() < 4.5
-    turned = Rotation.from_matrix(fit.units[1].place.mounting).magnitude()
-    assert turned == pytest.approx(Rotation.from_matrix(simulation.truths[1].mounting).magnitude(), abs=0.01 * DEG)
-    assert turned > 5 * DEG
-
-
-@pytest.mark.broad
-def test_a_false_reading_is_one_units_and_spoils_no_number(made):
-    simulation, _, fit = made(seed=2, false_reading_dps=80.0)
-    (event,) = fit.joint.events
-    assert (event.what, event.unit, event.first) == ("turn", 2, 1)
-    assert event.size == pytest.approx(80 * 3 / simulation.units[2].unit.odr_hz * DEG, rel=0.25)
-    for unit, true in zip(fit.units, simulation.units, strict=True):
-        assert np.abs((unit.model.vector - twelve(true)) / unit.sigma).max() < 4.5
-
-
-@pytest.mark.broad
-@pytest.mark.parametrize("liar", [0, 1])
-def test_of_two_units_that_differ_in_yaw_nobody_says_which_one_errs(made, liar):
-    """Readings that turn about the vertical, which gravity does not see: each unit is the only witness against the other."""
-    simulation, folder, _ = made(units=2, seed=2)
-    array = read_array(folder)
-    unit, (start, _) = array.units[liar], simulation.plan.turns[4]
-    log = unit.logs[0]
-    row = int(np.searchsorted(log.samples.t_s, start + 0.15))
-    up = np.asarray(log.samples.accel)[row - 40 : row - 10].mean(axis=0)
-    gyro = np.array(log.samples.gyro)
-    gyro[row : row + 3] += up / np.linalg.norm(up)
-    false = dataclasses.replace(unit, logs=(dataclasses.replace(log, samples=dataclasses.replace(log.samples, gyro=gyro)),))
-    units = tuple(false if i == liar else each for i, each in enumerate(array.units))
-    fit = fit_array(dataclasses.replace(array, units=units), bias="ends")
-    (event,) = (event for event in fit.joint.events if event.what == "turn")
-    assert {event.unit, event.rival} == {0, 1}
-    assert "two do not tell which one errs" in event_words(event, fit)
-    for found, true in zip(fit.units, simulation.units, strict=True):
-        assert np.abs((found.model.vector - twelve(true)) / found.sigma).max() < 4.5
-
-
-@pytest.mark.broad
-def test_what_all_accelerometers_feel_is_the_bodys(made):
-    """A level acceleration of 2 mg in each still: no unit's own excess, and of the size that was put in."""
-    _, _, fit = made(seed=1, reference_error_mg=2.0)
-    _, _, without = made(seed=1)
-    level, common = fit.split.level_mps2[0] / 9.80665e-3, fit.split.common
-    tilt = np.hypot(level * 1e-3 * np.sqrt(2 * 2), common)
-    assert tilt == pytest.approx(2e-3 * np.sqrt(2 * 2), rel=0.5)
-    assert fit.split.p_value < 1e-3 or level == pytest.approx(2.0, rel=0.5)
-    for unit, other in zip(fit.units, without.units, strict=True):
-        assert unit.own_rad[0] < other.own_rad[0] + 0.02 * DEG
-    assert without.split.p_value > 1e-3
 
 
 def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
@@ -246,13 +175,6 @@ def test_eight_units_on_one_board(shared, tmp_path):
         apart = Rotation.from_matrix(one.place.mounting @ other.place.mounting.T).magnitude()
         assert apart < 0.15 * DEG
         assert np.linalg.norm(one.place.position_m - other.place.position_m) < 2e-3
-
-
-@pytest.mark.broad
-def test_the_same_array_twice_is_the_same(made):
-    _, folder, fit = made()
-    again = fit_array(read_array(Path(folder)), bias="ends")
-    assert array_to_json(again) == array_to_json(fit)
 
 
 def test_units_that_stand_out_together_are_not_blamed(made):

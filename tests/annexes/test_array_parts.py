@@ -33,6 +33,7 @@ from tinygc.annexes.arrays.fit import (
     save_array,
     solve_position,
     split_to_json,
+    tilt_rms,
     unit_model,
     unit_table,
 )
@@ -134,7 +135,7 @@ def test_positions_of_several_units_with_one_delay_of_all():
     (rate, _), (first, second), turns = (lambda m: (m.rate, m.force, m.turns))(motion(0.008, turns=6))
     found = fit_module.positions(ArrayMotion([rate] * 3, [first, second, second], turns))
     assert not found[0][0].any()
-    assert not found[0][1].any()
+    np.testing.assert_array_equal(found[0][1], np.zeros((3, 3)))
     for position, covariance in found[1:]:
         np.testing.assert_allclose(position, TRUTH_M, atol=2e-4)
         assert np.sqrt(np.trace(covariance)) < 1e-3
@@ -246,6 +247,9 @@ def test_what_was_injected_comes_back(fitted):
         assert np.abs((unit.model.vector - np.append(true.unit.E.ravel(), true.unit.B)) / unit.sigma).max() < 5
         assert unit.place.clock.rate == pytest.approx(place.rate, abs=1e-5)
         assert Rotation.from_matrix(unit.place.mounting @ place.mounting.T).magnitude() < 0.05 * DEG
+    place = fit.units[1].place
+    assert np.abs(place.position_m - made.truths[1].position_m).max() < 1e-3
+    assert np.abs(place.position_m - made.truths[1].position_m).max() < 5 * np.sqrt(np.linalg.eigvalsh(place.position_covariance)[-1])
     assert not fit.units[0].place.mounting_covariance.any()
     np.testing.assert_array_equal(fit.units[1].place.mounting_covariance, fit.covariance[45:48, 45:48])
     np.testing.assert_array_equal(fit.units[1].covariance, fit.covariance[24:48, 24:48])
@@ -259,6 +263,7 @@ def test_figures_of_a_unit_are_rms_of_tilt(fitted):
         problem = fit.prepared[i].problem
         tilt = closure_angles(problem.batch, problem.first)[:, :2]
         assert unit.closure_rad == pytest.approx(np.sqrt(np.sum(tilt**2) / len(tilt)))
+        assert tilt_rms(np.column_stack([tilt, np.ones(len(tilt))])) == pytest.approx(unit.closure_rad)  # a yaw has no part
         assert unit.floor_rad == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
         assert unit.own_rad == tuple(fit.split.own[i])
         assert unit.minus_mean_rad == fit.split.minus_mean_of[i]

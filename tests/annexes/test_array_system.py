@@ -230,6 +230,14 @@ def test_components_are_those_of_the_greatest_restricted_likelihood(few):
     assert far.value == pytest.approx(best.fun, abs=1e-4)
 
 
+def test_small_units_have_small_components(few):
+    """Rows in thousandths: the likelihood's logarithm is far below zero, and the components a millionth."""
+    small = replace(few, values=1e-3 * few.values, base=1e-6 * few.base, prior=1e-3 * few.prior, pull=1e-3 * few.pull)
+    found, plain = small.estimated(np.full(2, 1e-8)), few.estimated(np.full(2, 1e-2))
+    assert found.value < -100
+    np.testing.assert_allclose(1e6 * found.t, plain.t, rtol=5e-3)
+
+
 def test_a_component_that_is_held_stays_and_the_other_is_best_beside_it(few):
     best = minimize(lambda t: few.solved(np.array([0.2, np.exp(t[0])])).value, np.zeros(1), method="Nelder-Mead")
     found = few.estimated(np.array([0.2, 1.0]), np.array([True, False]))

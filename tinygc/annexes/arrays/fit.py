@@ -338,7 +338,7 @@ def fit_array(
                 covariance_alone=apart,
                 own_rad=(float(split.own[i, 0]), float(split.own[i, 1])),
                 minus_mean_rad=float(split.minus_mean_of[i]),
-                closure_rad=_rms(closure_angles(problem.batch, problem.first)),
+                closure_rad=tilt_rms(closure_angles(problem.batch, problem.first)),
                 floor_rad=_floor(problem.floor),
                 noise=problem.noise,
                 instability=problem.instability,
@@ -402,7 +402,8 @@ def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel,
     return joint.models[0], units_covariance([by_itself], joint)[:PARAMETERS, :PARAMETERS]
 
 
-def _rms(angles: np.ndarray) -> float:
+def tilt_rms(angles: np.ndarray) -> float:
+    """Return rad, rms of the tilt of error angles (S, 2 or 3)."""
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 

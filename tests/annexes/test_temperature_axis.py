@@ -466,6 +466,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
         own.append(np.mean((y[test] - straight[test] @ np.linalg.lstsq(straight[~test], y[~test], rcond=None)[0]) ** 2))
     assert fit.held_out_of(1, False) == pytest.approx(np.sqrt(np.mean(own)))
     assert np.isnan(fit.held_out_of(9, False))
+    assert {each.order for each in fit.examined.candidates if not each.lagged} == {0, 1, 2, 3, 4, 5}
     assert fit.p_value < 1e-6
     assert large.terms == pytest.approx(1000 * fit.terms, rel=1e-6)
     assert (large.held_out, large.left, large.turn_on) == pytest.approx((1000 * fit.held_out, 1000 * fit.left, 1000 * fit.turn_on))

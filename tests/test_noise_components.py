@@ -342,6 +342,8 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     assert only.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(chi2.sf(gains[0] - gains[1] + gain(slice(3, 5)), 1) / 2, rel=0.3)
     small = replace(noise, s=np.array([0.9, 0.9]))
     assert small.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
+    three = replace(noise_of([3.0, 3.0, 3.0], names=(TURN, STILL_RATE, UNDERSAMPLED)), value=1e9)  # three times a half, at most 1
+    assert three.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
     wander = noise_of([0.5, 0.5, 100.0], priors=(None, None, Prior(1.0, 0.5)))
     assert wander.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(2 * norm.sf(3))
 

@@ -233,6 +233,12 @@ def test_text_needs_eight_lines_for_a_restart():
     assert troubles == [("lost", 1, LAST), ("reset", 1, LAST)]
 
 
+def test_of_lines_that_wait_the_last_alone_may_begin_another_rate():
+    stream = begun(text=True)
+    assert told(stream.take(received([77, 1077, 2077, 3077]))) == ([], [], [])
+    assert told(stream.take(received([8077]))) == ([], [], [("implausible", 3, LAST)])
+
+
 def test_readings_that_wait_are_left_out_when_the_stream_goes_on_or_ends():
     stream = begun()
     assert told(stream.take(received([77, 1077], [0, 1]))) == ([], [], [])
@@ -415,6 +421,15 @@ def test_the_first_behind_one_that_waited_is_judged_by_its_own_periods():
     out = step_filter.take(accepted([0, 0, 5 * BAR], damaged=[0]))
     out += step_filter.take(accepted([5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], periods=[2, 1, 1]))
     assert passed(out) == ([0, 0, 5 * BAR, 5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], [])
+
+
+def test_a_batch_begins_behind_the_last_of_the_one_before():
+    step_filter = StepFilter()
+    step_filter.take(accepted([0, 3 * BAR]))
+    assert passed(step_filter.take(accepted([0, 3 * BAR, 3 * BAR], damaged=[0])))[1] == [0]
+    waiting = StepFilter()
+    waiting.take(accepted([0, 0, 5 * BAR], damaged=[0]))
+    assert passed(waiting.take(accepted([8 * BAR, 5 * BAR, 5 * BAR])))[1] == [0]
 
 
 def test_numbers_in_physical_units_are_filtered_as_numbers():

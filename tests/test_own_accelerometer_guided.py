@@ -1,6 +1,5 @@
 """An accelerometer that nobody has calibrated, in a guided session: it is fitted as stills come in, and the coach reckons with it."""
 
-
 import numpy as np
 import pytest
 from conftest import GRAVITY, Table, config

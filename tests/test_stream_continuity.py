@@ -339,6 +339,7 @@ def accepted(values, damaged=(), periods=None, dtype=np.int16, width=7):
 def passed(out):
     """Values that are passed on, and places of those that are not."""
     values = [v for each in out if isinstance(each, SampleChunk) for v in each.registers[:, 2].tolist()]
+    assert all(each.count == 1 for each in out if isinstance(each, Trouble))
     return values, [each.t_us // 1000 for each in out if isinstance(each, Trouble)]
 
 

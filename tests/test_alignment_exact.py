@@ -242,10 +242,12 @@ def test_a_way_leaves_a_share_of_the_truths_rotations_and_of_gravity(moved):
     assert way.misfit == pytest.approx(left[kept].sum() / size[kept].sum(), rel=1e-4)
     world = (attitudes[one.spans.first] * turned).apply(one.force[first])
     np.testing.assert_allclose(way.up, world.sum(axis=0) / np.linalg.norm(one.force[first], axis=1).sum(), atol=1e-6)
-    enu = TruthGiven(order="wxyz", sense="body_to_world", frame="enu", mounting=turned.as_matrix())
-    plain = [ways([replace(one, force=force)], enu, 0.0)[0] for force in (one.force, 0 * one.force)]
+    lying = TruthGiven(order="wxyz", sense="body_to_world", frame="x_down", mounting=turned.as_matrix())
+    plain = [ways([replace(one, force=force)], lying, 0.0)[0] for force in (one.force, 0 * one.force)]
     np.testing.assert_allclose(plain[0].up, way.up, atol=1e-6)  # in the file's own world, whatever it is taken for
     assert plain[1].up is None
+    free = ways([one], TruthGiven(order="wxyz", sense="body_to_world"), 0.0)[0]  # the mounting is found, the bias taken off
+    assert (Rotation.from_matrix(free.reading.mounting) * turned.inv()).magnitude() < 0.2 * DEG
 
 
 def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():

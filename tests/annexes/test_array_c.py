@@ -118,6 +118,7 @@ def test_self_test_vectors_are_a_turn_in_which_the_last_unit_lies_from_the_25th_
     clean[24:, 3] += 2.0
     off = (inputs - clean) / (np.array([1.0, 2, 3, 4]) * DENSITY * np.sqrt(model.rate_hz / 2))[:, None]
     np.testing.assert_allclose(off.std(axis=(0, 2)), 1.0, atol=5 / np.sqrt(2 * 192))
+    assert off.std() == pytest.approx(1.0, abs=5 / np.sqrt(2 * 768))
     assert np.abs(off.mean(axis=(0, 2))).max() < 5 / np.sqrt(192)
     assert np.abs(off).max() < 5
     np.testing.assert_array_equal(why, [0, 0, 0, DIFFERS])

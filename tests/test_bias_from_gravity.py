@@ -10,7 +10,7 @@ from conftest import DEG, GRAVITY, config, wxyz
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from small_sessions import EARTH_T, small_session
-from small_turns import TRUE
+from small_turns import PERFECT, TRUE
 
 from session.detect.truth_segments import moments_inside
 from session.io.errors import FitError, SegmentError
@@ -155,6 +155,16 @@ def test_what_interrupts_a_run_leaves_a_velocity_of_its_own_to_each_piece_of_two
     agrees(bias_from_gravity(samples, rate, q_first, gravity_mps2=GRAVITY), searched(samples, rate, q_first, pieces, 0.1 * DEG))
 
 
+@pytest.mark.parametrize("rate_hz", [8, 4])
+def test_of_slow_samples_each_is_a_block_and_two_seconds_are_enough(rate_hz):
+    count = 2 * rate_hz
+    samples = Samples(np.arange(count) * (10**9 // rate_hz), np.zeros((count, 3)), np.tile([0, 0, -GRAVITY], (count, 1)))
+    level = np.array([1.0, 0, 0, 0])
+    assert np.isfinite(bias_from_gravity(samples, samples.gyro, level, gravity_mps2=GRAVITY).sigma).all()
+    with pytest.raises(FitError, match="no 2 s of the run"):
+        bias_from_gravity(samples.between(0, count - 1), samples.gyro[1:], level, gravity_mps2=GRAVITY)
+
+
 def test_a_run_without_forces_or_of_no_numbers_is_refused():
     samples, rate, q_first = run()
     with pytest.raises(FitError, match="no 2 s of the run"):
@@ -205,6 +215,16 @@ def test_a_first_still_is_false_five_sigmas_from_the_others_and_from_its_neighbo
         assert found == pytest.approx([limit * DEG], rel=1e-3)
 
 
+@pytest.mark.parametrize("others", [[-1.0, 0, 0, 0, 0], [0.0, -1, -1, -1, -1]])
+def test_a_first_still_that_is_just_five_sigmas_off_is_not_false(others):
+    """From the others, or from its neighbour; of these, the scatter is nothing."""
+    rate = -np.array([[0.0, 0, each] for each in (1.25, *others)])
+    stills = StillRates(rate, 0 * rate, np.full(rate.shape, 0.25))
+    for sigma, found in ((0.25, 0), (0.2499, 1)):
+        problem = replace(small_session(), still_rates=replace(stills, sigma=np.full(rate.shape, sigma)))
+        assert len(false_stills(problem, PERFECT)) == found
+
+
 def test_false_stills_are_passed_over_until_one_agrees_and_of_four_none_is():
     quiet = [0.01, -0.01, 0.01, -0.01, 0.01]
     assert false_stills(along_z(9.0, 5.0, quiet), TRUE) == pytest.approx([9 * DEG - 0.01 * DEG, 5 * DEG - 0.01 * DEG])
@@ -239,7 +259,7 @@ def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
 
 def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next_and_widens_with_the_excess(monkeypatch):
     """From the middle of each log's first reference still on; the median of its stills is its rest."""
-    problem, seen = small_session(), []
+    problem, seen, excess = small_session(), [], [3.0, 2.0]
     stills = [problem.logs[0].stills[1], *problem.logs[0].stills]  # the first one creeps
     q_tb = np.concatenate([problem.logs[0].q_tb[[1]], problem.logs[0].q_tb])
     group = np.zeros(len(stills), dtype=int)
@@ -248,7 +268,7 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next_and_widens_with_the_
     def estimate(samples, rate, q_first, **more):
         number = len(seen)
         seen.append((samples, rate, q_first, more))
-        steps = 3e-5 * (3.0 - number) * np.array([[0.0] * 3, [1.0] * 3])  # in excess by 3, then by 2
+        steps = 3e-5 * excess[number] * np.array([[0.0] * 3, [1.0] * 3])
         return BiasOfDay(np.full(3, 0.01 + number), np.full(3, 0.5), np.eye(3), np.arange(3.0), np.arange(2.0), steps)
 
     monkeypatch.setattr(bias_of_day, "bias_from_gravity", estimate)
@@ -271,7 +291,9 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next_and_widens_with_the_
     t_ns, q = problem.logs[0].samples.t_ns, wxyz(Rotation.random(3, random_state=2))
     truths = tuple(Truth(Path("t.csv"), t_ns[0] + np.array([-1, 0.3, 0.9]) * 1e9, q) for _ in problem.logs)
     seen.clear()
-    from_gravity(replace(problem, session=replace(problem.session, truths=truths)), TRUE)
+    excess[:] = 0.5, 1.5
+    beside = from_gravity(replace(problem, session=replace(problem.session, truths=truths)), TRUE)
+    np.testing.assert_allclose(beside.sigma, 0.75)
     rows, at = moments_inside(problem.logs[0].samples, truths[0])
     np.testing.assert_array_equal(seen[0][0].t_ns, t_ns[rows[0] :])
     np.testing.assert_array_equal(seen[0][2], at[0])
@@ -355,6 +377,7 @@ def test_what_a_stored_model_was_fitted_to(tmp_path, table, here, says):
     found = origin_of(tmp_path / "m.json", session)
     assert found.here is here
     assert says in found.says
+    assert ("had its bias" in found.says) == ("had its bias" in says)
     # Of a file of an earlier version, what ``fit`` left beside it is known.
     if not table:
         (tmp_path / "fitted.json").write_text(json.dumps({"key": {"inputs": hashes["own"]}}))

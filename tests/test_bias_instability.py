@@ -56,6 +56,10 @@ def test_posterior_is_the_likelihood_integrated_under_a_flat_prior_from_zero_on(
     assert found.sigma_rps / DPH == pytest.approx(exact.std(), rel=1e-4)
     assert found.most_rps / DPH == pytest.approx(exact.ppf(0.95), rel=0.01)
     assert (found.source, found.of_unit) == (ESTIMATED, True)
+    anything = posterior_of_instability(np.zeros(len(GRID_RPS)))  # uniform up to 300
+    assert [anything.rps / DPH, anything.sigma_rps / DPH, anything.most_rps / DPH] == pytest.approx(
+        [150, 300 / np.sqrt(12), 285], rel=0.005
+    )
 
 
 def problem(count=6, seed=0):

@@ -156,7 +156,8 @@ def parameter_covariance(
 def _unseen_rates(earth: EarthRate) -> np.ndarray:
     """(K, 3) rad/s, table axes: one sigma of the horizontal Earth rate left out, across an estimated heading or in any direction."""
     if earth.source == "estimated":
-        return np.cross([0.0, 0.0, 1.0], earth.rate_t)[None] * earth.heading_sigma_rad
+        # The rate is the mean over the headings, exp(-sigma^2 / 2) of its length: what is left of length^2 lies across it.
+        return np.cross([0.0, 0.0, 1.0], earth.rate_t)[None] * np.sqrt(np.expm1(earth.heading_sigma_rad**2))
     if earth.source == "unknown":
         left = max(EARTH_RATE_RPS**2 - float(earth.rate_t @ earth.rate_t), 0.0)  # of a known length, beside the vertical part and the mean
         return np.eye(3)[:2] * np.sqrt(left / 2)

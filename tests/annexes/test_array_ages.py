@@ -1,14 +1,10 @@
 """Readings that wait for their reader: their ages injected and recovered, none claimed where there is none, and real ones."""
 
-from itertools import islice
-
 import numpy as np
 import pytest
 from array_twins import DEG, Body, Unit, any_unit, array_of
 
-from session.annexes.arrays.recording import ArraySession, read_array
-from session.annexes.public import mimu
-from session.annexes.public.__main__ import main as public
+from session.annexes.arrays.recording import ArraySession
 from session.io.units import NS
 from tinygc.annexes.arrays.extrinsics import clock_fits
 from tinygc.annexes.arrays.latency import SampleAges, ages_of, corrected, sawtooth
@@ -103,27 +99,3 @@ def test_turns_of_units_that_agree_differ_by_their_noise_alone(body):
     expected = np.sqrt(np.mean(found.white**2))
     assert np.sqrt(np.mean(found.rms_rad**2)) == pytest.approx(expected, rel=0.25)
     assert expected < 0.1 * DEG
-
-
-@pytest.mark.slow
-def test_all_eight_units_of_mimu_beat_and_the_beats_come_back(shared, tmp_path):
-    beats, shrunk = [], []
-    for folder in islice(mimu.write_array(shared / "mimu", tmp_path), 2):
-        array = read_array(folder)
-        fits = clock_fits(array)
-        ages = ages_of(array, fits)
-        assert all(each.found for each in ages)
-        assert all(0.8e-3 < each.period_s < 1.2e-3 for each in ages)  # 1 kHz, by the data sheet
-        beats.append([each.beat_hz for each in ages])
-        shrunk.append([np.sqrt(np.mean(turn_differences(array, fits, given).rms_rad ** 2)) / DEG for given in (None, ages)])
-    assert np.abs(np.diff(beats, axis=0)).max() < 0.06  # 60 ppm of 1 kHz: another temperature
-    for before, after in shrunk:
-        assert after < 0.95 * before
-        assert after < 0.10  # degrees
-
-
-@pytest.mark.broad
-def test_mikov_has_no_beat(shared, tmp_path):
-    public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
-    array = read_array(tmp_path / "mikov")
-    assert not any(each.found for each in ages_of(array, clock_fits(array)))

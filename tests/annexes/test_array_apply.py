@@ -198,17 +198,6 @@ def test_a_unit_that_is_dead_in_another_recording_stops_nothing(tmp_path):
     assert np.sqrt(np.mean((samples.gyro - omega[moments]) ** 2, axis=0)) == pytest.approx(sigma, rel=0.15)
 
 
-def test_a_model_of_one_reader_finds_the_clocks_of_a_recording_by_several(tmp_path):
-    model = model_of(with_places(units(3)))
-    save_array_model(model, tmp_path / "array.json")
-    clock, omega = UnitClock(0.004, 1e-3), motion(3000)
-    raw, t_s = measured(model, omega), np.arange(3000) / RATE_HZ
-    write_array(tmp_path / "array", model, [t_s, (t_s - clock.offset_s) / (1 + clock.rate), t_s], raw, np.ones_like(raw))
-    _, table = said(tmp_path / "array", tmp_path / "array.json")
-    assert table["clocks"] == "found"
-    assert not table["events"]
-
-
 def test_logs_of_units_that_the_model_has_not_are_left_out_and_said(tmp_path):
     """A fit leaves a unit out that cannot be used; its model still goes with the array's folder."""
     whole = model_of(with_places(units(4)))

@@ -9,8 +9,7 @@ from conftest import broad
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from session.annexes.arrays.recording import ArraySession, read_array
-from session.annexes.public.__main__ import main as public
+from session.annexes.arrays.recording import ArraySession
 from tinygc import CalibrationError
 from tinygc.annexes.arrays.clocks import Rates, interpolated_variance, rates_of, rough_clock
 from tinygc.annexes.arrays.extrinsics import TRIADS_RAD, clock_fits, fit_mounting, places_of
@@ -190,16 +189,3 @@ def test_one_clock_runs_through_all_logs(body):
     assert parts.rate == pytest.approx(whole.rate, abs=5 * whole.rate_sigma)
     with pytest.raises(CalibrationError, match=r"unit 1: its clock was set anew between two logs: .* give each log an array's folder"):
         clock_fits(in_two_logs(array, 3.0))
-
-
-@pytest.mark.broad
-def test_the_clocks_of_mikov(shared, tmp_path):
-    """Unit 2's clock is slow by 0.220 %, as a separate analysis has it; the three pairs agree."""
-    public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
-    array = read_array(tmp_path / "mikov")
-    two, four = (place.clock for place in places_of(array)[1:])
-    assert two.rate == pytest.approx(0.00220, abs=2e-5)
-    assert abs(four.rate) < 1e-5
-    between = clock_fits(replace(array, numbers=(2, 4), units=array.units[1:]))[1].clock
-    expected = (1 + four.rate) / (1 + two.rate) - 1
-    assert abs(between.rate - expected) < 4 * np.hypot(two.rate_sigma, four.rate_sigma)

@@ -13,17 +13,14 @@ from session.annexes.arrays.recording import read_array
 from tinygc import SimulationOptions
 from tinygc.annexes.arrays.explanation import (
     ALIKE,
-    COMMON,
     FALSE_READING,
     KNOCK,
     OWN,
     SOME,
     ArrayExplanation,
-    Trait,
     _traits,
     explain_array,
 )
-from tinygc.annexes.arrays.fit import fit_array
 from tinygc.annexes.arrays.joint import OWN_P
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
@@ -89,17 +86,6 @@ def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     assert found.fit.split.common < own[1] / 3
 
 
-@pytest.mark.slow
-def test_own_excess_is_claimed_as_seldom_as_its_probability_says(tmp_path):
-    """Arrays with nothing wrong: one in a hundred may be said to have a unit that errs by itself, over all units together."""
-    p = []
-    for seed in range(12):
-        made = simulate_array(SimulationOptions(segments=12, closure_s=0, odr_hz=104, seed=100 + seed), ArrayOptions(units=3))
-        p.append(fit_array(read_array(write_array(made, tmp_path / f"{seed}")), bias="ends").split.own_p.min())
-    assert np.count_nonzero(np.array(p) < OWN_P) <= 1  # more than one of 12 has a chance of 0.6 %
-    assert np.median(p) > 0.1
-
-
 def test_nothing_is_in_all_units_where_one_could_not_be_explained():
     claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a", equivalent=("unknown.warm_up",))
     explained = {number: SimpleNamespace(claimed=[claim]) for number in (0, 1)}
@@ -118,12 +104,3 @@ def test_options_of_one_session_are_refused_in_a_line(hit, capsys):
     assert "an array of 3 units" in capsys.readouterr().err
     assert calibrate.main(["export", str(folder), "--to", "json", "--quiet"]) == 2
     assert "model_array.json" in capsys.readouterr().err
-
-
-def test_words_say_whose():
-    says = ("a", "b")
-    assert "unit 3 alone" in Trait("gyro.x", (3,), OWN, says[:1]).words
-    assert "own readings" in Trait("data.glitches", (3,), OWN, says[:1]).words
-    assert "units 1, 2" in Trait("gyro.x", (1, 2), SOME, says).words
-    assert "no unit's sensor" in Trait("motion.undersampled", (1, 2), COMMON, says).words
-    assert "or what sensors of this kind have" in Trait("gyro.thermal_bias", (1, 2), ALIKE, says).words

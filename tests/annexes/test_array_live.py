@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from array_faults import FAULTS, with_fault
-from real_array import aligned, at_rest, recordings
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
 from tinygc import CalibrationError
@@ -99,18 +98,3 @@ def test_what_reads_its_end_is_neither_believed_nor_blamed():
 def test_another_shape_is_refused():
     with pytest.raises(CalibrationError, match=r"raw has shape \(3, 3\), expected \(2, 3\)"):
         LiveArray(model_of(units(2)))(np.zeros((3, 3)))
-
-
-@pytest.mark.broad
-def test_none_of_eight_real_units_is_voted_out_in_vigorous_motion(shared):
-    """Turns by hand, then 100 s of shaking up to the end of the range, clipped; how much units differ is known from another recording."""
-    source = shared / "mimu"
-    if not source.exists():
-        pytest.skip("../shared/mimu is not there")
-    read = recordings(source)
-    model = aligned(read[1])
-    fused = LiveArray(at_rest(model, read[2]))(read[2])  # all four by each other's: benchmarks/array_votes.py
-    clipped = np.isinf(fused.sigma).any(axis=1)
-    assert clipped.sum() > 300
-    assert fused.events == ()
-    assert fused.used[~clipped].mean() > 0.99

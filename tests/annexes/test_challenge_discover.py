@@ -2,7 +2,6 @@
 
 import io
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -281,12 +280,3 @@ def test_the_search_is_not_examined_on_a_recording(tmp_path, capsys):
         calibrate.main(["challenge", "--discover", "--on", str(tmp_path)])
     assert ended.value.code == 2
     assert "--on" in capsys.readouterr().err
-
-
-def test_a_copy_is_a_copy(small, tmp_path):
-    """The same log, byte by byte."""
-    folder, *_ = small
-    for name in ("session.toml", "log0001.csv.gz"):
-        both = [folder / SESSIONS / part / "case001" / name for part in ("", law_examination.COPIES)]
-        assert both[0].read_bytes() == both[1].read_bytes()
-    shutil.rmtree(folder / SESSIONS)

@@ -33,7 +33,7 @@ from tinygc.annexes.challenge.recording import (
     steps_of,
     write_spoilt,
 )
-from tinygc.annexes.challenge.recording_examination import Power, Tried, agreement, power_tables, powers, sentences
+from tinygc.annexes.challenge.recording_examination import Power, Tried, power_tables, powers, sentences
 from tinygc.effects import Movement, catalogue
 
 SIZES = {"gyro.g_sensitivity": 0.05, "gyro.bias_step": 0.2, "gyro.bandwidth": 0.01, "gyro.thermal_bias": 0.1, "outside.telegraph": 1.0}
@@ -197,12 +197,6 @@ def test_detected_from_is_the_size_from_which_on_all_are_found():
 def test_a_promise_is_judged_only_where_the_sizes_decide_it(sizes, agrees):
     assert power(sizes).agrees is agrees
     assert power(sizes, detection_limit=None).agrees is None
-
-
-def test_upper_bounds_count_as_not_decided():
-    found = [power({1: False, 2: True}), power({2: True, 4: True}), power({4: False, 8: True}), power({8: False}), power({1: True}, None)]
-    assert agreement(found) == {"predicted": 4, "detected": 3, "agree": 1, "disagree": 2, "not_decided": 1, "median_ratio": 5.0}
-    assert agreement([power({2: True})])["median_ratio"] is None
 
 
 def examined(*found):

@@ -125,9 +125,3 @@ def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     found = engine._assessed(searched, LAW)
     assert found.others == [unknown]
     assert found.same == [same]
-
-
-def test_it_takes_five_hundred_to_tell_a_law_from_its_nearest_neighbour():
-    """A neighbour that correlates EQUAL leaves 1 - EQUAL^2 of what is taken up: what a rival must be worse by."""
-    assert pytest.approx(STAND_IN) == DECISIVE * (1 - EQUAL**2)
-    assert 1 - ALL_OF_IT < 1 - EQUAL**2

@@ -22,7 +22,7 @@ from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.screening import Chance, beside_calibration, screened
 from tinygc.annexes.discovery.search_state import without
 from tinygc.annexes.discovery.selection import takes_calibration
-from tinygc.effects import catalogue, signals
+from tinygc.effects import signals
 from tinygc.explanation.evidence import left_of, orthonormal
 from tinygc.noise import thinned
 from tinygc.noise.refit import Replay, refit
@@ -92,18 +92,6 @@ def test_columns_are_the_twins(seen, form):
     double = seen.responses.block(hub / np.abs(hub).max(), partner / np.abs(partner).max())
     for one, other in ((single.closure, double.closure), (single.still, double.still)):
         assert np.abs(one - other).max() <= 1e-5 * np.abs(other).max()
-
-
-def test_products_of_two_rates_that_sum_to_nothing_close_as_a_skew_of_the_axes_does(seen):
-    """By parts, delays d close as w x (d w): the product of the two other rates, d_z - d_y on x and so on.  No closure tells them apart."""
-    projection = Projection(seen.twin, seen.whiten, seen.fit)
-    skews = projection.seen(seen.replay.columns(catalogue()["timing.axis_skew"]).stacked())
-    products = projection.seen(seen.responses.columns(LawForm((Factor("rate"), Factor("rate")), "next")))
-    by_products = np.linalg.lstsq(products, skews, rcond=None)[0]
-    left = np.linalg.norm(skews - products @ by_products, axis=0) / np.linalg.norm(skews, axis=0)
-    assert left.max() < 0.005
-    one, other = by_products[1, 0], by_products[2, 0]
-    assert by_products == pytest.approx((other - one) / 2 * np.array([[0, 1, -1], [-1, 0, 1], [1, -1, 0]]), abs=0.01 * abs(one))
 
 
 def test_gains_are_those_of_the_catalogues_ranking(seen):
@@ -238,27 +226,6 @@ def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     theta = np.array([1.0, 1.0, -1.0]) * DEG
     one, two = (learnable_from(null, ROOT_CUBE, size * theta, 0.01) for size in (1, 2))
     assert two == pytest.approx(one / 2, rel=0.05)
-
-
-@pytest.mark.slow
-def test_what_is_said_to_be_learnable_is(seen, null):
-    """Of fresh noise, the law on top and above chance in most cases at 1.2 times the size that is said, in few at 0.3 of it."""
-    theta = np.array([1.0, 1.0, -1.0]) * DEG
-    size = learnable_from(null, ROOT_CUBE, theta, 0.05)
-    found = {}
-    for share in (0.3, 1.2):
-        top = [seen.screened(seen.law(seed, ROOT_CUBE, share * size * theta), draws=1) for seed in range(50, 55)]
-        says = [each for each in top if each.tested.max() > max(null.chance.level(0.05), 0)]
-        found[share] = sum(_says(seen, seen.forms[each.order[0]], theta) for each in says)
-    assert found[0.3] <= 1
-    assert found[1.2] >= 4
-
-
-def _says(seen, form, theta):
-    projection = Projection(seen.twin, seen.whiten, seen.fit)
-    law = projection.seen(seen.responses.columns(ROOT_CUBE) @ theta)
-    basis = orthonormal(projection.seen(seen.responses.columns(form)))
-    return np.sum((basis.T @ law) ** 2) > 0.98 * law @ law
 
 
 def test_a_form_has_its_neighbours_on_the_grid(null):

@@ -34,7 +34,6 @@ from driver_under_test import (
     registers_of,
     slots,
     started,
-    streamed,
     tag,
 )
 
@@ -106,12 +105,3 @@ def test_samples_come_through_and_none_is_lost():
     np.testing.assert_array_equal(np.diff(found["number"].astype(int)), 1)
     np.testing.assert_array_equal(found["registers"][:, :6], registers_of(np.arange(len(found))))
     np.testing.assert_array_equal(found["registers"][:, 6], np.where(np.arange(len(found)) < 10_000, 256, 512))
-
-
-@pytest.mark.parametrize("fine", [-128, -1, 0, 35, 127])
-def test_the_rate_that_the_stamps_show_is_the_sensors(fine):
-    started(fine=fine)
-    found = np.concatenate([streamed(first, 1000, polls=40) for first in range(0, 20_000, 1000)])
-    (passed_us,) = np.diff(found["t_us"][[0, -1]])  # of 32 bits, which wrap
-    rate_hz = 1e6 * (len(found) - 1) / passed_us
-    assert rate_hz == pytest.approx(6667 * (1 + 0.0015 * fine) / 4, rel=10e-6)

@@ -10,16 +10,15 @@ import threading
 
 import numpy as np
 import pytest
-from asm330lhh_wire import GYRO, Wire, counting, data, words
 from conftest import ROOT
 from exported_models import MODELS
-from f405_programs import BURST, SENSOR_ON, compiled, found, ran, tools_missing
+from f405_programs import compiled, tools_missing
 from processes import CALIBRATE, PIPE, calibrate, started, until
 
 from session.bench.events import Info
 from session.bench.recorder import Recorder
 from tinygc.annexes.emulated.board import Replayed, oscillator_of
-from tinygc.annexes.emulated.readings import CLOCK_HZ, AtRest, Fault, Oscillator
+from tinygc.annexes.emulated.readings import CLOCK_HZ, AtRest, Fault
 from tinygc.annexes.emulated.sensor import Asm330lhh
 from tinygc.deploy.embedded.program import Registers, program
 from tinygc.deploy.embedded.source import source_files
@@ -36,41 +35,6 @@ from tinygc.annexes.emulated.board import EmulatedBoard
 
 pytestmark = pytest.mark.emulation
 
-#: the FIFO of both sensors at 6667 Hz, 64 slots a burst; counts gyroscope words, adds up their first registers, and looks for gaps
-FAST = (
-    SENSOR_ON.replace("0x07, 32", "0x07, 128").replace("0x09, 0x77", "0x09, 0xAA").replace("0x78)", "0xA8)").replace("0x74)", "0xA4)")
-    + BURST.replace("600", "1000")
-    + """
-static volatile uint32_t done;
-void EXTI4_Handler(void) { EXTI(0x14) = 1u << 4; }
-void DMA_Rx_Handler(void) { DMA(0x08) = 0x3D; done = 1; }
-int main(void)
-{
-    uint32_t last = 0, first = 1;
-    spi_on();
-    REG(0x4001380C) = 2;
-    EXTI(0x08) = EXTI(0x00) = 1u << 4;
-    irq(10);
-    irq(56);
-    sensor_on();
-    for (;;) {
-        while (!(GPIOC(0x10) >> 4 & 1)) WFI();
-        done = 0;
-        burst_begin(1 + 7 * 128);
-        while (!done) WFI();
-        burst_end();
-        for (const volatile uint8_t *word = in + 1; word < in + 1 + 7 * 128; word += 7) {
-            if (word[0] >> 3 != 1) continue;
-            const uint32_t value = (uint32_t)(word[1] | word[2] << 8);
-            found[1] += !first && value != (last + 1) % 30000;
-            found[0]++;
-            last = value;
-            first = 0;
-        }
-    }
-}"""
-)
-
 
 def source(rows: np.ndarray, odr_hz: float) -> BoardSource:
     return BoardSource(rows, Info(500.0, 4.0, odr_hz, "1", "ASM330LHH"))
@@ -84,25 +48,6 @@ def test_the_oscillator_of_a_unit_has_its_data_rate(odr_hz):
     assert abs(oscillator.residual_ppm) < 800
 
 
-def test_every_row_of_a_session_is_felt_once_and_unchanged():
-    """Whenever the sensor is switched on: from register to physical unit and back, through the FIFO."""
-    odr_hz = 833.375 * 1.013
-    rows = np.random.default_rng(1).integers(-30000, 30000, (1500, 7)).astype(np.int16)
-    motion = Replayed(source(rows, odr_hz))
-    link = Wire(Asm330lhh(motion, oscillator_of(odr_hz)), 0.1234567)
-    for address, value in ((0x12, 0x44), (0x09, 0x77), (0x0A, 0x06), (0x10, 0x78), (0x11, 0x74)):
-        link.write(address, value)
-    link.wait(0.7)
-    motion.start(1.5)
-    seen = []
-    for _ in range(20):
-        link.wait(0.13)
-        seen.append(data(words(link), GYRO))
-    seen = np.concatenate(seen)
-    (begin,) = (k for k in range(len(seen)) if (seen[k] == rows[0, :3]).all() and (seen[k + 1] == rows[1, :3]).all() and k > 600)
-    np.testing.assert_array_equal(seen[begin : begin + 1500], rows[:, :3])
-
-
 def test_another_rate_reads_what_lies_between():
     """Half a turn of a sine at 100 Hz, read at 833 Hz: on the lines between its samples."""
     rows = np.zeros((100, 7), np.int16)
@@ -114,26 +59,6 @@ def test_another_rate_reads_what_lies_between():
     rate, _, _ = motion(t_s)
     expected = np.interp((t_s - 1.0) * 100, np.arange(100), rows[:, 0]) * np.radians(0.0175)
     np.testing.assert_allclose(rate[:, 0], expected, atol=1e-3 * np.radians(20000 * 0.0175))
-
-
-def test_twenty_thousand_samples_at_6667_hz_and_none_is_lost(tmp_path):
-    """None twice, none missing, by their numbers; asleep for most of the time."""
-
-    def number(t_s):
-        rate, force, temp = counting(t_s)
-        rate[:, 0] = np.rint(t_s * clock_hz) % 30000 * np.radians(0.0175)
-        return rate, force, temp
-
-    oscillator = Oscillator(7, 7)
-    clock_hz = oscillator.clock_hz()
-    sensor = Asm330lhh(number, oscillator)
-    machine = ran(FAST, tmp_path, 3.1, sensor)
-    samples, gaps = found(machine, 2)
-    assert samples > 20_000
-    assert gaps == 0
-    assert sensor.fifo.lost == 0
-    assert sensor.samples - samples <= 2 * 64
-    assert machine.load < 0.1
 
 
 def test_the_firmware_is_recorded_through_a_pseudo_terminal(tmp_path):

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from f405_programs import came_to_its_end, compiled, found, tools_missing
 
-from tinygc.annexes.emulated.bus import CORE_HZ
 from tinygc.annexes.emulated.cpu import RAM, ProgramError, segments
 
 if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
-from tinygc.annexes.emulated.machine import CYCLES_PER_INSTRUCTION, EXCEPTION_CYCLES, Machine
+from tinygc.annexes.emulated.machine import CYCLES_PER_INSTRUCTION, Machine
 
 pytestmark = pytest.mark.emulation
 
@@ -202,11 +201,3 @@ def test_memory_ends_where_the_parts_does(tmp_path):
     assert len(machine.cpu.memory(RAM, 128 * 1024)) == 128 * 1024
     with pytest.raises(ProgramError, match="no memory"):
         machine.cpu.memory(RAM + 128 * 1024, 1)
-
-
-def test_entering_a_handler_costs_cycles(tmp_path):
-    """Between the last instruction before an exception and the first behind it."""
-    text = 'int main(void) { cycles_on(); uint32_t a = CYCCNT; __asm volatile("svc 0"); found[0] = CYCCNT - a; return 0; }'
-    cycles = found(alone(text, tmp_path))[0]
-    assert 2 * EXCEPTION_CYCLES <= cycles <= 2 * EXCEPTION_CYCLES + 12 * CYCLES_PER_INSTRUCTION
-    assert CORE_HZ == 168e6

@@ -86,13 +86,3 @@ def test_its_samples_are_those_that_qemu_sends(elf):
 def by_stamp(chunks) -> dict[int, tuple]:
     rows = ((chunk.t_us.tolist(), chunk.registers.tolist()) for chunk in chunks if isinstance(chunk, SampleChunk))
     return {t_us: tuple(row) for stamps, table in rows for t_us, row in zip(stamps, table, strict=True)}
-
-
-def uncobs(coded: bytes) -> bytes:
-    """The inverse of COBS, for frames below 254 bytes."""
-    decoded, place = b"", 0
-    while place < len(coded):
-        length = coded[place]
-        decoded += coded[place + 1 : place + length] + (b"\0" if place + length < len(coded) else b"")
-        place += length
-    return decoded

@@ -7,7 +7,6 @@ import pytest
 from asm330lhh_wire import counting
 from f405_programs import BURST, SENSOR_ON, came_to_its_end, compiled, found, ran, tools_missing
 
-from tinygc.annexes.emulated.readings import AtRest, Fault
 from tinygc.annexes.emulated.sensor import Asm330lhh
 
 if MISSING := tools_missing():
@@ -65,37 +64,6 @@ def test_a_polled_byte_takes_its_time_on_the_line(tmp_path):
     machine = ran(text, tmp_path, 0.01)
     assert came_to_its_end(machine)
     assert found(machine)[0] == pytest.approx(101 * 256, abs=120)
-
-
-def test_output_registers_by_new_data_flag(tmp_path):
-    """Every sample is read once, by polling STATUS: 50 in a row are 50 different ones."""
-    text = (
-        SENSOR_ON
-        + """
-    static int16_t rows[50][6];
-    int main(void)
-    {
-        spi_on();
-        sensor_on();
-        for (int n = 0; n < 50; n++) {
-            while ((read_register(0x1E) & 3) != 3) ;
-            CS(0);
-            spi_byte(0x80 | 0x22);
-            for (int i = 0; i < 12; i++) ((uint8_t *)rows[n])[i] = spi_byte(0);
-            spi_wait();
-            CS(1);
-        }
-        found[0] = (uint32_t)rows;
-        return 0;
-    }"""
-    )
-    sensor = Asm330lhh(counting, keep=True)
-    machine = ran(text, tmp_path, 0.09, sensor)
-    assert came_to_its_end(machine)
-    rows = np.frombuffer(machine.cpu.memory(found(machine)[0], 600), "<i2").reshape(50, 6)
-    made = numbers(sensor.kept)[:, 1:]
-    first = np.flatnonzero((made == rows[0]).all(axis=1))[0]
-    np.testing.assert_array_equal(rows, made[first : first + 50])
 
 
 FIFO_BY_INTERRUPT = (
@@ -202,18 +170,6 @@ def test_work_between_two_looks_is_not_skipped(tmp_path):
     assert 30 * 3 * 1.5 < found(machine)[0] < 30 * 8 * 1.5
 
 
-def test_a_host_that_is_held_loses_what_the_fifo_cannot_hold(tmp_path):
-    """Held for a second: 256 samples wait, the others are gone, and the flag says so."""
-    sensor = Asm330lhh(counting, keep=True)
-    machine = ran(FIFO_BY_INTERRUPT, tmp_path, 2.3, sensor, stalls=[(0.5, 1.0)])
-    assert came_to_its_end(machine)
-    rows = np.frombuffer(machine.cpu.memory(found(machine)[0], 12000), "<i2").reshape(1000, 6)
-    steps = np.diff(rows[:, 0])
-    assert sensor.fifo.lost > 1000
-    assert (steps > 1).sum() >= 1
-    assert sensor.fifo.latched
-
-
 def test_a_dma_burst_takes_the_time_of_its_bytes(tmp_path):
     text = (
         BURST
@@ -273,21 +229,3 @@ def test_a_sensor_that_is_not_there_reads_as_ones(tmp_path):
     machine = Machine(compiled("int main(void) { spi_on(); found[0] = read_register(0x0F); return 0; }", tmp_path))
     machine.run_until(0.001)
     assert found(machine) == [0xFF]
-
-
-def test_a_sensor_that_resets_itself_is_seen(tmp_path):
-    text = (
-        SENSOR_ON
-        + """
-    int main(void)
-    {
-        spi_on();
-        sensor_on();
-        found[0] = read_register(0x11);
-        while (milliseconds < 50) WFI();
-        found[1] = read_register(0x11);
-        return 0;
-    }"""
-    )
-    machine = ran(text, tmp_path, 0.06, Asm330lhh(AtRest(), faults=[Fault("reset", 0.03)]))
-    assert found(machine, 2) == [0x74, 0x00]

@@ -11,11 +11,11 @@ from scipy import stats
 
 from tinygc import check, fit
 from tinygc.annexes.lots import fleet_row, fleet_session
-from tinygc.annexes.lots.fleet_row import FleetOptions, cell_of, key_of, packed, unpacked
+from tinygc.annexes.lots.fleet_row import FleetOptions, cell_of, key_of
 from tinygc.annexes.lots.fleet_run import listed_folders, run_fleet
 from tinygc.annexes.lots.fleet_summary import unit_results, weighed_of
 from tinygc.annexes.lots.fleet_table import EACH, open_table
-from tinygc.annexes.lots.lot import NAMES, Weighed
+from tinygc.annexes.lots.lot import Weighed
 from tinygc.explanation.engine import explain_session
 
 
@@ -89,16 +89,6 @@ def test_what_is_weak_is_kept_for_the_lot(whole):
         np.testing.assert_array_equal(each.covariance, each.covariance.T)
         assert np.linalg.eigvalsh(each.covariance[:12, :12])[0] > 0
         np.testing.assert_array_equal(np.isnan(each.values), np.isnan(each.sigmas))
-
-
-def test_a_covariance_comes_back_as_it_was():
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(21, 21))
-    covariance = root @ root.T
-    covariance[3] = covariance[:, 3] = np.nan
-    np.testing.assert_array_equal(unpacked(packed(covariance)), covariance)
-    assert np.isnan(unpacked(None)).all()
-    assert len(NAMES) == 21
 
 
 def test_what_an_effect_does_not_tell_stays_untold():

@@ -8,10 +8,9 @@ from fleets import FIT, made, ran
 from formats_page import CODE, rows, strangers
 from html_pages import parsed
 
-from tinygc.annexes.lots import fleet_command
 from tinygc.annexes.lots.fleet_command import Meter
 from tinygc.annexes.lots.fleet_page import page
-from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, STEPS, VALUES, empty
+from tinygc.annexes.lots.fleet_row import COLUMNS, FIGURES, LONG, VALUES, empty
 from tinygc.annexes.lots.fleet_run import Tally
 from tinygc.annexes.lots.fleet_session import Outcome
 from tinygc.annexes.lots.fleet_summary import MOST_LISTED, distribution, reason_of, summarise
@@ -141,10 +140,6 @@ def test_progress_says_what_was_done_at_which_rate_and_how_long_it_takes():
     meter._found, meter._counted = 1600, True
     assert meter.words(Tally(done=90, failed=10, reused=300), 50.0).endswith(", 2/s, 10 min left")
     assert meter.words(Tally(reused=7), 1.0) == "0 done, 0 failed, 7 reused, 0/s"
-
-
-def test_the_command_knows_the_steps_without_loading_them():
-    assert fleet_command.STEPS == STEPS
 
 
 def test_no_session_is_said(run, tmp_path):

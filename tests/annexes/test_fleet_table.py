@@ -7,11 +7,11 @@ import sqlite3
 
 import pytest
 from conftest import broad
-from fleets import QUICK, Here, asked, content, made, ran
+from fleets import QUICK, Here, asked, made, ran
 
 from session.io.errors import FormatError, StorageError
 from tinygc import CalibrationError
-from tinygc.annexes.lots.fleet_row import COLUMNS, empty
+from tinygc.annexes.lots.fleet_row import empty
 from tinygc.annexes.lots.fleet_run import run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Outcome
 from tinygc.annexes.lots.fleet_summary import unit_results, write_csv
@@ -124,15 +124,6 @@ def test_what_cannot_be_written_is_said(fleet, tmp_path):
 def test_a_table_is_one_file_when_the_run_is_over(out):
     assert sorted(path.name for path in out.iterdir()) == ["fleet.lock", NAME]
     assert asked(out, "PRAGMA journal_mode") == [("delete",)]
-
-
-@pytest.mark.broad
-def test_times_are_not_among_what_is_compared(fleet, out, tmp_path):
-    again = tmp_path / "again"
-    ran(fleet, again)
-    assert content(again) == content(out)
-    assert asked(again, "SELECT key FROM durations ORDER BY 1") == asked(out, "SELECT key FROM results ORDER BY 1")
-    assert not {"cpu_s", "wall_s"} & set(COLUMNS)
 
 
 @pytest.mark.parametrize("spoil", [broad("covariance = x'00'"), "weighed = '{'", broad("weighed = '[]'"), "E_xx = 'one'"])

@@ -18,7 +18,7 @@ from tinygc.noise.twin import Variable
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.pictures import panels
 from tinygc.reporting.pictures.canvas import plain, value_text
-from tinygc.reporting.pictures.panels import draw_claim, in_stills, in_turns
+from tinygc.reporting.pictures.panels import draw_claim, in_turns
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
 
 pytestmark = pytest.mark.broad
@@ -83,18 +83,6 @@ def test_what_turns_left_out_are_does_not_depend_on_what_they_ask_for(known):
 
 
 @pytest.mark.slow
-def test_the_zero_of_each_turn_follows_vibration(known):
-    """The low-pass of the accelerometer hides a part of the energy: to a fifth."""
-    e, claim, truth = known("gyro.vibration_rectification", 1.5 * DEG)
-    for axis in range(3):
-        of = per_turn(e, claim, "offset", axis, variable_for(e, claim))
-        found, sigma = slope(of)
-        assert found == pytest.approx(truth[axis], abs=0.2 * abs(truth[axis]) + 3 * sigma)
-        assert (of.x >= 0).all()
-        assert rms(of.after / of.sigma) < 0.5 * rms(of.before / of.sigma)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["timing.axis_skew", "gyro.bandwidth"])
 def test_the_slope_of_a_lag_is_the_lag(known, name):
     """Of differences between axes: what they share, closure hardly sees."""
@@ -136,17 +124,6 @@ def test_a_foreign_effect_without_a_picture_has_one(known):
     draw_claim(e, claim, *panels)
     assert all(panel.has_data() and panel.get_xlabel() and panel.get_ylabel() for panel in panels)
     assert "slope 1" in " ".join(text.get_text() for text in panels[0].get_legend().get_texts())
-
-
-@pytest.mark.slow
-def test_a_curve_in_the_stills_is_the_law(known):
-    e, claim, truth = known("gyro.g2_sensitivity", 0.1 * DEG)
-    axes = Figure().subplots()
-    in_stills.along(e, claim, axes)
-    curves = [line.get_xydata() for line in axes.lines if len(line.get_xydata()) == in_stills.GRID]
-    assert len(curves) == 3
-    for curve, k in zip(curves, truth / DEG, strict=True):
-        assert curve[:, 1] == pytest.approx(1e3 * k * curve[:, 0] ** 2, abs=8)
 
 
 def test_a_law_that_jumps_shows_nothing_of_turns_both_ways(known):

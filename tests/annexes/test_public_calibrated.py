@@ -1,28 +1,17 @@
 """Public recordings through the core: accelerometers calibrated from stills, EuRoC's truth and clock, motion beyond the data rate."""
 
-import shutil
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import DEG, Table
-from looks import of
-from public_files import mikov_text, write_euroc
-from scipy.spatial.transform import Rotation
+from public_files import mikov_text
 
 from session.annexes.public.__main__ import main as public
-from session.annexes.public.euroc import read_sequence, to_down, write_sequences, write_training_windows
+from session.annexes.public.euroc import read_sequence, to_down, write_training_windows
 from session.detect.accelerometer import from_stills
-from session.detect.first_look import check_folder
-from session.detect.truth_alignment import align
-from session.io.config import TruthReading
 from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
-from tinygc.noise.components import undersampling
-from tinygc.noise.twin import Twin
 
 MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
 BIAS = np.array([0.3, -0.2, 0.5])
@@ -83,13 +72,6 @@ def test_what_was_written_before_stays_as_it_was_where_it_cannot_be_calibrated(t
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_sequence_without_stills_leaves_no_folder_either(tmp_path, capsys):
-    write_euroc(tmp_path / "V1_01_easy")
-    assert public(["euroc", str(tmp_path), "--accelerometer", "stills"]) == 2
-    assert "sessions/V1_01: the stills" in capsys.readouterr().err
-    assert not (tmp_path / "sessions").exists()
-
-
 def test_up_becomes_down():
     """A level vehicle, z up, yawed by 30 deg: body z up is down's opposite, and the turn has the other sense."""
     half = 15 * DEG
@@ -113,42 +95,3 @@ def test_euroc_comes_through_the_same_door(shared, tmp_path):
     assert np.isfinite(gyro).all()
     assert 0.2 < np.mean((accel == 0).all(axis=1)) < 0.3
     assert np.allclose(np.linalg.norm(truth.q_nb, axis=1), 1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["MH_05", "V1_02"])
-def test_euroc_has_its_clock_and_gets_back_what_is_put_in(shared, tmp_path, name):
-    if not (shared / "euroc").is_dir():
-        pytest.skip(f"no recordings: {shared / 'euroc'} is not there")
-    session = read_session(write_sequences(shared / "euroc", [name], tmp_path, segment_s=2.0))
-    as_it_is = align(session).alignment
-    assert [part for part, source in as_it_is.source.items() if source == "found"] == ["frame"]
-    turn = Rotation.from_rotvec([0, 0, 90 * DEG]).as_matrix()
-    put = TruthReading("wxyz", "world_to_body", "enu", turn, 0.0)
-    (truth,) = session.truths
-    spoilt = replace(session, truths=(replace(truth, q_nb=put.written(truth.q_nb), t_ns=truth.t_ns + 4_060_000),))
-    alignment = align(spoilt).alignment
-    assert (alignment.reading.frame, alignment.reading.sense) == ("enu", "world_to_body")
-    assert alignment.offset_s - as_it_is.offset_s == pytest.approx(-0.00406, abs=0.3 * as_it_is.offset_sigma_s + 1e-6)
-    # The gyro's own small rotation goes into the mounting, and its matrix is without it.
-    held = [fit_least_squares(p.batch, p.floor.sigma, p.first) for p in (prepare(session).problem, prepare(spoilt).problem)]
-    # V1_02's own offset of -0.3 ms (2 sigmas) is taken off with what was put in.
-    assert np.abs(held[0].model.B - held[1].model.B).max() < 0.01 * DEG
-
-
-@pytest.mark.slow
-def test_eight_sensors_on_one_hand_miss_the_same(shared, tmp_path):
-    """62.5 Hz: nothing of the sensor is in it, and the sums in the table's axes agree."""
-    source = shared / "mimu" / "exp_2.npz"
-    if not source.exists():
-        pytest.skip(f"no recordings: {source} is not there")
-    shutil.copyfile(source, tmp_path / source.name)
-    assert public(["mimu", str(tmp_path)]) == 0
-    said = []
-    for unit in range(8):
-        line = of(check_folder(tmp_path / "sessions" / f"e2u{unit}"), "fast motion")
-        assert line.level == "warning"
-        said.append(float(line.says.split("about ")[1].split("°")[0]))
-    assert np.std(said) < 0.05 * np.mean(said)
-    told = undersampling(Twin(build_problem(read_session(tmp_path / "sessions" / "e2u1"))))
-    assert said[1] == pytest.approx(told.rms_rad / DEG, rel=0.2)

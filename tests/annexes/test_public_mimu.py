@@ -1,17 +1,14 @@
 """The arrays of the MIMU22BT set as session folders: frames bit for bit, what was decoded before, and what is damaged refused."""
 
 import io
-import shutil
 
 import numpy as np
 import pytest
 from public_files import mimu_data, mimu_frames, write_mimu
 from test_public import made, refused
 
-from session.annexes.public.__main__ import main
 from session.annexes.public.mimu import read_frames
 from session.io.units import DEG, G
-from tinygc import read_session
 
 
 def test_mimu_frames_come_back_bit_for_bit(tmp_path, capsys):
@@ -108,19 +105,3 @@ def test_mimu_refuses_other_arrays_and_other_names(tmp_path, capsys):
     refused(capsys, ["mimu", tmp_path], "int16")
     (tmp_path / "exp_1.npz").rename(tmp_path / "exp_one.npz")
     refused(capsys, ["mimu", tmp_path], "exp_one.npz", "number")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 2, 3, 4])
-def test_the_decoded_recordings_become_folders_to_the_register(shared, tmp_path, number):
-    """What lies beside the checkout was decoded from the same files: it gives 8 folders that hold its registers."""
-    source = shared / "mimu" / f"exp_{number}.npz"
-    if not source.exists():
-        pytest.skip(f"no recordings: {source} is not there")
-    shutil.copyfile(source, tmp_path / source.name)
-    assert main(["mimu", str(tmp_path)]) == 0
-    with np.load(source, allow_pickle=False) as file:
-        registers = file["registers"]
-    samples = read_session(tmp_path / "sessions" / f"e{number}u5").logs[0].samples
-    np.testing.assert_array_equal(np.rint(samples.gyro / DEG * 16.4), registers[:, 5, 3:])
-    np.testing.assert_array_equal(np.rint(samples.accel / G * 2048), registers[:, 5, :3])

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from array_twins import DEG, Body, Unit, any_unit, array_of, samples_of
-from conftest import broad
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
@@ -51,9 +50,9 @@ def test_the_rough_clock_needs_no_mounting(body):
     assert abs(rough.rate - rate) < 0.005
 
 
-@pytest.mark.parametrize("turned", ["not at all", broad("a quarter"), broad("upside down"), "any"])
+@pytest.mark.parametrize("turned", ["not at all", "any"])
 def test_a_mounting_is_recovered_within_its_covariance(body, turned):
-    vectors = {"not at all": [0, 0, 0], "a quarter": [0, 0, 90], "upside down": [180, 0, 0], "any": [60, -110, 35]}
+    vectors = {"not at all": [0, 0, 0], "any": [60, -110, 35]}
     rotation = Rotation.from_rotvec(np.array(vectors[turned]) * DEG)
     pulls = []
     for seed in range(6):

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from array_faults import FAULTS, with_fault
-from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
+from simulated_array import DEG, DENSITY, measured, model_of, motion, units
 
 from tinygc import CalibrationError
-from tinygc.annexes.arrays.model import best_weights
 from tinygc.annexes.arrays.voting import LiveArray
 
 BEGIN, END, COUNT = 1500, 3000, 4200
@@ -49,50 +48,6 @@ def test_each_fault_is_voted_out_said_and_forgiven(eight, name):
     without = LiveArray(model, vote=False)(with_fault(raw, 3, name, BEGIN, END))
     if name != "dead":
         assert np.abs(without.rate - omega).max() > 2 * np.abs(fused.rate - omega).max()
-
-
-def test_weights_are_shared_out_among_those_that_are_left(eight):
-    """Exactly the best combination of the seven others, where noise is independent."""
-    model, _, raw = eight
-    wrong = with_fault(raw, 3, "dead", 0, COUNT)
-    live = LiveArray(model)
-    fused = live(wrong)
-    left = [i for i in range(8) if i != 3]
-    white = model.density.reshape(8, 3, 8, 3)[np.ix_(left, range(3), left, range(3))].reshape(21, 21)
-    weights, covariance = best_weights(white)
-    units_rate = np.einsum("nij,tnj->tni", model.matrices, raw) + model.offsets
-    np.testing.assert_allclose(fused.rate, np.einsum("nij,tnj->ti", weights, units_rate[:, left]), atol=1e-12)
-    expected = np.sqrt(np.diag(covariance) * RATE_HZ / 2 + model.parameter_sigma() ** 2)
-    np.testing.assert_allclose(fused.sigma, np.tile(expected, (COUNT, 1)), rtol=1e-9)
-    assert live.out == {3: "gives no samples"}
-
-
-@pytest.mark.broad
-def test_two_liars_of_eight_are_both_found(eight):
-    model, omega, raw = eight
-    raw = with_fault(with_fault(raw, 2, "step", BEGIN, END), 6, "scale", BEGIN - 300, END)
-    fused = LiveArray(model)(raw)
-    assert outs(fused) == {2, 6}
-    assert np.abs(fused.rate - omega).max() < 1.0 * DEG
-
-
-@pytest.mark.broad
-def test_what_reads_its_end_is_neither_believed_nor_blamed():
-    """Units of another range on one body: those that clip say nothing, the others carry the rate."""
-    small, large = units(6, full_scale=125), units(6, full_scale=2000)
-    model = model_of(small[:3] + large[3:])
-    omega = motion(COUNT, top_dps=400)
-    raw = measured(model, omega)
-    raw[:, :3] = np.clip(raw[:, :3], -125 * DEG, 125 * DEG)
-    fused = LiveArray(model)(raw)
-    assert outs(fused) == set()
-    assert np.abs(fused.rate - omega).max() < 7 * fused.sigma.max()
-    assert (~fused.used[:, :3]).mean() > 0.2
-    all_clip = LiveArray(model_of(small))(np.clip(raw, -125 * DEG, 125 * DEG)[:, :6])
-    assert outs(all_clip) == set()
-    ends = np.isinf(all_clip.sigma).any(axis=1)
-    assert ends.any()
-    assert np.isfinite(all_clip.rate[ends]).all()
 
 
 def test_another_shape_is_refused():

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from formats_page import strangers
-from scipy.spatial.transform import Rotation
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
 from session.io.errors import FormatError
 from tinygc import CalibrationError
 from tinygc.annexes.arrays.fusion import build_array_model, save_array_model
-from tinygc.annexes.arrays.model import best_weights, blocks, combined, divisible, from_table, load_array_model, to_table, weighted_median
+from tinygc.annexes.arrays.model import best_weights, combined, divisible, from_table, load_array_model, to_table, weighted_median
 
 RNG = np.random.default_rng(16)
 
@@ -44,14 +43,6 @@ def test_equal_units_gain_the_root_of_their_number_and_correlated_ones_less():
     np.testing.assert_allclose(fused, np.eye(3) * (1 + (count - 1) * rho) / count, atol=1e-14)
 
 
-def test_unequal_units_weigh_by_their_variance():
-    sigma = np.array([1.0, 2.0, 4.0])
-    weights, fused = best_weights(blocks(np.square(sigma)[:, None, None] * np.eye(3)))
-    share = sigma**-2 / (sigma**-2).sum()
-    np.testing.assert_allclose(weights, share[:, None, None] * np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(fused, np.eye(3) / (sigma**-2).sum(), atol=1e-14)
-
-
 @pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.kron(np.ones((2, 2)), np.eye(3))])
 def test_noise_that_no_combination_is_best_for_is_refused(covariance):
     with pytest.raises(CalibrationError, match="no best combination"):
@@ -63,15 +54,6 @@ def test_the_combination_of_clean_readings_is_the_rate():
     omega = motion(200)
     clean = np.einsum("nij,tnj->tni", np.linalg.inv(model.matrices), omega[:, None] - model.offsets)
     np.testing.assert_allclose(model(clean), omega, atol=1e-12)
-
-
-def test_turning_the_arrays_frame_turns_the_combination():
-    """Symmetry: all mountings turned by one rotation turn the weights and the rate with them."""
-    found, turn = units(4, density=[1e-4, 2e-4, 3e-4, 1e-4]), Rotation.from_rotvec([0.3, -0.8, 1.1]).as_matrix()
-    turned = [replace(unit, place=replace(unit.place, mounting=turn @ unit.place.mounting)) for unit in found]
-    one, other, raw = model_of(found), model_of(turned), RNG.normal(size=(10, 4, 3))
-    np.testing.assert_allclose(other(raw), one(raw) @ turn.T, atol=1e-12)
-    np.testing.assert_allclose(other.fused_density, turn @ one.fused_density @ turn.T, atol=1e-18)
 
 
 def test_weights_are_best_for_what_is_greater_over_a_turn():

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import broad
 from simulated_twins import make_twin_of
 
 from session.io.units import DEG
@@ -48,9 +47,8 @@ def searched_with(twin, width_dps):
 
 
 @pytest.mark.broad
-@pytest.mark.parametrize("seed", [3, broad(5)])
-def test_a_width_of_each_axis_is_seen(twin_of, seed):
-    searched, law, *_ = searched_with(twin_of(held_back((24.0, 8.0, 3.0)), segments=24, seed=seed)[0], 20.0)
+def test_a_width_of_each_axis_is_seen(twin_of):
+    searched, law, *_ = searched_with(twin_of(held_back((24.0, 8.0, 3.0)), segments=24, seed=3)[0], 20.0)
     found = differing(searched, law)
     assert found is not None
     assert found.values * FS_DPS == pytest.approx([24.0, 8.0, 3.0], rel=0.6)
@@ -58,9 +56,8 @@ def test_a_width_of_each_axis_is_seen(twin_of, seed):
 
 
 @pytest.mark.broad
-@pytest.mark.parametrize("seed", [3, broad(5)])
-def test_one_width_for_all_axes_is_left_alone(twin_of, seed):
-    searched, law, form, responses, projection = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=seed)[0], 8.0)
+def test_one_width_for_all_axes_is_left_alone(twin_of):
+    searched, law, form, responses, projection = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=3)[0], 8.0)
     (found,) = by_axis(form, responses, projection)
     assert found.more < 10
     assert differing(searched, law) is None

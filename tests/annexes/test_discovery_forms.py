@@ -202,7 +202,7 @@ class World:
 
     def __init__(self, m):
         rng = np.random.default_rng(4)
-        self.m, self.w, self.t, self.v2, self.full_scale = m, signals.moving_rate(m), m.t_s, m.vibration_g2, m.fs_rps
+        self.m, self.w, self.t, self.full_scale = m, signals.moving_rate(m), m.t_s, m.fs_rps
         self.f, self.warm = without_vibration(m.force_g, m.dt_s), m.temp_c - m.first_temp_c
         self.c, self.matrix = rng.uniform(0.5, 1.5, 3) * (1, -1, 1), rng.standard_normal((3, 3))
         self.speed, self.rest, self.sense = np.linalg.norm(m.rate, axis=1), signals.seconds_at_rest(m), signals.last_sense(m)
@@ -225,11 +225,7 @@ def _last(values):
 #: name -> (the law on paper, quantities that it is of)
 LAWS = {
     "kinematic rectification": (lambda o: o.c * _next(o.w) * _last(o.w), "rate"),
-    "rectified rate of every axis": (lambda o: o.w**2 @ o.matrix.T, "rate"),
-    "anisoelasticity": (lambda o: o.c * _next(o.f) * _last(o.f), "force"),
     "scale factor that follows the force": (lambda o: o.w * (o.f @ o.matrix.T), "rate force"),
-    "nonlinearity that follows temperature": (lambda o: o.c * o.warm[:, None] * o.w * np.abs(o.w), "rate temperature"),
-    "scale factor under vibration": (lambda o: o.c * o.v2[:, None] * o.w, "rate vibration"),
     "soft limit": (lambda o: o.c * o.w / (1 + np.abs(o.w) / (0.7 * o.full_scale)), "rate"),
     "hard limit": (lambda o: o.c * np.clip(o.w, -0.27 * o.full_scale, 0.27 * o.full_scale), "rate"),
     "remnant of the last turn": (lambda o: o.c * o.sense * np.exp(-o.rest / 2.2)[:, None], "sense rest"),
@@ -237,14 +233,10 @@ LAWS = {
     "heat of turning": (lambda o: o.to_all(o.after(o.speed**2, 24.0)), "rate_size"),
     "scale factor that heat of turning moves": (lambda o: o.c * o.w * o.after(o.speed**2, 11.0)[:, None], "rate rate_size"),
     "supply that settles": (lambda o: o.to_all(np.exp(-o.t / 4.1)), "time"),
-    "supply that settles, on the scale factor": (lambda o: o.c * o.w * np.exp(-o.t / 21.0)[:, None], "rate time"),
     "periodic load": (lambda o: o.to_all(np.sin(2 * np.pi * o.t / 7.3 + 0.4)), "time"),
-    "magnetic field": (lambda o: signals.world_directions(o.m) @ (0.2, 0.1, -0.43), "world"),
     "loops that wind up": (lambda o: o.to_all(o.after((o.speed > 0.9).astype(float), 2.1)), "rate_size"),
     "friction of the die in its glue": (lambda o: o.c * signals.latched(o.w, 0.4), "rate"),
-    "rectified angular acceleration": (lambda o: o.to_all(np.linalg.norm(signals.angular_acceleration(o.m), axis=1)), "acceleration_size"),
     "resonance far above the hand": (lambda o: o.c * np.gradient(o.m.acceleration, o.t, axis=0), "jerk"),
-    "strain of the package": (lambda o: o.to_all(signals.temperature_rate(o.m)), "temperature_rate"),
     "thermal hysteresis": (lambda o: o.to_all(signals.play(o.warm, 2.7)), "temperature"),
     "friction": (lambda o: o.c * np.sign(o.w) * np.exp(-np.abs(o.w) / (0.1 * o.full_scale)), "rate"),
     "ripple of a driven table": (lambda o: o.c * np.cos(3 * signals.angle_turned(o.m) - 0.6), "turned"),

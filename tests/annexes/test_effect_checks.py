@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.io.units import DEG
 from tinygc import CalibrationError, SimulationOptions
 from tinygc.annexes.challenge import proofs
 from tinygc.annexes.challenge.cases import Case, conceal
-from tinygc.annexes.challenge.proof_sessions import _setting
 from tinygc.deploy.calibration import Calibration
-from tinygc.effects import Cost, EffectError, Parameter, ReferenceConditions, StageC, catalogue, diagonal
+from tinygc.effects import Cost, EffectError, Parameter, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
 from tinygc.explanation.engine import explain_session
 from tinygc.simulation.write import write_files
@@ -303,11 +301,3 @@ def test_a_report_is_read_by_name_and_printed_by_lines():
     assert report["units"].says.startswith("unit 'fraction' is 1 SI")
     assert str(report).splitlines()[0] == "gyro.scale_asymmetry"
     assert len(str(report).splitlines()) == 3
-
-
-@pytest.mark.parametrize(("dps", "own"), [(500.0 * (1 - 1e-12), 500.0), (573.0, 1000.0), (2000.0, 2000.0), (9000.0, 4000.0)])
-def test_the_session_of_a_law_found_elsewhere_has_a_full_scale_that_a_sensor_has(dps, own):
-    effect = replace(catalogue()["gyro.scale_nonlinearity"], reference_conditions=ReferenceConditions(dps * DEG, 61.0))
-    chosen = SimulationOptions(**_setting(effect))
-    assert (chosen.gyro_fs_dps, chosen.temperature_start_c) == (own, 61.0)
-    assert _setting(catalogue()["gyro.scale_nonlinearity"]) == {}

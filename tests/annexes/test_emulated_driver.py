@@ -27,10 +27,6 @@ if MISSING := measure.tools_missing():
 WRITTEN_FIRST = [(0x10, 0x00), (0x11, 0x00), (0x12, 0x05), (0x12, 0x44)]  # both sensors off, reset, then BDU and IF_INC
 
 
-#: bytes on the wire, with CRC, COBS and delimiter: a frame for each sample, and three frames once a second
-SAMPLE_WIRE_BYTES, EACH_SECOND_BYTES = 25, 19 + 32 + 71
-
-
 @pytest.fixture(scope="module")
 def elf(tmp_path_factory):
     return emulated_driver.built(tmp_path_factory.mktemp("driver"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
 import pytest
 from conftest import ROOT
 from exported_models import MODELS
@@ -34,23 +33,6 @@ def elf(tmp_path_factory):
     for file, text in source_files(program(MODELS["tinygc_denoised"]), SENSOR, "A test.", {}).items():
         (folder / file).write_text(text)
     return measure.build("tinygc.elf", folder, folder / "build", SERIAL="4711")
-
-
-def test_the_stand_in_streams_without_a_gap(elf):
-    machine = Machine(elf)
-    machine.run_until(4.0)
-    decoder = StreamDecoder()
-    chunks = decoder.feed(machine.usart1.take())
-    t_us = np.concatenate([chunk.t_us for chunk in chunks if isinstance(chunk, SampleChunk)])
-    sought_s = t_us[0] * 1e-6  # a sensor, which is not there
-    assert 0.1 < sought_s < 0.5
-    assert decoder.samples == pytest.approx((4 - sought_s) * 208, abs=3)
-    assert (decoder.lost, decoder.crc_errors, decoder.garbage) == (0, 0, 0)
-    assert set(np.diff(t_us)) <= {4807, 4808}
-    assert decoder.info.serial == "4711"
-    assert machine.bus.objections == {}
-    assert machine.bus.strangers == set()
-    assert machine.load < 0.1
 
 
 def test_its_samples_are_those_that_qemu_sends(elf):

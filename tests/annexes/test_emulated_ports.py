@@ -38,32 +38,6 @@ def test_bytes_go_out_at_the_lines_speed(tmp_path):
     assert machine.usart1.baud == pytest.approx(921600, rel=0.005)
 
 
-def test_bytes_go_out_by_dma_while_the_core_sleeps(tmp_path):
-    text = """
-    static uint8_t text[1000];
-    int main(void)
-    {
-        for (int n = 0; n < 1000; n++) text[n] = (uint8_t)(7 * n);
-        usart_on();
-        systick(168000);
-        cycles_on();
-        USART1(0x14) = 0x80;
-        STREAM(7, 8) = 0x40011004;
-        STREAM(7, 12) = (uint32_t)text;
-        STREAM(7, 4) = 1000;
-        const uint32_t a = CYCCNT;
-        STREAM(7, 0) = 4u << 25 | 1u << 10 | 1u << 6 | 1;
-        while (!(DMA(4) & 1u << 27)) WFI();
-        found[0] = CYCCNT - a;
-        return 0;
-    }"""
-    machine = ran(text, tmp_path, 0.02)
-    assert came_to_its_end(machine)
-    assert machine.usart1.take() == bytes(7 * n % 256 for n in range(1000))
-    assert found(machine)[0] == pytest.approx(1000 * 1820, abs=168000)  # it wakes each millisecond
-    assert machine.load < 0.01
-
-
 def test_bytes_come_in_by_interrupt(tmp_path):
     text = """
     void USART1_Handler(void) { if (USART1(0) & 0x20) USART1(4) = (uint8_t)(USART1(4) + 1); }

@@ -1,7 +1,6 @@
 """Public sets as session folders: what is in the authors' files is in the folders, to the digit; what is damaged is refused in one line."""
 
 import gzip
-import io
 from pathlib import Path
 
 import numpy as np
@@ -161,21 +160,9 @@ def test_euroc_refuses(tmp_path, capsys):
     refused(capsys, ["euroc", tmp_path], "euroc_V2_01_easy.npz")
 
 
-@pytest.mark.broad
-def test_damaged_archives_are_refused_whatever_is_damaged(tmp_path, capsys):
-    """Found by fuzzing: each byte of an archive's heads in turn; NumPy and zipfile raise a dozen kinds of errors."""
-    path, good = tmp_path / "euroc_V1_01_easy.npz", io.BytesIO()
+def test_archives_of_other_shapes_are_refused(tmp_path, capsys):
+    path = tmp_path / "euroc_V1_01_easy.npz"
     t_ns, values, q = np.arange(9) * 5_000_000, np.zeros((9, 3)), np.tile([1.0, 0, 0, 0], (9, 1))
-    np.savez_compressed(good, t_ns=t_ns, gyro=values, acc=values, gt_t_ns=t_ns, gt_q_wxyz=q)
-    codes = set()
-    for place in range(0, len(good.getvalue()), 3):
-        data = bytearray(good.getvalue())
-        data[place] ^= 0x21
-        path.write_bytes(data)
-        codes.add(main(["euroc", str(tmp_path), "--out", str(tmp_path / f"out{place}")]))
-        said = capsys.readouterr().err
-        assert said.count("\n") == (1 if said else 0)
-    assert codes == {0, 2}
     for name, value in (("gyro", values[:5]), ("acc", values[:, :2]), ("gt_q_wxyz", 2 * q), ("t_ns", values), ("gyro", values.astype(str))):
         np.savez(path, **{"t_ns": t_ns, "gyro": values, "acc": values, "gt_t_ns": t_ns, "gt_q_wxyz": q} | {name: value})
         refused(capsys, ["euroc", tmp_path], "euroc_V1_01_easy.npz")

@@ -173,12 +173,6 @@ def test_the_main_job_runs_without_any_annex(tmp_path):
     hold_job(folder, MAIN_JOB)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("annex", FOLDERS)
-def test_the_main_job_runs_without_one(annex, tmp_path):
-    hold_job(without((annex,), tmp_path), MAIN_JOB)
-
-
 @pytest.mark.broad
 def test_no_annex_is_loaded_where_nobody_asks(tmp_path):
     """A fit and an explanation of one sensor on a table import no annex, though all are there."""

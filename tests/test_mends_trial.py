@@ -1,4 +1,4 @@
-"""Events on trial: what the body really did is not mended, what only the readings did is, and where closure is silent the share decides."""
+"""Events on trial: what the body really did is not mended, what only the readings did is."""
 
 from dataclasses import replace
 
@@ -11,10 +11,8 @@ from spoilt_registers import closed_up, rows_in_turns, with_losses
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.io.samples import Samples
 from tinygc.closure.build import build_problem
-from tinygc.explanation.data_repair import ClosureTrial, repair
-from tinygc.explanation.evidence import Evidence
+from tinygc.explanation.data_repair import repair
 from tinygc.explanation.faulty_readings import FALSE, LOST, RegisterFault, proposed
-from tinygc.noise.twin import Twin
 
 ODR_HZ, SAMPLES = 208.0, 3
 
@@ -88,58 +86,6 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(table,
     (verdict,) = spoilt.verdicts
     assert verdict.before_rad > 1.4 * verdict.tried_rad
     assert spoilt.p_value[FALSE] < 1e-6
-
-
-@pytest.mark.broad
-def test_knocks_and_false_readings_in_one_session_are_told_apart(table, rows):
-    shown = excursions(rows, 40)
-    real = set(rows[::2].tolist())
-    _, found = mended(table, {row: (rate if row in real else 0 * rate, rate) for row, rate in shown.items()})
-    assert found.found[FALSE][0]["at"] == rows[1::2].tolist()
-
-
-# The share
-
-
-@pytest.fixture(scope="module")
-def trial_of(table, rows):
-    """A trial by the physics of the same movement without any event, where at these rows 60 dps were written and not turned, at the others
-    both."""
-    quiet = build_problem(session_of(sensed(table, {})))
-    physics = Evidence(Twin(quiet)).nothing
-
-    def make(false: np.ndarray) -> ClosureTrial:
-        pushes = {row: (0 * rate if row in false else rate, rate) for row, rate in excursions(rows, 60).items()}
-        return ClosureTrial(build_problem(session_of(sensed(table, pushes))), physics, quiet)
-
-    return make
-
-
-def resting(trial: ClosureTrial) -> RegisterFault:
-    """In a still, of which no closure can tell: it is no part of a segment."""
-    first = trial.twin.stills[0][1]
-    return RegisterFault(FALSE, 0, (first.start + first.stop) // 2 - 20, SAMPLES)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("true", "believed"), [(6, True), (5, True), (1, False)])
-def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(trial_of, rows, true, believed):
-    trial = trial_of(rows[:true])
-    silent = resting(trial)
-    assert trial.segment_of(silent) is None
-    decided = [RegisterFault(FALSE, 0, int(row), SAMPLES) for row in rows]
-    verdict = trial.test(FALSE, [*decided, silent], [])
-    assert verdict.accepted == decided[:true] + [silent] * believed
-    share = (verdict.chance.sum() + 0.5) / (len(decided) + 2)
-    assert verdict.chance[-1] == pytest.approx(share, abs=0.1)
-
-
-@pytest.mark.slow
-def test_a_row_that_no_sensor_gives_needs_no_closure(trial_of, rows):
-    trial = trial_of(rows)
-    event = replace(resting(trial), accel=True)
-    assert trial.test(FALSE, [event], []).accepted == [event]
-    assert trial.test(FALSE, [replace(event, accel=False)], []).accepted == []
 
 
 # Losses

@@ -6,7 +6,7 @@ from conftest import Table
 from spoilt_registers import session_of_logs
 
 from session.io.units import DEG
-from tinygc import SimulationOptions, read_session
+from tinygc import SimulationOptions
 from tinygc.closure.build import build_problem
 from tinygc.explanation.clipped_turns import find_plateaus
 from tinygc.explanation.data_repair import repair
@@ -30,13 +30,6 @@ def test_a_clipped_element_is_named_and_its_segments_left_out(tmp_path):
     assert result.verdict == "explained"
     before, after = (np.sqrt(np.mean(angles**2)) for angles in (result.proof.before, result.proof.after))
     assert after < 0.02 * before
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(6))
-def test_round_strokes_of_a_hand_are_no_plateaus(tmp_path, seed):
-    session = read_session(write_session(SimulationOptions(segments=15, closure_s=0.0, seed=seed), tmp_path / "session"))
-    assert find_plateaus(session.logs[0].samples, FS) is None
 
 
 def test_a_motor_turns_at_one_rate_and_is_not_clipped():

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG
-from explained_sessions import rewritten
 from test_bridges import fast_rows
 
 from tinygc import SimulationOptions, read_session
@@ -58,27 +57,3 @@ def test_nothing_is_named_that_is_not_there_and_what_was_done_is_said(folder, ch
     assert not named & NOT_THERE
     assert table["verdict"] == "no_mismatch"
     assert any(warning["what"] == f"weighed down ({cause})" for warning in table["warnings"])
-
-
-@pytest.mark.slow
-def test_samples_that_are_lost_unseen_are_still_found_beside_gaps(folder, tmp_path):
-    """Gaps that the stamps tell are bridged; losses over which the stamps have closed up are explain's to find."""
-    import shutil
-
-    other = tmp_path / "unit"
-    shutil.copytree(folder, other)
-    samples = read_session(other).logs[0].samples
-    rows = fast_rows(samples, 14, 8, 60.0)
-
-    def lost(table: np.ndarray) -> np.ndarray:
-        stamps, keep = table[:, 0].copy(), np.ones(len(table), dtype=bool)
-        for row in rows:
-            keep[row : row + 3] = False
-        short = table[keep]
-        short[:, 0] = stamps[: len(short)]
-        return short
-
-    rewritten(other, lost)
-    table = said(other, with_gaps)
-    assert "timing.dropped_samples" in {effect["id"] for effect in table["effects"]}
-    assert any(warning["what"] == "weighed down (gap)" for warning in table["warnings"])

@@ -1,6 +1,5 @@
 """What an explanation keeps while it weighs: as much whether a few hypotheses are weighed or many, and nothing that comes out otherwise."""
 
-import gc
 from types import SimpleNamespace
 from typing import cast
 
@@ -12,13 +11,10 @@ from simulated_twins import make_twin_of
 from session.detect.stills import Still
 from tinygc.effects import catalogue
 from tinygc.explanation import evidence as of_evidence
-from tinygc.explanation import search
-from tinygc.explanation.decision import improvement_p
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.search import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz, promises
 from tinygc.noise import thinned
 from tinygc.noise.candidates import candidates
-from tinygc.noise.components import HELD
 from tinygc.noise.thinned import StillMeans
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -32,22 +28,6 @@ def evidence(twin_of) -> Evidence:
     return Evidence(twin_of(g_sensitive)[0])
 
 
-def whiteners_of(evidence: Evidence) -> int:
-    """Of this recording, that anything still holds."""
-    gc.collect()
-    return sum(type(each) is Whitener and each.white is evidence.whiteners.white.white for each in gc.get_objects())
-
-
-@pytest.mark.slow
-def test_as_many_factors_are_held_whether_one_hypothesis_is_weighed_or_six(evidence):
-    """White noise alone, what is known beforehand, and those that were asked for last."""
-    for name in WEIGHED:
-        evidence.of((catalogue()[name],), evidence.nothing)
-        assert len(evidence.whiteners) <= HELD
-        assert whiteners_of(evidence) <= HELD + 2
-    assert len(evidence.exact) > len(WEIGHED)
-
-
 def test_a_hypothesis_keeps_no_array_of_samples_and_none_of_all_pairs_of_rows(evidence):
     """Of its fit the largest are the columns (n, p)."""
     h = evidence.of((catalogue()[WEIGHED[0]],), evidence.nothing)
@@ -57,17 +37,6 @@ def test_a_hypothesis_keeps_no_array_of_samples_and_none_of_all_pairs_of_rows(ev
     assert max(sizes) <= h.fit.J.size
     assert not any(isinstance(each, list | Whitener) for each in own)
     assert h.fit.J.size < min(len(h.fit.r) ** 2, sum(len(movement.rate) for movement in evidence.twin.movements))
-
-
-@pytest.mark.broad
-def test_a_factor_that_was_let_go_is_made_again_to_the_same_digits(evidence):
-    first = evidence.of((catalogue()[WEIGHED[0]],), evidence.nothing)
-    held = first.whiten
-    for name in WEIGHED[1:]:
-        _ = evidence.of((catalogue()[name],), evidence.nothing).whiten
-    again = first.whiten
-    assert again is not held
-    np.testing.assert_array_equal(again.covariance, held.covariance)
 
 
 def test_columns_of_candidates_are_kept_up_to_a_count_and_promise_the_same_beyond_it(twin_of, monkeypatch):
@@ -101,20 +70,6 @@ def test_a_day_is_searched_for_as_many_lines_as_there_is_time_for(twin_of):
     # What was not looked for is said, and only there.
     assert lines_end_hz(day_of(rows, 86_400.0, 401)) == lines[-1]
     assert lines_end_hz(day_of(46_800, 225.0, 41)) is None
-
-
-@pytest.mark.broad
-def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_once(twin_of, monkeypatch):
-    evidence = Evidence(twin_of(None)[0])
-    line = search._lines(line_frequencies(evidence.twin))[20]
-    have = evidence.of((line,), evidence.nothing)
-    prior, scan = evidence.prior(have.fit), line.variants(line.scan.grid(evidence.twin.movements)[:60])
-    found = []
-    for together in (60, 7):
-        monkeypatch.setattr("tinygc.explanation.decision.TOGETHER", together)
-        found.append(improvement_p(evidence.twin, have, prior, 0, have.whiten.each(map(evidence.columns, scan))))
-    assert 0 < found[0] <= 1
-    assert found[1] == pytest.approx(found[0], rel=1e-9)
 
 
 @pytest.mark.parametrize("counts", [None, np.arange(1, 401)])

@@ -55,19 +55,6 @@ def test_what_a_model_simplifies_of_a_great_effect_gets_no_second_name(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_lookalike_named_while_another_was_in_the_way_gives_place(tmp_path):
-    """While the cubic is not named yet, a lag describes this skew better than the skew does; beside it, the skew does."""
-    cubic, seconds = np.array([-0.0085, 0.0098, -0.0065]), np.array([0.0085, 0.0, 0.0056])
-    result = explained(
-        tmp_path, lambda t, rate, force, temp: skewed(t, rate * (1 + cubic * (rate / FULL_SCALE) ** 2), seconds), segments=30
-    )
-    assert ids(result) == {"timing.axis_skew", "gyro.scale_nonlinearity"}
-    (skew,) = (claim for claim in result.claimed if claim.effect.id == "timing.axis_skew")
-    assert skew.probability > 0.5 > skew.rivals["gyro.bandwidth"]
-    assert set(skew.equivalent) <= {"gyro.bandwidth"}  # 30 turns leave it a chance, and say which
-
-
-@pytest.mark.slow
 def test_a_product_of_rates_that_turns_like_a_skew_is_said_beside_it(tmp_path):
     """To first order no closure tells two axes that make a third read from two that are read too late."""
     size = 0.0035 * np.array([-1.0, -0.7, 1.3])

@@ -27,13 +27,6 @@ def test_a_zero_with_a_turning_point_in_temperature_is_given_no_name(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
-    result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer(temp - MIDDLE_C, 2 * CURVE))
-    assert [claim.effect.id for claim in result.claimed] == ["gyro.thermal_bias"]
-    assert result.findings == []
-
-
-@pytest.mark.slow
 def test_a_weak_curve_is_no_step(tmp_path):
     """So weak that a step describes it nearly as well as the curve that it is: a step may stand beside the curve, never alone."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, 0.11 * CURVE))

@@ -16,7 +16,6 @@ from session.detect.segments import cut_segments
 from session.detect.stills import Noise, Still
 from session.io.logfile import Log
 from session.io.samples import Samples
-from tinygc import closure
 from tinygc.closure.residual import Batch
 from tinygc.noise.components import undersampling
 
@@ -96,23 +95,6 @@ def test_the_error_of_readings_is_predicted_from_fewer_of_them(exponent, rate_hz
         assert p == pytest.approx(exponent, abs=0.15)
     assert missed.rate_hz == pytest.approx(rate_hz)
     assert told.rate_hz == pytest.approx(rate_hz)
-
-
-def test_sums_in_the_tables_axes_are_what_integrating_every_kth_reading_gives():
-    """To first order; turns of 60 dps go far from where they began."""
-    twin = twin_of(motion(1.6, seed=4), 62.5)
-    batch, told = twin.batch, undersampling(twin)
-    assert np.degrees(np.abs(closure.end_attitude(batch, batch.rate)[:, 1:]).max()) > 10
-
-    def tilts(rows: np.ndarray) -> np.ndarray:
-        at_s = np.arange(batch.rate.shape[1]) / 62.5
-        some = replace(batch, rate=batch.rate[:, rows], dt=np.tile(np.diff(at_s[rows]), (len(batch), 1)), earth=batch.earth[:, rows])
-        return closure.error_angles(closure.residual(closure.end_attitude(some, some.rate), batch.end, False))
-
-    count = batch.rate.shape[1]
-    whole = tilts(np.arange(count))
-    apart = [tilts(np.unique([0, *range(offset, count, 2), count - 1])) - whole for offset in range(2)]
-    assert told.missed_rad[0] == pytest.approx(np.sqrt(np.mean(np.square(apart))), rel=0.05)
 
 
 def test_motion_below_a_quarter_of_half_the_data_rate_misses_nothing():

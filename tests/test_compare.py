@@ -1,4 +1,4 @@
-"""Sessions of one unit agree as often as their uncertainties say; what moved is found, and called by its name."""
+"""Sessions of one unit, compared by their uncertainties: what moved is found, and called by its name."""
 
 import json
 import shutil
@@ -11,37 +11,19 @@ from conftest import DEG, ROOT
 from scipy import stats
 
 import calibrate
-from session.io.errors import DataError, FormatError
+from session.io.errors import FormatError
 from tinygc.estimation.compare import agreement, compare, read_calibrated
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from repeatability import Job, calibrated
 
-SESSIONS, SEGMENTS = 40, 14
+SEGMENTS = 14
 
 
 @pytest.fixture(scope="module")
 def unit():
-    """40 quick sessions of one simulated unit: other movements, other noise, the bias wandering by itself in each."""
-    return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(SESSIONS)]
-
-
-@pytest.mark.slow
-def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
-    p = np.array([compare(unit[i : i + 2]).lasting.p_value for i in range(0, SESSIONS, 2)])
-    assert stats.kstest(p, "uniform").pvalue > 0.01
-    assert np.sum(p < 0.05) <= 4  # 1 expected of 20; more than 4 has a chance of 0.3 %
-    bias = np.array([compare(unit[i : i + 2]).bias.p_value for i in range(0, SESSIONS, 2)])
-    assert np.sum(bias < 0.05) <= 4
-
-
-@pytest.mark.slow
-def test_all_sessions_at_once_agree(unit):
-    found = compare(unit)
-    assert found.lasting.freedom == 9 * (SESSIONS - 1)
-    assert 0.005 < found.lasting.p_value < 0.995
-    assert 0.005 < found.all.p_value < 0.995
-    assert not found.moved
+    """Two quick sessions of one simulated unit: other movements, other noise, the bias wandering by itself in each."""
+    return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(2)]
 
 
 @pytest.mark.slow
@@ -79,18 +61,6 @@ def test_two_sessions_are_judged_by_their_difference():
     assert found.chi_square == pytest.approx(d @ np.linalg.solve(covariances.sum(axis=0), d), rel=1e-6)
     assert found.freedom == 5
     assert found.p_value == pytest.approx(stats.chi2.sf(found.chi_square, 5))
-
-
-@pytest.mark.slow
-def test_the_order_of_sessions_does_not_matter(unit):
-    one, other = compare(unit[:4]), compare(unit[3::-1])
-    assert one.lasting.chi_square == pytest.approx(other.lasting.chi_square, rel=1e-9)
-
-
-@pytest.mark.slow
-def test_a_recording_is_not_compared_with_itself(unit):
-    with pytest.raises(DataError, match="same log"):
-        compare([unit[0], unit[1], unit[0]])
 
 
 # The command

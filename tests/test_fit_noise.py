@@ -8,9 +8,7 @@ import pytest
 from commandline import refused
 
 from session.io.units import DEG
-from tinygc import CalibrationError, FitOptions, SimulationOptions, read_session
-from tinygc.closure.build import build_problem
-from tinygc.estimation.bias import choose, less_by_chance
+from tinygc import CalibrationError, FitOptions, SimulationOptions
 from tinygc.estimation.fit import fit_session
 from tinygc.models.linear import MATRIX
 from tinygc.simulation.simulator import simulate_session
@@ -35,12 +33,6 @@ def errors(folder, seed, bias):
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory):
-    options = SimulationOptions(segments=20, closure_s=0.0, seed=3, odr_hz=104.0)
-    return build_problem(read_session(write_session(options, tmp_path_factory.mktemp("noise") / "s")))
-
-
-@pytest.fixture(scope="module")
 def drifting(tmp_path_factory):
     options = SimulationOptions(segments=20, closure_s=0.0, seed=11, odr_hz=104.0)
     return write_session(options, tmp_path_factory.mktemp("ramp") / "s", distort=ramp)
@@ -56,31 +48,6 @@ def test_the_stills_follow_a_bias_that_runs_and_auto_takes_them(drifting):
     true = simulate_session(SimulationOptions(seed=11, segments=1, closure_s=0.0)).unit
     moved = (true.B - stills[2].linear.model.B) / DEG
     np.testing.assert_allclose(moved, RAMP_DPS / 2 * true.E.sum(axis=1), atol=0.02)
-
-
-def test_a_quiet_bias_is_taken_where_it_closes_better(problem):
-    choice, _, fit = choose(problem, LEAST_SQUARES)
-    ends, stills = (np.sqrt(np.mean(np.sum(choice.held_out[name] ** 2, axis=1))) for name in ("ends", "stills"))
-    assert choice.used == "ends" or stills < ends
-    assert fit.held_out is choice.held_out[choice.used] or np.array_equal(fit.held_out, choice.held_out[choice.used])
-
-
-def test_better_by_chance_is_not_better():
-    """Pairs that differ by nothing but noise: uniform p-values, less than 5 % in one case of twenty (or less: the rms must agree)."""
-    rng = np.random.default_rng(1)
-    p = [less_by_chance(*rng.standard_normal((2, 40, 2))) for _ in range(400)]
-    assert np.mean(np.array(p) < 0.05) < 0.05 + 3 * np.sqrt(0.05 * 0.95 / 400)
-    usual = rng.standard_normal((40, 2))
-    assert less_by_chance(usual, 0.5 * usual) < 1e-6
-    assert less_by_chance(0.5 * usual, usual) == 1.0
-    assert less_by_chance(usual, usual) == 1.0
-
-
-@pytest.mark.parametrize("more", [{"still_rates": True}, {"bias_per_log": True}])
-def test_stills_are_refused_where_they_cannot_be_meant(problem, more):
-    with pytest.raises(CalibrationError, match="--bias stills"):
-        choose(problem, replace(LEAST_SQUARES, bias="stills", **more))
-    assert choose(problem, replace(LEAST_SQUARES, **more))[0].used == "ends"
 
 
 def test_an_option_that_is_none_is_refused(run, tmp_path):
@@ -108,15 +75,3 @@ def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
     covariance, accelerometer = (np.array(model[key]) for key in ("covariance", "accelerometer_covariance"))
     assert np.linalg.eigvalsh(covariance).min() > 0
     assert np.all(np.diag(accelerometer) < np.diag(covariance))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bias", ["stills", "ends"])
-def test_sigmas_hold_though_nobody_tells_how_far_the_bias_wanders(simulated, bias):
-    """68 % of 108 errors within one sigma; those of a session hang together, so that the share is known to about 5 %."""
-    z = []
-    for seed in range(12):
-        error, sigma, _ = errors(simulated(segments=20, closure_s=0.0, seed=seed, bias_instability_dph=20.0), seed, bias)
-        z.append(error / sigma)
-    assert 0.53 < np.mean(np.abs(z) < 1) < 0.85
-    assert np.mean(np.abs(z) < 2) > 0.87

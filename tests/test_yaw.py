@@ -51,15 +51,6 @@ def test_a_log_cut_inside_a_still_goes_on(whole, tmp_path):
     assert run_rmse_deg(split) < 0.08
 
 
-@pytest.mark.slow
-def test_a_log_cut_inside_a_turn_begins_anew(whole, tmp_path):
-    problem = build_problem(read_session(whole[0]))
-    cut = middle_of(problem, 20, still=False)
-    split = rebuilt(whole, tmp_path / "t", whole[2][:cut], whole[2][cut:])
-    assert len(split.earths) == 2
-    assert run_rmse_deg(split) < 0.1  # 0.2 where one heading was taken for both
-
-
 def test_samples_lost_in_a_turn_begin_a_new_group(whole, tmp_path):
     problem = build_problem(read_session(whole[0]))
     cut = middle_of(problem, 18, still=False)

@@ -185,20 +185,6 @@ def test_the_turn_that_was_meant_is_proposed(ferraris_folder):
     assert "such a turn is 1, counted from 0" in finding.do
 
 
-def test_turns_count_over_all_logs_or_in_the_one_that_is_named(tmp_path):
-    for number, name in enumerate(("log0001.csv", "log0002.csv")):
-        write_session(tmp_path, Table().rest(3).turn(90, (1, 0, 0)).rest(3).turn(360, (0, 1, 0), 4).rest(3).samples(seed=number), name)
-    log = "turn,log,axis,angle_deg,sigma_deg\n1,,y,360,0.1\n1,log0002,y,360,0.1\n"
-    first, second = of_turns(check_folder(with_turns(tmp_path, log)))
-    assert (first.level, second.level) == ("ok", "ok")
-    assert "turn 1 of log0002.csv" in second.says
-    third, fourth, same = of_turns(check_folder(with_turns(tmp_path, log + "3,,y,360,0.1\n")))
-    assert (third.level, fourth.level, same.level) == ("ok", "ok", "warning")
-    assert "an earlier line names the same turn" in same.says
-    (none,) = of_turns(check_folder(with_turns(tmp_path, log.replace("1,,y,360,0.1\n", "").replace("1,log", "2,log"))))
-    assert "there is no such turn: 2 turns" in none.says
-
-
 # Ferraris's protocol
 
 
@@ -223,17 +209,6 @@ def test_six_sides_and_three_circles_in_one_log(ferraris_folder):
     assert all(abs(turn["error_deg"]) < 0.2 for turn in turns)
     assert to_json(result)["methods"]["least_squares"]["holdout"]["yaw_rms_deg"] is not None
     assert "turns of known angle: segments 1 (360" in str(fit_report(result).renderables[0])
-
-
-@pytest.mark.broad
-def test_the_circles_give_the_scale_factors(ferraris_folder):
-    """Without them, the moves from side to side know each scale at least twice as badly as with a good stop."""
-    with_turns(ferraris_folder, CIRCLES.replace("0.05", "0.005"))
-    known = fit_session(ferraris_folder, QUICK)
-    (ferraris_folder / "turns.csv").unlink()
-    alone = fit_session(ferraris_folder, QUICK)
-    diagonal = [0, 4, 8]
-    assert np.all(np.diag(known.covariance)[diagonal] < np.diag(alone.covariance)[diagonal] / 4)
 
 
 def test_three_logs_of_one_circle_each(tmp_path):

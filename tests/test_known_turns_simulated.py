@@ -11,10 +11,7 @@ from session.io.units import DEG
 from tinygc import CalibrationError, SimulationOptions, explain, read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import prepare
-from tinygc.closure.residual import closure_angles
-from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.explanation.evidence import selection_of
-from tinygc.models.linear import LinearModel
 from tinygc.noise.channels import unknown_rows
 from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
@@ -61,24 +58,6 @@ def test_stops_err_as_they_are_asked_to_and_change_nothing_else(tmp_path):
     assert not (folders[2.0] / "turns.csv").exists()
     with pytest.raises(CalibrationError, match="--stop-sigma-deg is -1"):
         SimulationOptions(stop_sigma_deg=-1.0)
-
-
-def test_the_true_calibration_leaves_the_stop_and_the_noise(made, problem):
-    """Of angles in their sigmas, over all known turns; of angles that are not known, nothing."""
-    truth = LinearModel(np.array(made.truth["E"]), np.multiply(made.truth["B_dps"], DEG))
-    angles, known = closure_angles(problem.batch, truth), problem.batch.turns.known
-    assert np.all(angles[~known, 2] == 0)
-    in_sigmas = angles[known, 2] / problem.floor.sigma[known, 2]
-    assert np.sqrt(np.mean(in_sigmas**2)) < 2
-    assert np.all(problem.floor.sigma[known, 2] > 0.02 * DEG)
-
-
-def test_known_angles_make_no_parameter_worse(made, problem):
-    without = build_problem(replace(made.session, turns=()))
-    known, alone = (np.sqrt(np.diag(parameter_covariance(p.batch, p.floor, p.first, p.earth, wander=p.wander))) for p in (problem, without))
-    # One weight for both angles of tilt is not quite the best, so that a little may be lost.
-    assert np.all(known < 1.02 * alone)
-    assert np.min(known / alone) < 0.98
 
 
 def test_columns_of_the_twin_are_its_residuals_derivatives(problem):

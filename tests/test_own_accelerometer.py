@@ -34,7 +34,6 @@ def bare(tmp_path):
 
 
 @pytest.mark.broad
-@pytest.mark.broad
 def test_its_own_stills_make_the_reference_that_the_given_one_was(bare):
     plain, own = (fit_session(folder, FitOptions(methods=("least_squares",))) for folder in (SESSION1, bare))
     held_out = [tilt_rms(result.linear.held_out) for result in (plain, own)]

@@ -7,7 +7,7 @@ from guided_streams import guide_of, play, said, simulated
 
 from session.bench.guide import Guide
 from session.bench.live import stream_problem
-from session.bench.messages import Kind, Progress, Stage
+from session.bench.messages import Kind, Stage
 from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
@@ -46,7 +46,6 @@ def led():
 
 
 @pytest.mark.broad
-@pytest.mark.broad
 def test_it_is_fitted_as_stills_come_in_and_said_once(led):
     guide, changes, _ = led
     assert guide.accepted == 24
@@ -58,7 +57,6 @@ def test_it_is_fitted_as_stills_come_in_and_said_once(led):
 
 
 @pytest.mark.broad
-@pytest.mark.broad
 def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(led):
     _, _, advice = led
     asked = [each.reason for each, _ in advice]
@@ -68,19 +66,6 @@ def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(l
     assert np.all(np.diff(sigmas[12:].max(axis=1)) < 0.1)  # no parameter is forgotten
     assert not advice[11][0].reached
     assert all(each.reached == (sigma.max() <= 1) for each, sigma in advice)
-
-
-@pytest.mark.broad
-@pytest.mark.broad
-def test_a_known_accelerometer_lets_the_gyroscope_be_known_better(led):
-    """The same turns, the accelerometer calibrated or not: what is not known of it is missing in the gyroscope, too."""
-    guide, _, _ = led
-    own, given = Coach(), Coach()
-    own(guide.taken.progress)
-    given(Progress(tuple(guide.taken.turns)))
-    assert given.sigma.shape == (12,)
-    assert np.all(own.sigma[:12] > 0.99 * given.sigma)
-    assert own.sigma[:12].max() > 1.05 * given.sigma.max()
 
 
 def test_a_zero_of_half_a_g_gets_through():

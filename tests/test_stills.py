@@ -1,7 +1,5 @@
 """Still phases of a played table: found where it rested, and nothing taken for rest that is none; thresholds: test_stills_exact.py."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import DEG, Table, broad
@@ -9,7 +7,6 @@ from conftest import DEG, Table, broad
 from session.detect.stills import find_stills
 from session.io.samples import Samples
 from session.io.units import MDPS, MG
-from tinygc.simulation.simulator import low_pass, oversampling
 
 BENCHES = [(100.0, 10.0), (208.0, 5.0), (208.0, 3.0), (833.0, 5.0), (1600.0, 7.0)]
 
@@ -27,17 +24,6 @@ def test_every_rest_is_found_and_its_edges_are_right(odr_hz, mdps):
     np.testing.assert_allclose(edges(samples, stills), table.rests, atol=0.2)
 
 
-@pytest.mark.parametrize(("odr_hz", "mdps"), BENCHES[:2])
-def test_nothing_of_a_turn_is_in_a_still(odr_hz, mdps):
-    """The true rate inside a still stays below what its noise could hide: a few hundredths of a degree over its length."""
-    table = Table().tumble(6, seed=3)
-    samples = table.samples(odr_hz, mdps)
-    rate, _ = table.truth(samples.t_s)
-    for still in find_stills(samples)[0]:
-        turned = np.abs(rate[still.start : still.stop].sum(axis=0)) / odr_hz
-        assert turned.max() < 0.1 * DEG
-
-
 @pytest.mark.parametrize(("odr_hz", "mdps", "ug"), [(100.0, 10.0, 120.0), (208.0, 5.0, 60.0), broad(1600.0, 3.0, 60.0)])
 def test_the_noise_densities_are_recovered(odr_hz, mdps, ug):
     """168 s of rest tell them to 3 % an axis (1 sigma), three axes to 2 %."""
@@ -45,17 +31,6 @@ def test_the_noise_densities_are_recovered(odr_hz, mdps, ug):
     for found, true in ((noise.gyro / MDPS, mdps), (noise.accel / MG * 1e3, ug)):
         np.testing.assert_allclose(found, true, rtol=0.1)
         assert np.mean(found) == pytest.approx(true, rel=0.06)
-
-
-@pytest.mark.broad
-def test_the_sensors_own_filter_hides_little_of_the_noise():
-    """Behind a low-pass of ODR/4 at 104 Hz, neighbouring blocks of 0.1 s hang together and would hide 3 % of the noise; three hide 1 %."""
-    still = Table().rest(1000).samples(104, gyro_mdps=0, accel_ug=0, registers=False)
-    factor, rng = oversampling(104), np.random.default_rng(0)
-    filtered = [low_pass(np.zeros((len(still) * factor, 3)), 26.0, density, 104, factor, rng) for density in (5 * MDPS, 0.06 * MG)]
-    _, noise = find_stills(replace(still, gyro=still.gyro + filtered[0], accel=still.accel + filtered[1]))
-    found = np.concatenate([noise.gyro / (5 * MDPS), noise.accel / (0.06 * MG)])
-    assert found.mean() == pytest.approx(0.99, abs=0.013)  # six axes of 1 % each: three sigmas
 
 
 def covered(samples, stills, start, stop):
@@ -113,21 +88,6 @@ def test_registers_that_never_move_hold_no_stills():
     samples = Table().rest(10).samples()
     frozen = Samples(samples.t_ns, np.zeros_like(samples.gyro), np.zeros_like(samples.accel) + np.array([0, 0, -9.8]))
     assert find_stills(frozen) == ([], None)
-
-
-@pytest.mark.parametrize("fraction", [0.1, 0.9])
-def test_much_or_little_rest_makes_no_difference(fraction):
-    """The noise is measured on the log itself, whatever share of it is rest."""
-    rest = 3.5 * fraction / (1 - fraction)
-    table = Table()
-    rng = np.random.default_rng(4)
-    table.rest(max(rest, 1.0))
-    for _ in range(6):
-        for _ in range(1 if rest > 1 else 3):
-            table.turn(rng.uniform(60, 150), rng.normal(size=3), 3.5)
-        table.rest(max(rest, 1.0))
-    stills, _ = find_stills(table.samples())
-    assert len(stills) == 7
 
 
 def test_the_unit_of_the_rate_does_not_matter_to_what_is_found():

@@ -6,27 +6,6 @@ from pathlib import Path
 from conftest import Table, session_of
 
 from session.detect.first_look import check_session
-from session.detect.stills import find_stills, unused_rests
-
-
-def unused(table, still_s=1.0, seed=0):
-    samples = table.samples(seed=seed)
-    stills, _ = find_stills(samples, still_s)
-    return stills, unused_rests(samples, stills, still_s)
-
-
-def test_a_log_whose_rests_all_serve_has_none():
-    stills, rests = unused(Table().tumble(8))
-    assert len(stills) == 9
-    assert rests == []
-
-
-def test_a_steady_turn_is_no_rest_and_a_creeping_rest_says_how_fast():
-    table = Table().rest(2).steady(20, (0, 0, 1), 3).rest(2).turn(70, (0, 1, 0)).steady(0.3, (1, 0, 0), 3).turn(70, (0, 1, 0)).rest(2)
-    _, rests = unused(table)
-    assert {rest.cause for rest in rests} == {"turns", "creeps"}
-    (turning,) = (rest for rest in rests if rest.cause == "turns")
-    assert "20.0 dps" in turning.why
 
 
 def test_check_says_where_and_why():

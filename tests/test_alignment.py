@@ -17,10 +17,6 @@ from session.detect.truth_alignment import align
 from session.io.config import FRAMES, ORDERS, SENSES, TruthGiven, TruthReading, down_of, read_config
 from session.io.errors import FormatError
 from session.io.logfile import read_truth
-from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.prepared import prepare
-from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.models.linear import LinearModel
 
 MILLI = 1e-3
 
@@ -55,17 +51,8 @@ def test_what_is_written_is_read_and_written_again(order, sense, frame):
     ("wrong", "found"),
     [
         (Wrong(), {}),
-        broad(Wrong(frame="enu"), {}),
-        broad(Wrong(frame="y_up"), {}),
-        broad(Wrong(sense="world_to_body"), {"sense"}),
-        broad(Wrong(sense="world_to_body", frame="enu"), {"sense"}),
-        broad(Wrong(order="xyzw"), {"order"}),
         (Wrong(order="xyzw", frame="enu", late_s=-0.004), {"order", "offset_s"}),
-        broad(Wrong(late_s=0.00406), {"offset_s"}),
-        broad(Wrong(late_s=-0.3), {"offset_s"}),
         broad(Wrong(late_s=1.5), {"offset_s"}),
-        broad(Wrong(mounting_deg=(3, -2, 1)), {"mounting"}),
-        broad(Wrong(mounting_deg=(0, 90, 0)), {"mounting"}),
         broad(Wrong(mounting_deg=(180, 0, 0), frame="enu"), {"mounting"}),
         (Wrong(mounting_deg=(0, 0, 90), sense="world_to_body", frame="enu", late_s=0.02), {"sense", "mounting", "offset_s"}),
     ],
@@ -115,21 +102,6 @@ def test_a_truth_of_another_recording_is_left_as_it_is():
     assert set(mixed.alignment.source.values()) == {"assumed"}
 
 
-@pytest.mark.slow
-def test_parameters_behind_a_found_clock_and_mounting_are_within_their_sigmas():
-    wrong, pulls = Wrong(late_s=0.00406, mounting_deg=(3, -2, 1), frame="enu", sense="world_to_body"), []
-    mounting = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix()
-    for seed in range(20):
-        session, E = made(wrong, seed)
-        problem = prepare(session).problem
-        fit = fit_least_squares(problem.batch, problem.floor.sigma, problem.first)
-        sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)))
-        true_E = problem.session.alignment.reading.mounting.T @ mounting @ E
-        true = LinearModel(true_E, -true_E @ np.multiply((0.5, -0.3, 0.6), DEG)).vector
-        pulls.append((fit.model.vector - true) / sigma)
-    assert abs(np.mean(np.abs(pulls) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / 240)
-
-
 def test_what_is_given_is_used_and_held_against_the_recording():
     right = TruthGiven(offset_s=-0.004, frame="enu", sense="world_to_body", mounting=Rotation.from_rotvec([0, 90 * DEG, 0]).as_matrix())
     wrong = Wrong(late_s=0.004, frame="enu", sense="world_to_body", mounting_deg=(0, 90, 0), given=right)
@@ -150,19 +122,6 @@ def on_another_clock(wrong, later_s, given):
     (truth,) = session.truths
     moved = replace(truth, t_ns=truth.t_ns + round(later_s * 1e9)).reread(TruthReading(), TruthReading.of(given))
     return replace(session, truths=(moved,), config=replace(session.config, truth=given))
-
-
-def test_behind_a_given_clock_that_is_far_off_all_else_is_found():
-    later_s = 100.0
-    wrong = Wrong(frame="enu", sense="world_to_body", mounting_deg=(0, 0, 90))
-    session, findings = with_aligned_truth(on_another_clock(wrong, later_s, TruthGiven(offset_s=-later_s)))
-    alignment = session.alignment
-    assert {name for name, source in alignment.source.items() if source == "found"} == {"frame", "sense", "mounting"}
-    assert (alignment.reading.frame, alignment.reading.sense, alignment.reading.offset_s) == ("enu", "world_to_body", -later_s)
-    assert abs(alignment.offset_s + later_s) < 4 * alignment.offset_sigma_s < 0.3 * MILLI
-    assert {finding.what: finding.level for finding in findings}["truth's clock"] == "ok"
-    (truth,), (plain,) = session.truths, made(Wrong(mounting_deg=(0, 0, 90)))[0].truths
-    assert apart_deg(truth.q_nb, TruthReading(mounting=alignment.reading.mounting).read(plain.q_nb)) < 1e-4
 
 
 def test_a_given_clock_is_held_against_the_recording_wherever_it_is():

@@ -65,15 +65,6 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
 
 
 @pytest.mark.broad
-def test_a_late_truth(tmp_path):
-    e = explain_truth(write(tmp_path, late_s=0.008))
-    claim = next(claim for claim in e.claimed if claim.effect.id == "timing.truth_offset")
-    assert abs(claim.theta[0]) == pytest.approx(0.008, abs=4 * claim.sigma[0] + 2e-4)
-    assert e.offset[0] == pytest.approx(claim.theta[0], abs=6e-4)
-    assert "late" in claim.says
-
-
-@pytest.mark.broad
 def test_a_bias_that_drifts(tmp_path):
     e = explain_truth(write(tmp_path, drift_dps=(0.2, 0, -0.15)))
     named = {claim.effect.id: claim for claim in e.claimed}

@@ -11,7 +11,6 @@ from tinygc import read_session
 from tinygc.closure.build import build_problem
 from tinygc.effects import AppliedEffect
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.components import TRUTH, WANDER
 from tinygc.noise.twin import State
@@ -55,17 +54,3 @@ def test_the_truths_noise_is_what_it_is_and_not_what_is_stated(tmp_path, stated_
     # 30 segments' three angles know a sigma to 8 %; three of that.
     assert noise.size(TRUTH) / DEG == pytest.approx(0.02, rel=0.25)
     assert noise.size(WANDER) / DEG < 0.02
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("late_s", [0.003, -0.008])
-def test_a_clock_is_said_and_not_a_lag_that_all_axes_share(tmp_path, late_s):
-    e = explain_truth(write(tmp_path, seed=3, late_s=late_s))
-    assert [claim.effect.id for claim in e.claimed] == ["timing.truth_offset"]
-    (claim,) = e.claimed
-    assert claim.probability > 0.95
-    assert max(claim.rivals.values(), default=0.0) < 0.05
-    assert abs(claim.theta[0]) == pytest.approx(abs(late_s), abs=4 * claim.sigma[0] + 1e-4)
-    assert e.held_out_rms[1] < e.held_out_rms[0]
-    # Two moments of three angles each; the gyro's noise and twelve parameters add a tenth.
-    assert e.held_out_rms[1] < 1.2 * np.sqrt(6) * 0.02 * DEG

@@ -17,7 +17,6 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.truth import absolute_orientation_error
 from tinygc.estimation.bias import level_days
-from tinygc.estimation.network import fit_distance
 from tinygc.explanation.claims import SMALLEST_P, p_entry, p_words
 from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.truth_engine import chance_of, explain_truth
@@ -182,22 +181,6 @@ def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     assert told["noise"]["closure_floor_rms_deg"] == pytest.approx(problem.floor.tilt_rms / DEG)  # the weights of the days are no noise
     one = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
     assert np.abs(one.B / DEG + np.median(biases, axis=0)).max() > 0.05
-
-
-@pytest.mark.slow
-def test_the_distance_is_a_median_where_the_square_is_a_mean(tmp_path):
-    for day, bias in enumerate([(0.5, -0.3, 0.6), (0.5, -0.3, 0.6), (0.8, -0.3, 0.6)]):
-        write(tmp_path, seed=day, bias_dps=bias, name=f"{day:04}")
-    problem = build_problem(read_session(tmp_path))
-
-    def fit(batch, sigma):
-        return fit_least_squares(batch, sigma, problem.first).model
-
-    squared, distance = (
-        -model.B[0] / DEG for model in (fit(problem.batch, problem.floor.sigma), fit_distance(problem.batch, problem.floor.sigma, fit))
-    )
-    assert squared == pytest.approx(0.6, abs=0.03)
-    assert distance == pytest.approx(0.5, abs=0.03)
 
 
 def test_absolute_orientation_error_of_a_known_bias(tmp_path):

@@ -72,25 +72,6 @@ def test_from_rest_to_rest_the_error_is_of_fourth_order(odr_hz):
     assert coarse / fine == pytest.approx(16, rel=0.02)
 
 
-def test_with_a_twelfth_or_nothing_it_is_of_second_order():
-    """And a twelfth, which is right for a straight rate, takes just half of what there is to take."""
-    coarse, fine = errors_of_turns(104, 1 / 12, 0), errors_of_turns(208, 1 / 12, 0)
-    np.testing.assert_allclose(np.divide(coarse, fine), 4, rtol=0.01)
-    assert coarse[0] / coarse[1] == pytest.approx(0.5, rel=1e-3)
-
-
-def test_the_best_coning_factor_is_a_sixth():
-    """Each error is a vector, straight in c; least squares finds where the errors of all turns are smallest."""
-    turns = Turns(8, seed=4, odr_hz=208)
-    at = []
-    for c in (0, 0.1):
-        ends = [compose_with(c, rate, dt) for rate, dt in zip(turns.rate, turns.dt, strict=True)]
-        truth = rotation.multiply(rotation.conjugate(turns.q[:-1]), turns.q[1:])
-        at.append(rotation.log(rotation.multiply(rotation.conjugate(truth), np.array(ends))).ravel())
-    slope = (at[1] - at[0]) / 0.1
-    assert -(slope @ at[0]) / (slope @ slope) == pytest.approx(1 / 6, abs=1e-4)
-
-
 @pytest.mark.parametrize(("odr_hz", "limit_deg"), [(104, 1e-5), (208, 1e-6)])
 def test_a_sixth_beats_a_twelfth_a_hundredfold_on_hand_turns(odr_hz, limit_deg):
     """Minimum-jerk strokes with tremor, and the simulated table's exact attitudes: no integration in the truth."""
@@ -133,12 +114,6 @@ def test_first_order_step_turns_by_theta_less_a_twelfth_of_its_cube(dps, odr_hz,
     short = (theta - np.linalg.norm(rotation.log(q))) / theta
     assert short == pytest.approx(theta**2 / 12, rel=0.01)
     assert 100 * short == pytest.approx(percent, rel=0.1)
-
-
-def test_first_order_error_posing_as_scale_error_is_400_ppm_of_a_whole_turn():
-    rate, dt = np.tile([0, 400 * DEG, 0], (105, 1)), np.full(104, 1 / 104)
-    exact, first = (rotation.compose(steps(rate, dt, name)) for name in ("exact", "first-order"))
-    assert angle_between(exact, first) / (400 * DEG) == pytest.approx((400 * DEG / 104) ** 2 / 12, rel=0.01)
 
 
 def test_unknown_integrator_is_named():

@@ -161,20 +161,3 @@ def test_nothing_known_changes_nothing():
     alone, both = (fit_least_squares(b, np.full(16, 1e-4), bias_only()) for b in (batch, none))
     np.testing.assert_allclose(both.model.vector, alone.model.vector, atol=1e-14)
     assert none.known.sum() == 32
-
-
-def test_three_whole_circles_show_the_scale_factors_and_no_more():
-    """From three sides: each axis' scale; what turns by itself through a circle cancels, and is left where it began."""
-    q = [rotation.exp(np.array(v)) for v in ([0, 0, 0.3], [np.pi / 2, 0, 0], [0, -np.pi / 2, 0])]
-    batch, _ = turned_about(VERTICAL, [360.0] * 3)
-    axis_b = np.stack([rotation.matrix(one)[2] for one in q])
-    speed = np.linalg.norm(batch.rate[0], axis=1)
-    model = LinearModel.from_vector(PERFECT.vector + np.where(np.arange(12) < 9, TYPICAL, 0.0))
-    rate = speed[None, :, None] * axis_b[:, None] @ np.linalg.inv(model.E).T
-    batch = Batch(rate, batch.dt, np.zeros_like(rate), np.stack(q), np.stack(q), yaw_known=False)
-    batch = stating(batch, axis_b, [360.0] * 3)
-    found = fit_least_squares(batch, np.full((3, 3), 1e-3), bias_only(), rest_rps=np.zeros(3))
-    np.testing.assert_allclose(np.diag(found.model.E), np.diag(model.E), atol=2e-4)
-    off = ~np.eye(3, dtype=bool)
-    assert set(found.unobserved) == {f"E_{i}{j}" for i in "xyz" for j in "xyz" if i != j}
-    assert np.abs(found.model.E[off]).max() < 2e-3

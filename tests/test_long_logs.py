@@ -17,8 +17,7 @@ from tinygc import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
-from tinygc.explanation import faulty_readings
-from tinygc.explanation.faulty_readings import find_glitches, find_jumps, without_glitches
+from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 from tinygc.noise import thinned
 from tinygc.noise.channels import within_stills
 from tinygc.noise.twin import Twin
@@ -85,18 +84,6 @@ def test_the_first_look_says_the_same_in_small_parts(session, monkeypatch):
     assert [str(finding) for finding in check_session(session)] == whole
 
 
-def test_a_still_of_hours_is_measured_part_by_part_as_at_once(session, monkeypatch):
-    samples = session.logs[0].samples
-    spans = [(1000, 1900), (1910, 9000)]
-    whole = stills.trend_of(samples.gyro, samples.t_ns, spans), stills.mean_as_a_slope_weighs(samples.gyro, spans)
-    monkeypatch.setattr(stills, "AT_ONCE", 512)
-    parted = stills.trend_of(samples.gyro, samples.t_ns, spans), stills.mean_as_a_slope_weighs(samples.gyro, spans)
-    for name in ("mean", "std"):
-        np.testing.assert_allclose(getattr(parted[0], name), getattr(whole[0], name), rtol=1e-12)
-    np.testing.assert_allclose(parted[0].slope, whole[0].slope, atol=1e-12)
-    np.testing.assert_allclose(parted[1], whole[1], rtol=1e-12)
-
-
 def test_turns_miss_the_same_of_fast_motion_looked_at_together_or_not(session, monkeypatch):
     found = SessionStills(session).of(session.logs[0])
     turns = list(pairwise(found.stills))
@@ -146,23 +133,6 @@ def test_a_thinned_log_begins_ends_and_lasts_as_it_did(problem, monkeypatch):
     for segment, there in zip(problem.used, seen.used, strict=True):
         np.testing.assert_array_equal(after.gyro[there.start : there.stop], before.gyro[segment.start : segment.stop])
     assert all(a.stills[1] is b.stills[0] for a, b in pairwise(seen.used))
-
-
-def test_false_readings_and_losses_are_found_in_parts_as_in_the_whole(session, monkeypatch):
-    samples = session.logs[0].samples
-    gyro, accel = np.array(samples.gyro), np.array(samples.accel)
-    rows = [30_011, 65_536, 65_537 + 8192, 120_000]  # on a part's edge, and elsewhere
-    gyro[rows] += 3.0
-    spoilt = Samples(np.delete(samples.t_ns, 150_000), np.delete(gyro, 150_000, axis=0), np.delete(accel, 150_000, axis=0))
-    whole, steps = find_glitches(spoilt), find_jumps(spoilt)
-    monkeypatch.setattr(faulty_readings, "LONG", 10_000)
-    monkeypatch.setattr(faulty_readings, "AT_ONCE", 8192)
-    parted = find_glitches(spoilt)
-    assert whole is not None
-    assert parted is not None
-    assert set(rows) <= set(whole.rows.tolist())
-    assert parted.rows.tolist() == whole.rows.tolist()
-    np.testing.assert_array_equal(find_jumps(spoilt).rows, steps.rows)
 
 
 def test_what_replaces_false_readings_keeps_a_log_as_its_registers(session):

@@ -9,12 +9,9 @@ import pytest
 from html_pages import parsed
 
 import calibrate
-from session.detect.accelerometer import NAMES
-from session.io.config import Accelerometer
 from session.io.units import MG
 from tinygc import FitOptions
-from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.verdict import JudgedFit, decide
+from tinygc.estimation.verdict import decide
 from tinygc.reporting.html.evidence import gather
 from tinygc.reporting.html.page import page
 from tinygc.reporting.html.sections import accelerometer
@@ -89,24 +86,6 @@ def test_what_is_not_observed_is_said_on_card_table_and_decision(evidence):
     assert words_of(accelerometer.section(made).html).count("not observed") == 2
     assert made.decision.answer in ("not decided", "fail")
     assert any("nonorthogonality xy" in doubt for doubt in made.decision.doubts)
-
-
-@pytest.mark.parametrize(
-    ("found", "limit", "answer", "words"),
-    [
-        (AccelerometerFit("fit", Accelerometer(source="stills")), None, "pass", None),
-        (AccelerometerFit("fit", Accelerometer(source="stills"), unobserved=LEFT), None, "not decided", "nonorthogonality yz"),
-        (AccelerometerFit("fit", Accelerometer(source="stills"), unobserved=LEFT), 1.0, "doubtful pass", "nonorthogonality yz"),
-        (AccelerometerFit("given", Accelerometer(source="none"), unobserved=NAMES), None, "not decided", "all of its numbers"),
-        (AccelerometerFit("prior", Accelerometer(source="prior"), p_value=0.3), None, "pass", None),
-        (AccelerometerFit("prior", Accelerometer(source="prior"), p_value=1e-9), None, "not decided", "no longer holds"),
-    ],
-)
-def test_the_decision_reckons_with_the_accelerometer(found, limit, answer, words):
-    judged = JudgedFit(np.full((40, 2), 1e-4), list(range(40)), np.zeros(12), 1e-4, 0.5, 4, [], [], [])
-    decision = decide(judged, [], limit, accelerometer=found)
-    assert decision.answer == answer
-    assert any(words in doubt for doubt in decision.doubts) if words else not decision.doubts
 
 
 @pytest.mark.broad

@@ -21,7 +21,7 @@ from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
-from tinygc.simulation.simulator import bias_instability, low_pass, oversampling, simulate_session, true_signals
+from tinygc.simulation.simulator import low_pass, oversampling, simulate_session, true_signals
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
@@ -113,15 +113,6 @@ def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     noise = low_pass(still, GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))
     means = noise.reshape(-1, block, 3).mean(axis=1)
     assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.05)
-
-
-@pytest.mark.broad
-def test_bias_instability_has_the_allan_floor_of_its_coefficient():
-    noise = bias_instability(3.0, 4.0, 160_000, np.random.default_rng(7))
-    for tau_s in (8, 64):
-        means = noise.reshape(-1, 4 * tau_s, 3).mean(axis=1)
-        allan = np.sqrt(np.mean(np.diff(means, axis=0) ** 2) / 2)
-        assert allan == pytest.approx(0.664 * 3.0, rel=0.12)
 
 
 def test_filters_begin_at_rest():

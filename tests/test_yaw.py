@@ -63,14 +63,3 @@ def test_samples_lost_in_a_turn_begin_a_new_group(whole, tmp_path):
 def test_leaving_a_segment_out_does_not_break_the_chain(whole):
     session = read_session(whole[0])
     assert len(build_problem(session, exclude=(5,)).earths) == 1
-
-
-@pytest.mark.broad
-def test_a_given_heading_that_the_stills_contradict_is_not_used(whole, tmp_path):
-    path = tmp_path / "h"
-    shutil.copytree(whole[0], path)
-    truth = build_problem(read_session(path)).earth.heading_rad / DEG
-    toml = (path / "session.toml").read_text()
-    for heading, source in ((truth, "given"), (truth + 120, "estimated")):
-        (path / "session.toml").write_text(toml.replace("[site]", f"[site]\nheading_deg = {heading % 360:.1f}"))
-        assert build_problem(read_session(path)).earth.source == source

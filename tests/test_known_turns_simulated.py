@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from session.detect.first_look import check_folder
-from session.io.folder import input_files, input_hashes
 from session.io.units import DEG
 from tinygc import CalibrationError, SimulationOptions, explain, read_session, simulate
 from tinygc.closure.build import build_problem
@@ -113,9 +112,3 @@ def test_explain_finds_nothing_where_nothing_is_and_a_name_where_it_is():
     hidden = simulate(seed=6, **CHOICES | {"segments": 24}, effects={"gyro.scale_asymmetry": {"half_difference": [0.003, -0.002, 0.004]}})
     found = explain(hidden.session)
     assert [effect.id for effect in found.effects] == ["gyro.scale_asymmetry"]
-
-
-def test_a_result_of_fit_is_kept_only_with_its_turns(made, tmp_path):
-    folder = made.save(tmp_path / "s")
-    assert folder / "turns.csv" in input_files(read_session(folder))
-    assert "turns.csv" in input_hashes(made.session)  # never a file

@@ -1,7 +1,5 @@
 """Events on trial: what the body really did is not mended, what only the readings did is."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from conftest import DEG, GRAVITY, Table, session_of
@@ -89,25 +87,6 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(table,
 
 
 # Losses
-
-
-@pytest.mark.broad
-def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
-    """Gyro and accelerometer step together, as across a loss, and the body was turned by what was read."""
-    rng = np.random.default_rng(8)
-    axes = rng.normal(size=(len(rows), 3))
-    ramp = np.exp(-np.arange(60) / 20)  # a step that dies away within the turn
-    jerks = {int(row): 25 * DEG * np.outer(ramp, axis / np.linalg.norm(axis)) for row, axis in zip(rows, axes, strict=True)}
-    samples = sensed(table, {row: (rate, rate) for row, rate in jerks.items()})
-    accel = samples.accel.copy()
-    for row in rows:  # and the hand pushed
-        accel[row : row + 60] += 1.5 * ramp[:, None] * rng.normal(size=3)
-    problem = build_problem(session_of(replace(samples, accel=accel)))
-    losses = [e for e in proposed(problem.session) if e.id == LOST]
-    assert len(losses) >= len(rows) - 1  # they look like losses
-    found = repair(problem)
-    assert LOST in {verdict.id for verdict in found.verdicts}
-    assert found.found == {}
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(9, marks=pytest.mark.slow)])

@@ -75,13 +75,6 @@ def test_yaw_is_carried_to_the_true_attitude(problem, folder):
     assert heading[1, 0] == pytest.approx(0, abs=1e-6)  # the first still is the table's index: yaw 0
 
 
-def test_floor_and_closure_with_the_true_parameters_agree(problem, folder):
-    model = true_model(folder)
-    angles = closure.error_angles(closure.segment_residuals(problem.batch, model(problem.batch.rate)))
-    chi = angles.ravel() @ np.linalg.solve(problem.floor.dense(), angles.ravel())
-    assert 20 - 4 * np.sqrt(40) < chi < 20 + 4 * np.sqrt(40)
-
-
 def test_excluded_segments_are_said_and_not_used(folder):
     problem = build_problem(read_session(folder), exclude=(0, 7))
     assert [s.number for s in problem.segments if not s.accepted] == [0, 7]

@@ -91,13 +91,6 @@ def test_running_product_holds_every_partial_product(count):
         np.testing.assert_allclose(running[:, k], rotation.compose(steps[:, : k + 1]), atol=1e-13)
 
 
-def test_constant_rate_adds_up():
-    """A thousand and one equal steps are one turn by their sum."""
-    step = np.array([3e-3, -5e-3, 4e-3])
-    q = rotation.compose(rotation.exp(np.tile(step, (1001, 1))))
-    np.testing.assert_allclose(q, rotation.exp(1001 * step), atol=1e-12)
-
-
 def test_from_euler_is_yaw_pitch_roll():
     roll, pitch, yaw = RNG.uniform(-3, 3, (3, 50))
     same_attitude(rotation.from_euler(roll, pitch, yaw), wxyz(Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], -1))), 1e-14)

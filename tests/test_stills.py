@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import DEG, Table, broad
+from conftest import Table, broad
 
 from session.detect.stills import find_stills
 from session.io.samples import Samples
@@ -88,12 +88,3 @@ def test_registers_that_never_move_hold_no_stills():
     samples = Table().rest(10).samples()
     frozen = Samples(samples.t_ns, np.zeros_like(samples.gyro), np.zeros_like(samples.accel) + np.array([0, 0, -9.8]))
     assert find_stills(frozen) == ([], None)
-
-
-def test_the_unit_of_the_rate_does_not_matter_to_what_is_found():
-    """A log in deg/s that says rad/s still has its stills: the first look needs them to say so."""
-    table = Table().tumble(8)
-    samples = table.samples()
-    wrong = Samples(samples.t_ns, samples.gyro / DEG, samples.accel, samples.temp_c)
-    stills, _ = find_stills(wrong)
-    np.testing.assert_allclose(edges(wrong, stills), table.rests, atol=0.2)

@@ -130,15 +130,6 @@ def test_the_line_says_how_much_and_what_would_have_been_enough(rate_hz):
     assert f"a low-pass below {rate_hz / 2:.3g} Hz" in line.do
 
 
-def test_the_data_rate_that_would_have_been_enough_is():
-    """At 200 Hz the error is down at a floor for which 62.5 Hz asked for 200."""
-    fine = motion(1.8, seed=6)
-    samples, stills = sampled(fine, 62.5)
-    missed = missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0)
-    there = replace(missed, floor_rad=tilt_missed(fine, 200.0))
-    assert there.rate_needed_hz == pytest.approx(200, rel=0.2)
-
-
 def test_a_false_reading_is_no_motion():
     samples, stills = sampled(motion(1.6, seed=7, below_hz=8), 100.0, mdps=5.0)
     gyro = samples.gyro.copy()

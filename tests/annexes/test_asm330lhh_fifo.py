@@ -71,22 +71,6 @@ def test_timestamps_come_with_their_decimation(bits, decimation):
     np.testing.assert_allclose(np.diff(found), decimation * 40000 * 8 / 6667, atol=1)
 
 
-def test_a_batched_timestamp_is_that_of_its_sample():
-    link = batching(ctrl4=0x46)
-    zero_s = READY_S + 4 * 8 / 5.25e6  # timestamp_en was the second register to be written
-    link.wait(0.05)
-    table = words(link)
-    found = table[table[:, 0] >> 3 == TIMESTAMP, 1:5].copy().view("<u4").ravel()
-    times = np.array([t_s for t_s, _ in link.sensor.kept])[: len(found)]
-    np.testing.assert_allclose(found, (times - zero_s) * 40000, atol=1.1)
-
-
-def test_temperature_in_the_fifo_is_the_register():
-    link = batching(ctrl4=0x36)
-    link.wait(0.1)
-    assert set(data(words(link), TEMPERATURE)[:, 0]) == {5 * 256}
-
-
 def test_different_batch_rates():
     """The accelerometer at a quarter of the gyroscope's rate."""
     link = batching(ctrl3=0x75)

@@ -9,7 +9,7 @@ import pytest
 from tinygc.annexes.discovery.enumeration import bits, constant_at, enumerated, offered, places
 from tinygc.annexes.discovery.equivalence import FactorValues, columns_of, distinct_forms, some_movement, span_projections
 from tinygc.annexes.discovery.form import PATTERNS, Factor, LawForm, patterns_of
-from tinygc.annexes.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
+from tinygc.annexes.discovery.quantities import QUANTITIES, largest_of
 from tinygc.annexes.discovery.words import LONGEST, equation, in_words, regime, splits, what
 from tinygc.effects import signals, without_vibration
 from tinygc.noise.twin import READ
@@ -107,10 +107,6 @@ def test_a_small_difference_is_one(movement):
     # A limit that is passed in a few samples of four minutes, by little.
     near = [LawForm((Factor("time"),)), LawForm((Factor("time", "excess", 2.0),))]
     assert distinct_forms(near, [movement]) == near
-
-
-def test_what_a_calibration_holds_is_no_form(forms):
-    assert not any(form.factors == (Factor("rate"),) for form in forms)
 
 
 def test_what_a_recording_has_not_is_not_asked(movement):
@@ -284,8 +280,3 @@ def test_a_constant_between_two_places_is_found_from_the_nearer(quantity, functi
         law = columns_of(true, movement) @ np.linspace(1, 2, true.size)
         found = _correlation(made, values, law, NEAR)
         assert _sharpened(made[int(np.argmax(found))], values, law)[0] > 0.98
-
-
-def test_every_function_is_offered():
-    offers = {function for name in QUANTITIES for few in (False, True) for function, _, _ in offered(name, few)}
-    assert offers == set(FUNCTIONS)

@@ -153,6 +153,8 @@ def test_quantities_that_a_recording_lacks_are_zero(movement):
     found = largest_of([movement])
     assert all(found[name] > 0 for name in QUANTITIES)
     np.testing.assert_allclose(found["rate"], np.abs(movement.rate).max() / movement.fs_rps)
+    row = replace(movement, **{name: getattr(movement, name)[:1] for name in ("t_s", "rate", "force_g", "temp_c", "vibration_g2")})
+    assert not any(largest_of([row]).values())
 
 
 def test_play_is_that_of_a_gear():

@@ -1,7 +1,6 @@
 """The judge of laws: what it puts away is untouched, a law that is there is found, and what noise makes is not said."""
 
 import shutil
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -37,9 +36,9 @@ FORMS = [
 ]
 
 
-def rectifying(t_s, rate, force, temp_c, size=1.0):
+def rectifying(t_s, rate, force, temp_c):
     """Two axes that turn together make the third read."""
-    return rate + size * np.array([0.02, -0.015, 0.01]) * np.roll(rate, -1, axis=1) * np.roll(rate, -2, axis=1) / FS_RPS
+    return rate + np.array([0.02, -0.015, 0.01]) * np.roll(rate, -1, axis=1) * np.roll(rate, -2, axis=1) / FS_RPS
 
 
 @pytest.fixture(scope="module")
@@ -223,9 +222,8 @@ def test_each_of_two_laws_keeps_its_own_rivals_numbers_and_picture(simulated_wit
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("distort", [None, partial(rectifying, size=0.003)], ids=["nothing", "far below the noise"])
-def test_what_is_not_there_is_not_said(discovered, distort):
-    answer = discovered(distort)
+def test_what_is_not_there_is_not_said(discovered):
+    answer = discovered(None)
     assert answer.verdict == "none"
     assert not answer.laws
     assert answer.why

@@ -6,7 +6,6 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from scipy import stats
 from simulated_twins import make_twin_of
 
 from session.io.units import DEG
@@ -141,17 +140,6 @@ def test_a_law_that_is_put_in_promises_most(seen):
     assert factor < 2
 
 
-def test_chance_is_uniform_on_noise_that_it_has_not_seen(seen, null):
-    """Of fresh draws, for these very forms; in the tail, too, which two hundred draws do not reach."""
-    fresh = seen.screened(seen.law(6), seed=99, draws=1500)
-    p = np.array([null.chance_p(value) for value in fresh.drawn])
-    # Draws of 200 know their own quantiles to 1 / sqrt(200); so is the comparison.
-    assert stats.ks_2samp(null.drawn, fresh.drawn).pvalue > 0.01
-    for level in (0.2, 0.05, 0.01):
-        assert level / 2.5 < np.mean(p <= level) < 2.5 * level
-    assert null.chance.level(0.05) == pytest.approx(np.quantile(fresh.drawn, 0.95), abs=2.0)
-
-
 def test_the_tail_goes_on_where_draws_end():
     """Of a law whose tail is known: the largest of a thousand exponentials."""
     largest = np.random.default_rng(0).exponential(2.0, (200, 1000)).max(axis=1)
@@ -211,17 +199,6 @@ def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
             assert found.gain > np.sum((basis.T @ projection.residual) ** 2) - 20
 
 
-def test_constants_are_sharpened_within_their_sigma(seen):
-    theta = np.array([4.0, -4.0, 4.0]) * DEG
-    z = []
-    for seed in range(12):
-        projection = Projection(seen.replay.twin, seen.whiten, seen.law(seed, DEAD_ZONE, theta))
-        found = refined(DEAD_ZONE.with_constants((0.1,)), Responses(seen.replay), projection)
-        z.append((found.form.constants[0] - 0.13) / found.constants_sigma[0])
-    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6  # chi-square of 12: 0.1 % on either side
-    assert LawForm((Factor("rate", "dead_zone", found.form.constants[0]),)) == found.form
-
-
 def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     theta = np.array([1.0, 1.0, -1.0]) * DEG
     one, two = (learnable_from(null, ROOT_CUBE, size * theta, 0.01) for size in (1, 2))
@@ -272,17 +249,6 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     best = every.order[:20]
     assert np.allclose(some.promise[:, best], every.promise[:, best], rtol=1e-3, atol=1e-3)
     assert some.order[0] == every.order[0]
-
-
-def test_a_temperature_that_is_missing_is_not_asked_for_and_a_single_row_says_nothing(seen):
-    (movement,) = seen.twin.movements
-    every = largest_of([movement])
-    unknown = replace(movement, temp_c=np.full(len(movement.t_s), np.nan))
-    known = {name: size for name, size in every.items() if "temperature" not in name}
-    assert largest_of([unknown]) == known | {"temperature": 0.0, "temperature_rate": 0.0}
-    row = replace(movement, **{name: getattr(movement, name)[:1] for name in ("t_s", "rate", "force_g", "temp_c", "vibration_g2")})
-    assert largest_of([movement, row]) == every
-    assert not any(largest_of([row]).values())
 
 
 def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):

@@ -16,10 +16,6 @@ def test_a_factor_may_stand_beside_itself():
     assert component_beside(form, form.terms()[0]) == 2
 
 
-def test_a_single_factor_has_none_beside_it():
-    assert other_of(LawForm((FORCE,))) is None
-
-
 def test_the_factor_that_bends_is_the_main_one_wherever_it_stands():
     form = LawForm((FORCE, Factor("rate", "size")), "next")
     assert (main_of(form).quantity, other_of(form).quantity) == ("rate", "force")

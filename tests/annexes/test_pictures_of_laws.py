@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from session.io.units import DEG
 from tinygc.annexes.challenge.proof_sessions import explanation_of, fitted, inject
 from tinygc.effects import Effect, Parameter, catalogue, diagonal, using
-from tinygc.effects.effect import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_LAW, STILLS, TURNS
+from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, STILLS, TURNS
 from tinygc.noise.twin import Variable
 from tinygc.reporting.html.sections.explanation import section
-from tinygc.reporting.pictures import panels
 from tinygc.reporting.pictures.canvas import plain, value_text
 from tinygc.reporting.pictures.panels import draw_claim, in_turns
 from tinygc.reporting.pictures.values import at_constant, per_parameter, per_turn, strongest, variable_for
@@ -169,11 +168,6 @@ def test_the_closure_over_the_data_rate_leads_to_the_native_one():
     assert on == pytest.approx(thinned[:, 1])
     assert np.exp(np.interp(np.log(100.0), np.log(line[:, 0]), np.log(line[:, 1]))) == pytest.approx(0.4)
     assert [text.get_text() for text in axes.texts] == ["every sample", "every 2nd sample", "every 3rd sample", "every 4th sample"]
-
-
-def test_every_name_of_a_pair_has_panels():
-    assert set(PAIRS) == set(panels.PAIRS)
-    assert {SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE} <= set(PAIRS)
 
 
 def test_every_effect_of_turns_alone_draws_its_law():

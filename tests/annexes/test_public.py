@@ -200,13 +200,6 @@ def test_what_a_person_has_written_into_a_folder_is_not_replaced(tmp_path, capsy
     assert sorted(path.name for path in folder.iterdir()) == ["log0001.csv.gz", "session.toml"]
 
 
-def test_another_name_is_no_set(tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["xsense", str(tmp_path)])
-    assert stop.value.code == 2
-    assert "mikov" in capsys.readouterr().err
-
-
 def test_the_xsens_folder_beside_the_checkout_names_the_same_sensor_and_accelerometer(shared, tmp_path, capsys):
     if not (shared / "xsens" / "session.toml").exists():
         pytest.skip("no recordings: ../shared/xsens is not there")

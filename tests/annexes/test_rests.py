@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from conftest import SESSION_TOML
-from rest_logs import CHIP, rest_log, rest_samples, without_temperature
+from rest_logs import CHIP, rest_log, rest_samples
 
 from session.detect.check_stills import check_rest
 from session.detect.events import knocked
@@ -167,7 +167,3 @@ def test_a_restless_log_is_no_rest_log():
     gyro[shaken] += rng.normal(size=(shaken.sum(), 3)) * 0.2
     log = rest_from_samples(type(samples)(samples.t_ns, gyro, samples.accel, samples.temp_c))
     assert [f.level for f in check_rest(log) if f.what == "stillness"] == ["error"]
-
-
-def test_without_temperature_is_said_once():
-    assert sum(f.what == "temperature" for f in check_rest(without_temperature(rest_log(cycles=0.5)))) == 1

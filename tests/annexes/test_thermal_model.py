@@ -63,12 +63,6 @@ def test_at_a_temperature_that_stands_it_is_the_linear_model():
     np.testing.assert_allclose(MODEL.calibrate(samples), MODEL.at(41.5)(samples.gyro), atol=1e-12)
 
 
-def test_beyond_the_range_the_ends_hold():
-    far, end = (MODEL.at(celsius) for celsius in (300.0, 70.0))
-    np.testing.assert_array_equal(far.E, end.E)
-    np.testing.assert_array_equal(far.B, end.B)
-
-
 def test_it_goes_through_its_file(tmp_path):
     path = Calibration(MODEL).save(tmp_path / "model.json")
     back = models.load(path)

@@ -1,9 +1,5 @@
 """Rest logs for the tests: simulated ones as records, and as files."""
 
-from dataclasses import replace
-
-import numpy as np
-
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.io.rests import RestLog, rest_from_samples
 from session.io.samples import Samples
@@ -25,7 +21,3 @@ def rest_samples(seed: int = 0, chip: Chip = CHIP, **options) -> Samples:
 def rest_log(seed: int = 0, name: str = "rest0001.csv", chip: Chip = CHIP, **options) -> RestLog:
     """Block means of a simulated rest log."""
     return rest_from_samples(rest_samples(seed, chip, **options), name)
-
-
-def without_temperature(log: RestLog) -> RestLog:
-    return replace(log, temp_c=np.full(len(log), np.nan))

@@ -1,4 +1,4 @@
-"""Readings that wait for their reader: their ages injected and recovered, none claimed where there is none, and real ones."""
+"""Readings that wait for their reader: their ages injected and recovered, none claimed where there is none."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""An array's units estimated together: injected calibrations, mountings and positions come back, within sigmas that hold."""
+"""An array's units estimated together: what others tell of a unit, what the command says and saves, and what is left out."""
 
 import dataclasses
 import json

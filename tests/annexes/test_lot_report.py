@@ -135,11 +135,6 @@ def test_an_appraiser_and_nobody_are_no_two():
     assert lot_of(simulated_lot(20, 6, 2, people=PEOPLE)).appraisers == "operator"
 
 
-def test_the_same_input_gives_the_same_answer():
-    one, other = (json.dumps(to_json(lot_of(simulated_lot(12, 3, [1, 2]), limits=LIMITS))) for _ in range(2))
-    assert one == other
-
-
 def written_fleet(folder, first_model):
     """A fleet's table of simulated results, the first of which may be of another model."""
     from tinygc.annexes.lots.fleet_row import DONE, SIGMAS, empty, packed

@@ -1,4 +1,4 @@
-"""Public recordings through the core: accelerometers calibrated from stills, EuRoC's truth and clock, motion beyond the data rate."""
+"""Public recordings through the core: accelerometers calibrated from stills, EuRoC's truth."""
 
 import numpy as np
 import pytest

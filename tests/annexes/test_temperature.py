@@ -1,16 +1,13 @@
-"""The zero over temperature from rest logs: lag, sweeps, orders, hysteresis, noise, and how true the sigmas are."""
+"""The zero over temperature from rest logs: lag, orders, hysteresis, and a real recording."""
 
 import numpy as np
 import pytest
 from conftest import DEG
-from rest_logs import CHIP, rest_log, rest_samples
+from rest_logs import rest_log
 
-from session.io.rests import rest_from_samples
-from session.io.units import DEG_PER_SQRT_HOUR
 from tinygc.annexes.temperature.axis_fit import fit_axis, make_knots, sweeps_of
 from tinygc.annexes.temperature.model import LEAD, ElementTemperature, element_temperature
-from tinygc.annexes.temperature.rest_fit import ShortTimes, fit_rests
-from tinygc.closure.floor import angle_random_walk
+from tinygc.annexes.temperature.rest_fit import fit_rests
 
 SIGN = np.array([1.0, -1.0, 1.0])
 
@@ -90,43 +87,6 @@ def test_a_hysteresis_that_no_lag_removes_remains_as_the_uncertainty():
     fit, _ = fit_one(rest_log(2, hysteresis_dps=0.65, slope_dps_per_c=0.002, bend_dps_per_c2=0.0))
     assert abs(fit.hysteresis_before.largest[0]) / DEG == pytest.approx(0.65, abs=0.1)
     assert 0.1 < fit.held_out / DEG < 0.5
-
-
-# Nothing there, nothing said
-
-
-def nothing(seed, **options):
-    return fit_one(rest_log(seed, slope_dps_per_c=0.0, bend_dps_per_c2=0.0, **options))[0]
-
-
-@pytest.mark.slow
-def test_where_temperature_does_nothing_nothing_is_claimed():
-    fits = [nothing(seed, cycles=2.0, random_walk_dps_rts=2e-5) for seed in range(15)]
-    assert sum(fit.order > 0 for fit in fits) <= 2
-    assert sum(fit.tau_s != 0 for fit in fits) <= 1
-
-
-# Noise
-
-
-def whole_fit(samples):
-    short = ShortTimes()
-    for start in range(0, len(samples), 5000):
-        short(samples.between(start, min(start + 5000, len(samples))))
-    return fit_rests([(rest_from_samples(samples), short)], with_accel=False)
-
-
-@pytest.mark.broad
-def test_the_random_walk_is_the_datasheets_whatever_temperature_does():
-    """A density of 5 mdps/√Hz, one-sided, is an angle random walk of 5e-3 / √2 dps √s, and the register's steps of 17.5 mdps add theirs;
-    a slope of 0.034 dps/°C must not get into it."""
-    density = np.hypot(0.005, 17.5e-3 / np.sqrt(12) / np.sqrt(CHIP.odr_hz / 2))
-    found = whole_fit(rest_samples(8, slope_dps_per_c=0.034))
-    for axis in range(3):
-        walk = angle_random_walk(found.allan, axis)
-        assert walk.value / DEG_PER_SQRT_HOUR == pytest.approx(density / np.sqrt(2) * 60, rel=0.06)
-        assert walk.observed
-    assert (np.diff(found.allan.tau_s) > 0).all()
 
 
 # A real recording

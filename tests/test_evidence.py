@@ -34,7 +34,7 @@ def hypothesis(evidence, *names):
     ("distort", "options", "true", "alike"),
     [
         (lagging, {}, "gyro.bandwidth", "gyro.angular_acceleration"),
-        (warm, {"warm_up_c": 8.0}, "gyro.thermal_bias", "gyro.bias_drift"),
+        (warm, {"warm_up_c": 12.0}, "gyro.thermal_bias", "gyro.bias_drift"),
     ],
 )
 def test_the_true_one_of_two_lookalikes_has_more_evidence_where_it_is_strong(evidence_of, distort, options, true, alike):

@@ -95,6 +95,7 @@ def test_command_says_whether_and_what(folders, capsys):
     assert "another sensor by its session.toml" in said
 
 
+@pytest.mark.broad
 def test_limit_is_a_p_value(folders, capsys):
     command = ["compare", str(folders / "monday"), str(folders / "tuesday"), "--json", "-"]
     assert calibrate.main(command) == 0

@@ -55,6 +55,7 @@ def test_tests_see_nobodys_defaults():
     assert asked("fit", "x").defaults is None
 
 
+@pytest.mark.broad
 def test_a_limit_is_taken_said_and_beaten_by_the_command_line(run, own, folder):
     path, words = own(), ("fit", folder, "--methods", "least_squares")
     code, _, err = run(*words, "--json", folder / "fit-said.json")

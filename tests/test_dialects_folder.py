@@ -61,6 +61,7 @@ def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["LOG.CSV", "own"]
 
 
+@pytest.mark.broad
 def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys):
     """A simulated session, written as a logger would, is replayed, and fits as the session itself."""
     import json

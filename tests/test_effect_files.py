@@ -129,6 +129,7 @@ def test_a_file_in_the_place_of_its_folder_is_said(effects, run, simulated):
     assert run("fit", simulated(), "--effects", file) == (2, "", f"calibrate: {file}: that is a file; give its folder, {effects}\n")
 
 
+@pytest.mark.broad
 def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
     """Nor beside a model."""
     ran = tmp_path / "ran"

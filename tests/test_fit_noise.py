@@ -38,6 +38,7 @@ def drifting(tmp_path_factory):
     return write_session(options, tmp_path_factory.mktemp("ramp") / "s", distort=ramp)
 
 
+@pytest.mark.broad
 def test_the_stills_follow_a_bias_that_runs_and_auto_takes_them(drifting):
     ends, stills = (errors(drifting, 11, bias) for bias in ("ends", "auto"))
     assert stills[2].bias_from.used == "stills"

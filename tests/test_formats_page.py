@@ -126,6 +126,7 @@ def test_the_defaults_of_session_toml_are_those_of_the_page():
             assert default == "none"
 
 
+@pytest.mark.broad
 def test_check(folder, tmp_path):
     assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/2")
 
@@ -194,6 +195,7 @@ def test_explain_where_something_is_missing(missing_physics, tmp_path):
     assert_on_page(table, "tinygc-plan/2")
 
 
+@pytest.mark.broad
 def test_explain_against_a_truth_file(with_truth, tmp_path):
     table = told("explain", with_truth, "--no-pictures", tmp_path / "x.json")
     assert_on_page(table, "tinygc-explain/2")

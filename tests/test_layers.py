@@ -105,6 +105,7 @@ def test_no_module_lies_beside_the_rooms(package):
         assert not path.is_dir() or not any(path.glob("*.py")) or (path / "__init__.py").exists(), f"{path} does not say what it is"
 
 
+@pytest.mark.broad
 def test_no_import_runs_up_and_none_runs_from_the_core_into_an_annex():
     order = {room: number for number, room in enumerate(room for floor in floors() for room in floor)}
     wrong = {

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from conftest import DEG, Table, session_of
 
 from session.io.registers import gyro_rps_per_lsb
@@ -26,6 +27,7 @@ def spoilt(count: int):
     return replace(samples, gyro=gyro), rows
 
 
+@pytest.mark.broad
 def test_all_of_them_are_mended():
     samples, rows = spoilt(40)
     mended = repair(build_problem(session_of(samples)))

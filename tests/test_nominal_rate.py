@@ -134,6 +134,7 @@ def test_check_warns_of_a_nominal_rate(counted):
     assert measured.nominal_rate is None
 
 
+@pytest.mark.broad
 def test_all_parameters_scale_with_the_clock():
     """d(E, B) / de = -(E, B), by two fits to the same readings under clocks that differ by 2 e.  No latitude is given: the Earth's
     rotation alone would not scale."""

@@ -34,6 +34,7 @@ def short(tmp_path_factory):
     return write_session(SimulationOptions(segments=9, closure_s=0.0, seed=3, odr_hz=104.0), tmp_path_factory.mktemp("plan") / "short")
 
 
+@pytest.mark.broad
 def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     """Both sensors' numbers count, with the sigmas that a fit states: all noise, the accelerometer, and what is given of it."""
     fit = tinygc.fit(short, methods=("least_squares",), bias="ends").result

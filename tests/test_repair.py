@@ -177,6 +177,7 @@ def test_a_session_toml_stays_as_it_is_written_but_for_what_was_wrong(samples, t
     assert tinygc.read_session(tmp_path / "copy").config.notes["repaired2"].startswith("the rates are 0.5 times the true ones")
 
 
+@pytest.mark.broad
 def test_closure_runs_rests_packed_logs_and_comments_follow(samples, tmp_path):
     """What could not be examined by itself is of the same logger; a log's own comment agrees with the setting."""
     spoilt = written(tmp_path / "spoilt", samples, gyro=0.5 / DEG)

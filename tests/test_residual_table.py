@@ -51,6 +51,7 @@ def test_the_json_holds_the_numbers_of_the_page(explained):
     assert [row.after is None for row in residual_table(e)] == [False, False, False, True, True]
 
 
+@pytest.mark.broad
 def test_a_healthy_accelerometer_looks_healthy_before_and_after(explained):
     """Whitened together with the closure, gravity's length would seem to be mended by a name of the gyro."""
     e, _ = explained("g_sensitivity")

@@ -114,6 +114,7 @@ def test_the_angle_turned_about_one_axis_is_that_angle():
     assert turned == pytest.approx(np.outer(1 - np.cos(movement.t_s), [1.0, 0, -2.0]), abs=1e-4)
 
 
+@pytest.mark.broad
 def test_level_directions_by_another_program():
     """scipy's rotations, step by step, from gravity at the beginning."""
     movement = hand(208.0, 20.0)

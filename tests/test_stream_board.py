@@ -82,6 +82,7 @@ def test_infos_without_a_number_of_their_own_cost_no_lost_sample():
     assert decoder.samples == 850
 
 
+@pytest.mark.broad
 def test_at_the_lowest_rate_a_board_that_repeats_itself_leaves_room_for_infos():
     """12.5 Hz earns 1.5 remarks a second; info, board and faults are three."""
     decoder, rows = StreamDecoder(), frame_list(*sent(12 * 1000))

@@ -56,6 +56,7 @@ def test_two_halves_of_lines_that_look_whole_do_not_enter():
         assert sum(len(event) for event in events if isinstance(event, SampleChunk)) >= 296
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("end", ["\0\n", "\0\r\n"])
 @pytest.mark.parametrize("header", [False, True])
 def test_a_strings_terminator_before_the_lines_end_is_no_damage(end, header):
@@ -82,6 +83,7 @@ def test_half_a_line_before_a_zero_byte_stays_none():
     assert len(got_us) >= 298
 
 
+@pytest.mark.broad
 def test_megabytes_of_nothing_need_no_memory():
     decoder = StreamDecoder()
     for byte in (b"\xff", b"7", b"\0", b"\n", b","):

@@ -156,6 +156,7 @@ def test_adamw_on_the_distance_goes_where_the_reweighting_goes():
     assert 0.97 * least < mean_distance(batch, adamw) < 1.01 * least
 
 
+@pytest.mark.broad
 def test_still_rates_pin_the_rate_at_rest():
     """With few segments the bias is loose; the stills' rates fix it, for both optimisers."""
     batch, sigma = recording(5, count=8)

@@ -54,6 +54,7 @@ def make(tmp_path, sigma_deg=0.02, every_s=0.5, late_s=0.0017, seed=3, window=No
     return tmp_path
 
 
+@pytest.mark.broad
 def test_the_errors_are_recovered_within_their_sigmas_without_a_single_still(folder):
     problem = build_problem(read_session(folder))
     assert len(problem.used) == 29

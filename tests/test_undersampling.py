@@ -97,6 +97,7 @@ def test_the_error_of_readings_is_predicted_from_fewer_of_them(exponent, rate_hz
     assert told.rate_hz == pytest.approx(rate_hz)
 
 
+@pytest.mark.broad
 def test_motion_below_a_quarter_of_half_the_data_rate_misses_nothing():
     """Every 4th of 200 readings a second still sees all of what ends at 20 Hz."""
     fine = motion(1.4, seed=3, below_hz=20)

@@ -17,6 +17,7 @@ from tinygc.estimation.verdict import run_p_values
 from tinygc.models.linear import LinearModel
 
 
+@pytest.mark.broad
 def test_less_than_noise_is_in_doubt(fitted):
     assert fitted.doubts == []
     louder = replace(fitted, problem=fitted.problem.changed(floor=replace(fitted.problem.floor, own=25 * fitted.problem.floor.own)))
@@ -46,6 +47,7 @@ def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale
         tinygc.fit(wrong, methods=("least_squares",))
 
 
+@pytest.mark.broad
 def test_stamps_that_look_counted_leave_the_scale_undecided(tmp_path):
     """Every step exactly the declared period: nothing tells the true rate, unless session.toml says that it was measured."""
     toml = SESSION_TOML.replace("odr_hz = 208.0", "odr_hz = 200.0")
@@ -125,6 +127,7 @@ def test_the_covariance_of_a_run_is_that_of_its_heading_times_its_length(fitted)
     np.testing.assert_allclose(np.mean([np.outer(x, x) for x in moved], axis=0), run.heading_covariance, rtol=0.001, atol=1e-7)
 
 
+@pytest.mark.broad
 def test_exit_codes(tmp_path, simulated, capsys):
     folder, table = simulated(segments=13, closure_s=0.0), tmp_path / "fit.json"
     usual = ["fit", str(folder), "--methods", "least_squares", "--json", str(table), "--out", str(tmp_path / "fit")]

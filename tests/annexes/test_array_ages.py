@@ -45,6 +45,7 @@ def test_a_sawtooth_is_recovered_and_a_unit_without_one_has_none(found):
             assert each.p_value < 1e-6
 
 
+@pytest.mark.broad
 def test_the_ages_are_those_of_the_truth_but_for_one_constant_of_all(found):
     array, units, ages = found
     for each, unit, session in zip(ages, units, array.units, strict=True):

@@ -99,6 +99,7 @@ def test_one_of_three_cannot_move_the_median(values):
     assert ((found >= 1) & (found <= 2)).all()
 
 
+@pytest.mark.broad
 def test_disagreement_is_found_as_it_was_put_in():
     """Delays of 1 ms either way, biases of 0.3 dps: within a third, since the bars are widened for the worst windows, never below."""
     model, samples = model_of(units(8)), 60_000

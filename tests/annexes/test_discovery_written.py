@@ -83,6 +83,7 @@ def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_beg
     assert ("T₀ = 25 °C" in effect.equation) if "warm" in name else ("ω / (500 dps)" in effect.equation)
 
 
+@pytest.mark.broad
 @pytest.mark.parametrize("full_scale", [125.0, broad(2000.0)])
 def test_the_proof_tries_a_law_at_the_full_scale_and_temperature_where_it_was_found(full_scale, tmp_path):
     """A threshold at 600 dps does nothing on a hand's usual movement, nor one at 65 °C on a sensor that begins at 25."""

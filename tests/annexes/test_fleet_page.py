@@ -95,6 +95,7 @@ def test_failures_of_one_cause_are_one_reason():
     assert reason_of(lines[0]) == reason_of(lines[1]) == "… line … columns, expected …"
 
 
+@pytest.mark.broad
 def test_the_command_says_it_and_writes_it(out, run, tmp_path):
     path = tmp_path / "fleet.json"
     code, said, err = run("fleet", "--out", out, "--json", path, "--csv", tmp_path / "rows.csv")

@@ -157,6 +157,7 @@ def fleet(tmp_path_factory):
     return written_fleet(tmp_path_factory.mktemp("lot") / "fleet", "MPU-9150")
 
 
+@pytest.mark.broad
 def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, capsys):
     alone = written_fleet(tmp_path / "alone", "ASM330LHH")
     for folder in (alone, fleet):
@@ -171,6 +172,7 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
     assert "left as it was, and not of this table" in capsys.readouterr().err
 
 
+@pytest.mark.broad
 def test_the_command(fleet, tmp_path, capsys):
     words = [
         "--model",

@@ -160,6 +160,7 @@ def test_what_an_annex_served_says_so(annex, tmp_path):
     hold_no_page_names_it(folder, (annex,))
 
 
+@pytest.mark.broad
 def test_without_any_annex_each_says_so_and_a_session_is_fitted(tmp_path):
     folder = without(tuple(FOLDERS), tmp_path)
     hold_gone(folder, tuple(FOLDERS))

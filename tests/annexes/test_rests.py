@@ -105,6 +105,7 @@ def test_packed_and_unpacked_at_once_is_refused(tmp_path, run):
     assert "holds rest0001.csv and rest0001.csv.gz" in err
 
 
+@pytest.mark.broad
 def test_knocks_are_left_out_and_nothing_else_is():
     clean = [knocked(rest_log(seed, cycles=1.0)).sum() for seed in range(10)]
     assert sum(clean) == 0

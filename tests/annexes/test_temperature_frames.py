@@ -64,6 +64,7 @@ def test_sessions_in_two_frames_do_not_scatter(days):
     assert (np.abs(found.model.E_terms[0].ravel() - points[0].values[MATRIX]) < 4 * sigma).all()
 
 
+@pytest.mark.broad
 def test_the_model_holds_the_first_sessions_accelerometer_and_apply_takes_it(days, tmp_path, run):
     """The force that ``apply`` writes is in E's frame, though the log's own session.toml says nothing of an accelerometer."""
     code, _, err = run("fit", days / "turned", days / "bare", "--temperature", "--out", tmp_path / "fit")

@@ -18,6 +18,8 @@ from session.bench.page.state import PageView
 from session.bench.screen import PlainLines, view
 from session.io.samples import Samples
 
+pytestmark = pytest.mark.broad
+
 THINKS = "one moment: the coach evaluates the last turn"
 TABLE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(5).turn(90, (0, 1, 0), 3).rest(5).turn(90, (0, 0, 1), 3).rest(5)
 HZ = 208

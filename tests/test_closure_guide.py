@@ -14,6 +14,8 @@ from session.io.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 
+pytestmark = pytest.mark.broad
+
 PLANNED_S = 20.0
 WAY = (90, (0, 1, 0), 3)
 

@@ -24,6 +24,8 @@ from session.io.errors import DataError, FormatError
 from session.io.reader import exact_ns
 from tinygc import read_session
 
+pytestmark = pytest.mark.broad
+
 # Time
 
 

@@ -12,6 +12,8 @@ from tinygc.effects import AppliedEffect, catalogue
 from tinygc.noise.channels import in_gauge, turn_gravity
 from tinygc.noise.refit import refit
 
+pytestmark = pytest.mark.broad
+
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 
 

@@ -23,6 +23,8 @@ from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import GRAVITY_SIGN, prepare
 
+pytestmark = pytest.mark.broad
+
 
 @pytest.fixture(scope="module")
 def folder(simulated):

@@ -9,6 +9,8 @@ from session.bench.live import stream_problem
 from session.bench.messages import Kind, Stage
 from session.io.samples import Samples, joined
 
+pytestmark = pytest.mark.broad
+
 
 @pytest.mark.parametrize("at_s", [0.5, 1.5, 2.9, 4.5, 6.3, 9.0])
 def test_unplugged_in_any_state_it_goes_on_and_keeps_what_it_has(at_s):

@@ -1,12 +1,15 @@
 """Turns that the guide rejects, and why; those that it accepts all the same."""
 
 import numpy as np
+import pytest
 from conftest import DEG, Table
 from guided_streams import guide_of, offline, play, said, with_hand
 
 from session.bench.messages import Advice, Kind, RequestedTurn, Stage
 from session.bench.rawfile import Mark, RecordingDecision, decision_of
 from session.io.samples import Samples
+
+pytestmark = pytest.mark.broad
 
 
 def reject(samples: Samples) -> str:

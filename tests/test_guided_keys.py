@@ -17,6 +17,8 @@ from session.bench.messages import Advice, Kind, Stage
 from session.bench.rawfile import RecordingDecision
 from session.io.errors import FormatError
 
+pytestmark = pytest.mark.broad
+
 #: four turns, with moments in which each of them moves, s: 3 to 6, 8.5 to 11.5, 14 to 17, 19.5 to 22.5
 TURNS = [(120, (1, 0, 0)), (130, (0, 1, 0)), (140, (0, 0, 1)), (150, (1, 1, 0))]
 MOVING = [(3.0, 6.0), (8.5, 11.5), (14.0, 17.0), (19.5, 22.5)]

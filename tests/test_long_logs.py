@@ -22,6 +22,8 @@ from tinygc.noise import thinned
 from tinygc.noise.channels import within_stills
 from tinygc.noise.twin import Twin
 
+pytestmark = pytest.mark.broad
+
 ROWS = 200_000
 #: bytes: 8 of the stamp, 2 of each register, and the record around them
 KEPT = 24.0

@@ -8,6 +8,8 @@ from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, TEMP, make, rows, same, tri
 from session.io.errors import FormatError
 from tinygc import read_session
 
+pytestmark = pytest.mark.broad
+
 FORMATS = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
 FMT, 129, 23, PARM, QNf, TimeUS,Name,Value
 FMT, 131, 48, IMU, QBffffffIIfBB, TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH

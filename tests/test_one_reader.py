@@ -14,6 +14,8 @@ from session.io.logfile import read_log
 from session.io.reader import Reader
 from session.io.units import ACCEL, DEG, GYRO, STAMP_NS, TIME, G, endings
 
+pytestmark = pytest.mark.broad
+
 SENSOR = Sensor("ASM330LHH", "42", 208.0, 500.0, 4.0)
 REGISTERS = "t_us,gx,gy,gz,ax,ay,az,temp"
 UNITS = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"

@@ -18,6 +18,8 @@ from tinygc.explanation.engine import explain_session
 from tinygc.planning.proposals import propose
 from tinygc.reporting.html.evidence import gather
 
+pytestmark = pytest.mark.broad
+
 OPTIONS = FitOptions(methods=("least_squares",), folds=2)
 
 

@@ -118,6 +118,7 @@ def test_several_causes_that_explain_alike_are_listed_and_one_can_be_chosen(samp
     assert all(each.value == pytest.approx(right[key].value, abs=1e-9) for key, each in fitted(tmp_path / "copy").items())
 
 
+@pytest.mark.broad
 def test_samples_counted_at_a_wrong_rate_are_no_more_likely_than_a_wrong_full_scale(samples, tmp_path):
     spoilt = written(tmp_path / "spoilt", samples, gyro=0.5 / DEG)
     log = spoilt / "log0001.csv"
@@ -126,6 +127,7 @@ def test_samples_counted_at_a_wrong_rate_are_no_more_likely_than_a_wrong_full_sc
         repair(spoilt, tmp_path / "copy")
 
 
+@pytest.mark.broad
 def test_samples_counted_at_another_rate_of_the_sensor_are_put_on_its_clock(tmp_path):
     truth = Table().tumble(9, rest_s=1.5, seed=5).samples(odr_hz=125.0)
     counted = replace(truth, t_ns=truth.t_ns * 5 // 4)

@@ -12,6 +12,8 @@ from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Comment, Info, SampleChunk
 
+pytestmark = pytest.mark.broad
+
 COUNT = 60
 T_US, REGISTERS = sent(COUNT, start_us=2**32 - 20_000)
 FRAMES = b"".join(frame_list(T_US, REGISTERS))

@@ -21,6 +21,8 @@ from session.bench.events import Comment, Info
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from adversarial_streams import ADVERSARIAL, ORDINARY
 
+pytestmark = pytest.mark.broad
+
 EXAMINED = 3.0  #: times that a byte is looked at
 CALLS = 4.0  #: of functions, for each byte
 AT_ONCE = 4096

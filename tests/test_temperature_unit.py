@@ -10,6 +10,8 @@ from session.detect.check_stills import other_unit
 from session.detect.first_look import check_session
 from tinygc import read_session
 
+pytestmark = pytest.mark.broad
+
 AMBIENT_C = (15.0, 25.0, 38.0)
 
 

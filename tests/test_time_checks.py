@@ -16,6 +16,8 @@ from session.io.samples import Samples
 from session.replay.convert import convert
 from tinygc import read_session
 
+pytestmark = pytest.mark.broad
+
 
 def text_of(samples, header="t_us", scale=1000, stamps=True, names=True):
     columns = ([samples.t_ns // scale] if stamps else []) + [*(samples.gyro / DEG).T, *(samples.accel / G).T]

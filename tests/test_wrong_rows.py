@@ -11,6 +11,8 @@ from tinygc import FitOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.estimation.fit import fit_session
 
+pytestmark = pytest.mark.broad
+
 TOML = f'{SESSION_TOML}[protocol]\nreference = "table"\n'
 #: of the made sensor, which the fit must give back: rows x, y, z
 E_TRUE = np.eye(3) + np.array([[0.03, 0.01, -0.004], [-0.006, -0.02, 0.008], [0.002, -0.01, 0.015]])

@@ -15,6 +15,8 @@ from tinygc.annexes.lots.fleet_session import Job, Outcome, compute
 from tinygc.annexes.lots.fleet_summary import unit_results
 from tinygc.annexes.lots.fleet_table import open_table
 
+pytestmark = pytest.mark.broad
+
 FOREIGN = Path(__file__).parents[1] / "foreign_effects"
 
 

@@ -17,6 +17,8 @@ from tinygc.annexes.lots.fleet_summary import MOST_LISTED, distribution, reason_
 from tinygc.annexes.lots.fleet_table import open_table, read_table
 from tinygc.reporting.html.markup import Section
 
+pytestmark = pytest.mark.broad
+
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
 
 

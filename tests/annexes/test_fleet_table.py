@@ -17,6 +17,8 @@ from tinygc.annexes.lots.fleet_session import Outcome
 from tinygc.annexes.lots.fleet_summary import unit_results, write_csv
 from tinygc.annexes.lots.fleet_table import NAME, open_table, read_table
 
+pytestmark = pytest.mark.broad
+
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):

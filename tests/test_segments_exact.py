@@ -255,7 +255,10 @@ def test_a_stated_angle_may_be_off_by_a_tenth_and_five_degrees(sign):
     assert contradiction(known(sign * 810), read) == f"{says}: 2 full circles fewer than stated"
     assert contradiction(known(sign * 70), read) == says
     assert contradiction(known(sign * 300), read) == says  # nearly, but for a circle, it is not either
-    assert contradiction(known(sign * -270), read) == f"{says}: 1 full circle more than stated"
+    assert contradiction(known(sign * -270), read) == f"{says}: 1 full circle fewer than stated"  # of those in the stated sense
+    assert contradiction(known(sign * -630), read) == f"{says}: 2 full circles fewer than stated"
+    more = np.array([0, 0, sign * 450 * DEG])
+    assert contradiction(known(sign * 90), more) == f"the gyro reads {sign * 450:.1f} deg about z: 1 full circle more than stated"
     assert contradiction(known(90), np.zeros(3)) == "the gyro turned 0.0 deg about 0.00;0.00;0.00, not about z"
 
 

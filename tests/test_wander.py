@@ -44,19 +44,26 @@ def test_a_mean_over_a_span_has_the_variance_of_that_mean(span_s):
 
 
 def test_a_mean_over_hardly_any_time_is_the_moment():
-    """The series takes over before the digits are lost: a thousandth of a correlation time takes a 3000th of the variance away."""
-    just = wander_covariance(np.zeros(1), np.array([0.5 * 1e-3 * (1 + 1e-9)]), instability_rps=1.0)
-    below = wander_covariance(np.zeros(1), np.array([0.5 * 1e-3 * (1 - 1e-9)]), instability_rps=1.0)
-    assert (below - just)[0, 0] == pytest.approx(np.log(2) / np.pi * 1e-3 / 3, rel=1e-3)
-    np.testing.assert_allclose(below, wander_covariance(np.zeros(1), instability_rps=1.0), rtol=1e-12)
+    """A thousandth of a correlation time takes a 3000th of that octave's variance away; no digits are lost to the difference."""
+    for span_s in (1e-4, 5e-4, 5e-3):
+        lost = np.sum([span_s / time - (span_s / time) ** 2 / 4 for time in OCTAVES_S]) / 3
+        found = wander_covariance(np.zeros(1), np.array([span_s]), instability_rps=1.0)[0, 0]
+        assert found == pytest.approx(np.log(2) / np.pi * (len(OCTAVES_S) - lost), rel=1e-8)
 
 
-def test_means_over_two_spans_share_what_both_keep():
-    """Of one moment, less what each mean takes away."""
-    t_s, span_s = np.array([0.0, 0.0]), np.array([2.0, 8.0])
-    found = wander_covariance(t_s, span_s, instability_rps=1.0)
-    kept = [[2 * (x - 1 + np.exp(-x)) / x**2 for x in span / OCTAVES_S] for span in span_s]
-    assert found[0, 1] == pytest.approx(np.log(2) / np.pi * np.sum(np.sqrt(np.prod(kept, axis=0))), rel=1e-4)
+@pytest.mark.parametrize(
+    ("apart_s", "spans_s"),
+    [(7, (2, 8)), (5, (2, 8)), (3, (2, 8)), (1, (2, 8)), (-1, (2, 2)), (0.25, (0.25, 0.25)), (1, (0, 8))],
+    ids=["apart", "touching", "half over one another", "one within the other", "shifted", "neighbouring pieces", "a moment within"],
+)
+def test_means_over_two_spans_have_the_covariance_of_those_means(apart_s, spans_s):
+    """The covariance of moments by rectangles, 1000 to a span: exact but for their size."""
+    moments = [at + span_s * ((np.arange(1000) + 0.5) / 1000 - 0.5) for at, span_s in zip((0.0, apart_s), spans_s, strict=True)]
+    apart = np.abs(np.subtract.outer(*moments))
+    expected = np.log(2) / np.pi * sum(np.exp(-apart / time).mean() for time in OCTAVES_S)
+    found = wander_covariance(np.array([0.0, apart_s]), np.array(spans_s), instability_rps=1.0)
+    assert found[0, 1] == pytest.approx(expected, rel=2e-5)
+    assert found[1, 0] == pytest.approx(found[0, 1], rel=1e-9)
 
 
 @pytest.mark.parametrize("tau_s", [8, 64, 512])

@@ -222,7 +222,7 @@ def _sigma(miss: np.ndarray, bar: float, count: int, white_mps2: float) -> float
     """
     spare = len(miss) - count
     least = float(np.hypot(WANDERS_MPS2, white_mps2)) if spare < count else 0.0
-    if not spare:
+    if spare <= 0:
         return least
     u2 = (miss / bar) ** 2
     pull, slope = miss / (1 + u2), (1 - u2) / (1 + u2) ** 2

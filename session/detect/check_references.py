@@ -299,8 +299,8 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     force, site = force_of(references([still for log in logs for still in log.stills])), session.config.site
     if not len(force):
         return None
-    noises = [(log.noise, still.duration_s) for log in logs if log.noise for still in references(log.stills)]
-    white_mps2 = float(np.sqrt(np.mean([np.mean(noise.velocity_random_walk**2) / duration_s for noise, duration_s in noises])))
+    white = [np.mean(log.noise.velocity_random_walk**2) / still.duration_s for log in logs if log.noise for still in references(log.stills)]
+    white_mps2 = float(np.sqrt(np.mean(white or 0.0)))
     found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2, white_mps2)
     # A zero of half a g moves the lengths by as much; what is wrong with the units shows in the scale.
     length = np.median(np.linalg.norm(force, axis=1)) / site.expected_gravity_mps2 if found.rung is None else np.mean(found.x[SCALES])

@@ -498,7 +498,7 @@ def contradiction(turn: KnownTurn, reads: np.ndarray) -> str | None:
     circles = round((own - turn.angle_rad) / (2 * np.pi))
     if circles and _near(own, turn.angle_rad + circles * 2 * np.pi):
         count = f"{abs(circles)} full circle{'s' * (abs(circles) != 1)}"
-        return f"{reading}: {count} {'more' if circles * own > 0 else 'fewer'} than stated"
+        return f"{reading}: {count} {'more' if circles * turn.angle_rad > 0 else 'fewer'} than stated"
     return reading
 
 

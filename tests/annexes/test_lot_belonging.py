@@ -204,6 +204,7 @@ def test_a_lot_that_tells_nothing_of_this_sensor_is_refused(changes, says):
 
 
 def test_a_lot_at_the_limit_is_of_use():
+    """It raises nothing; one step further each is refused, above."""
     mean = lot().mean.copy()
     mean[1:] = np.nan
     for changes in ({"units": 10}, {"spread": spread_with(-0.9e-9)}, {"mean": mean}):

@@ -271,6 +271,8 @@ def test_what_cannot_be_told_is_not_zero():
     perfect = gauge(np.array([1.0, 1, 2, 2]), np.array([0, 0, 1, 1]), None)
     assert perfect.ndc == np.inf
     assert perfect.percent_grr == 0
+    none = gauge(np.ones(4), np.array([0, 0, 1, 1]), None)
+    assert np.isnan([none.percent_grr, *none.percent_grr_interval]).all()
 
 
 def test_units_and_order_do_not_matter():

@@ -89,21 +89,35 @@ class BiasWander:
 
 
 def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, instability_rps: float) -> np.ndarray:
-    """(N, N) (rad/s)^2 covariance of one axis' bias at moments t_s (N,), each averaged over span_s (N,) around it."""
-    apart = np.abs(t_s[:, None] - t_s[None])
+    """(N, N) (rad/s)^2 covariance of one axis' bias at moments t_s (N,), each averaged over span_s (N,) around it.
+
+    Exact: the covariance exp(-|t - s| / time) of each octave, integrated over both spans.
+    """
     octave = instability_rps**2 * np.log(2) / np.pi
-    span = np.broadcast_to(span_s, t_s.shape)
-    total = np.zeros(apart.shape)
-    for time in TIMES_S:
-        left = np.sqrt(_left_by_mean(span / time))
-        total += np.exp(-apart / time) * np.outer(left, left)
+    span = np.broadcast_to(np.asarray(span_s, dtype=float), t_s.shape)
+    gap = np.abs(t_s[:, None] - t_s[None]) - (span[:, None] + span[None]) / 2
+    overlapping = np.nonzero(gap < 0)
+    total, decay = np.zeros(gap.shape), np.exp(-np.maximum(gap, 0.0) / TIMES_S[-1])
+    for time in TIMES_S[::-1]:
+        x = span / time
+        ends = np.where(x > 0, -np.expm1(-x) / np.where(x > 0, x, 1.0), 1.0)
+        part = decay * ends * ends[:, None]
+        part[overlapping] = _over_both(t_s / time, x, *overlapping)
+        total += part
+        decay *= decay  # of half the time
     return octave * total
 
 
-def _left_by_mean(x: np.ndarray) -> np.ndarray:
-    """Variance of the mean of a Gauss-Markov process over x correlation times, relative to its own: 2 (x - 1 + e^-x) / x^2."""
-    safe = np.maximum(x, 1e-3)
-    return np.where(x > 1e-3, 2 * (safe - 1 + np.exp(-safe)) / safe**2, 1.0)
+def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Mean of exp(-|t - s|) over the spans i and j, which overlap; t and span in correlation times."""
+    span = np.where(span > 0, span, 1e-4)  # a moment within another's span: exact to 1e-9
+
+    def twice_integrated(u: np.ndarray) -> np.ndarray:
+        return np.expm1(-np.abs(u)) + np.abs(u)
+
+    apart, half, other = t[i] - t[j], span[i] / 2, span[j] / 2
+    outer = twice_integrated(apart + half + other) + twice_integrated(apart - half - other)
+    return (outer - twice_integrated(apart - half + other) - twice_integrated(apart + half - other)) / (span[i] * span[j])
 
 
 # The floor: closure residuals expected from noise alone.

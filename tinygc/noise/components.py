@@ -120,8 +120,8 @@ WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
 )
 #: ln: spread of a unit's bias instability about the typical one of its model, and about the given one
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
-#: s: the bias' drift within turns is summed over pieces of half the shortest correlation time; greatest number of pieces of all turns,
-#: whose covariance takes half a second
+#: s: the bias' drift within turns is summed over pieces of half the shortest correlation time, or longer ones where the turns together
+#: would have more pieces than this
 PIECE_S, MOST_PIECES = 0.25, 2000
 #: undersampling below this share of the floor's rms is ignored, since its factor cannot be estimated
 LEAST_UNDERSAMPLING = 0.1
@@ -196,9 +196,10 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
 
 def wander_pieces(sensitivity: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
     """Rotation (P, d, 3) s of the ends of segments with sensitivity (S, T, d, 3) s by a bias of 1 rad/s in each of their P equal pieces."""
-    found, most = [], max(1, MOST_PIECES // len(sensitivity))
-    for each, weight in zip(sensitivity, rotation.sample_weights(dt), strict=True):
-        count = int(np.clip(np.ceil(weight.sum() / PIECE_S), 1, most))
+    found, weights = [], rotation.sample_weights(dt)
+    piece_s = max(PIECE_S, float(weights.sum()) / MOST_PIECES)
+    for each, weight in zip(sensitivity, weights, strict=True):
+        count = max(1, int(np.ceil(weight.sum() / piece_s * (1 - 1e-9))))  # 5 s are 20 pieces, however the sum is rounded
         piece = np.minimum((np.cumsum(weight) - weight / 2) * (count / weight.sum()), count - 1).astype(int)
         summed = np.zeros((count, *each.shape[1:]))
         np.add.at(summed, piece, each)

@@ -289,9 +289,9 @@ def gauge(
     part_sigma, who_sigma, both, again = np.sqrt(np.nan_to_num(found))
     grr, pv = float(np.sqrt(who_sigma**2 + both**2 + again**2)), float(part_sigma)
     tv = float(np.hypot(grr, pv))
-    spread = np.maximum(np.sum(draws[:, 1:], axis=1), 1e-300)  # no measurement repeats itself exactly
-    with np.errstate(over="ignore"):
-        shares, ratios = spread / (spread + draws[:, 0]), draws[:, 0] / spread
+    spread, all_of_it = np.sum(draws[:, 1:], axis=1), np.sum(draws, axis=1)
+    shares = np.divide(spread, all_of_it, out=np.full(len(draws), NAN), where=all_of_it > 0)  # of no variation at all there is no share
+    times = np.sqrt(draws[:, 0]) / np.sqrt(np.maximum(spread, 1e-300))  # large where every measurement repeats itself exactly
     return Gauge(
         ev=float(again),
         av=float(np.hypot(who_sigma, both)) if several else NAN,
@@ -303,7 +303,7 @@ def gauge(
         percent_tolerance=100 * WIDTH * grr / tolerance if np.isfinite(tolerance) else NAN,
         ndc=NDC * pv / grr if grr else float("inf"),
         percent_grr_interval=_ends(100 * np.sqrt(shares)),
-        ndc_interval=_ends(NDC * np.sqrt(ratios)),
+        ndc_interval=_ends(NDC * times),
         method=method,
         table=table,
         appraisers=what if several else "",

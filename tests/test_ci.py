@@ -32,7 +32,7 @@ def test_the_hosted_service_runs_the_same_script():
     installs = 'python -m pip install -e ".[{}]" -c constraints.txt'.format
     assert steps(jobs["slow"]) == [installs("test"), "python -m pytest -m slow"]
     assert steps(jobs["mutants"]) == [installs("test,mutation"), "python benchmarks/mutation.py --week"]
-    assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest"]
+    assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest", 'python -m pytest -m "broad and not slow"']
 
 
 def test_a_commit_is_checked_by_the_commands_of_the_script():

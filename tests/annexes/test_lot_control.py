@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart, rung
+from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart, rule_violations
 
 
 def normal(seed, n=300, noise=0.3):
@@ -68,7 +68,7 @@ def test_a_long_chart_takes_medians(n):
     ],
 )
 def test_where_each_rule_rings(rule, scores, rings):
-    (found,) = [hits for name, hits in rung(np.array(scores, dtype=float)).items() if name == rule]
+    (found,) = [hits for name, hits in rule_violations(np.array(scores, dtype=float)).items() if name == rule]
     assert np.flatnonzero(found).tolist() == rings
 
 

@@ -288,7 +288,7 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
     limit = float(-ndtri(FAMILY_P / 2 / (n * charts) / 2))
     ewma, ewma_limit = _ewma(score, charts)
-    counts = {name: int(hits.sum()) for name, hits in rung(score).items()}
+    counts = {name: int(hits.sum()) for name, hits in rule_violations(score).items()}
     chance = {name: rate * n for name, rate in RULES.items()}
     seldom = COUNT_P / (len(RULES) * charts)
     # hits of a rule come in runs; a run of up to this length counts as one draw
@@ -333,7 +333,7 @@ def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
     return found / own, float(-ndtri(FAMILY_P / 2 / independent / 2))
 
 
-def rung(score: np.ndarray) -> dict[str, np.ndarray]:
+def rule_violations(score: np.ndarray) -> dict[str, np.ndarray]:
     """Return (N,) bool for each rule: whether it triggers at a point."""
 
     def of(span: int, least: int, beyond: float) -> np.ndarray:

@@ -177,6 +177,8 @@ def function_of(node) -> str:
 
 
 def left_out(node, texts: bool) -> bool:
+    if node.type == "operator" and node.value in ("*", "**") and node.parent.type not in ("term", "power"):
+        return True  # of arguments and of unpacking: what changes there is no program
     child = node
     while (parent := child.parent) is not None:
         if parent.type in ("raise_stmt", "assert_stmt", "import_from", "decorator"):

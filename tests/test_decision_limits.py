@@ -138,14 +138,17 @@ def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
             columns = np.hstack([have.whiten.back(J), have.whiten.back(shape)])
             inverse = np.linalg.inv(have.whiten.covariance[np.ix_(seen, seen)])
             normal, right = columns[seen].T @ inverse @ columns[seen] + np.eye(17), columns[seen].T @ inverse @ stacked_r[seen]
+            right[: J.shape[1]] -= J.T @ r  # of the priors at the fit of all rows
             theta = np.linalg.solve(normal, right)
             trials.append((-right @ theta, (stacked_r - columns @ theta)[~seen]))
         chosen.append(int(np.argmin([cost for cost, _ in trials])))
         expected[~seen] = trials[chosen[-1]][1]
     assert len(set(chosen)) > 1
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
-    one = left_out_and_searched(twin, have.whiten, r, J, [0 * shapes[0]])  # a shape that does nothing, and none
-    np.testing.assert_allclose(one, left_out_and_searched(twin, have.whiten, r, J, []), atol=1e-9)
+    for nothing in ([0 * shapes[0]], []):  # a shape that does nothing, and none
+        np.testing.assert_allclose(
+            left_out_and_searched(twin, have.whiten, r, J, nothing), left_out(twin, have.whiten, r, J), rtol=1e-9, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize(("p", "kept"), [(0.0499, True), (0.05, False)])

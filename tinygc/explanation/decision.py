@@ -314,7 +314,8 @@ class _Fold:
         free = np.linalg.solve(self._precision, np.column_stack([self._pulled_J, whiten.pulled(r)[rows]]))
         self._free_r = free[:, -1]
         self._inverse = np.linalg.inv(J.T @ J - self._pulled_J.T @ free[:, :-1] + np.eye(J.shape[1]))
-        self._right_J = J.T @ r - self._pulled_J.T @ self._free_r
+        # J' r is balanced by the priors, as in ``left_out``; columns of a shape, at no optimum, have theirs.
+        self._right_J = -self._pulled_J.T @ self._free_r
         self.theta_J, self.of_shape, self._least = self._inverse @ self._right_J, np.zeros(len(rows)), 0.0
 
     def try_shapes(self, columns: np.ndarray, pulled: np.ndarray, stacked: np.ndarray, size: int) -> None:

@@ -16,6 +16,7 @@ from session.detect.check_references import with_own_accelerometer
 from session.io.errors import FormatError
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
+from tinygc.closure.prior import vague
 from tinygc.models import linear
 from tinygc.planning.proposals import Known, _greedy, _moves, _rows, known_of, parameter_words, propose, requested_by_explain
 from tinygc.simulation.write import write_session
@@ -68,6 +69,19 @@ def test_what_the_accelerometer_lacks_is_asked_for(short, number):
     (move,) = (move for move in _moves() if move.words == proposal.words)
     wrong = 0.01 if "bias" not in number else 0.01 * 9.8
     assert np.linalg.norm(_rows(move, known)[:, which]) * wrong > 20  # sigmas of its closure and its stills' lengths
+
+
+@pytest.mark.parametrize("with_noise", [True, False])
+def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(short, with_noise, monkeypatch):
+    """Four turns give eight angles for twelve parameters: along the other four directions the variance is the prior's, exactly."""
+    if not with_noise:
+        monkeypatch.setattr("tinygc.planning.proposals.stated_noise", lambda problem: None)
+    session = with_own_accelerometer(read_session(short))[0]
+    known = known_of(build_problem(session, exclude=(4, 5, 6, 7, 8), prior=vague))
+    assert len(known.covariance) == (21 if with_noise else 12)
+    variance = np.linalg.eigvalsh(known.covariance[-12:, -12:] / np.outer(linear.PRIOR_SIGMA, linear.PRIOR_SIGMA))
+    np.testing.assert_allclose(variance[-4:], 1, atol=1e-3)
+    assert (variance[:-4] < 1e-3).all()
 
 
 def test_an_accelerometer_that_nobody_calibrated_counts_as_it_is_known(short, tmp_path):

@@ -22,11 +22,11 @@ from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
 from tinygc.closure.prior import PriorUse
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.estimation.accelerometer import JOINT_NAMES
-from tinygc.estimation.stated_noise import stated_joint_covariance, stated_noise
+from tinygc.estimation.stated_noise import prior_share, stated_joint_covariance, stated_noise
 from tinygc.models import linear
 from tinygc.planning import turns
 from tinygc.planning.turns import SIDES, parts_from, up_words
@@ -148,12 +148,16 @@ def known_of(problem: Problem) -> Known:
         joint = fit_joint(problem, "fit")  # a rejected calibration is not used
     level = problem if joint is None else recalibrated(problem, joint)
     noise = None if joint is None else stated_noise(level)
+    # Few turns leave directions to the prior, whose uncertainty is no noise.
+    share = prior_share(level, problem.first if joint is None else joint.model, still_rates=False)
+    left = (share * linear.PRIOR_SIGMA**2) @ share.T
     if joint is None or noise is None:
-        covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
+        covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander) + left
         return Known(covariance, float(np.median(problem.floor.sigma[problem.batch.known])))
     rows = len(problem.used) * problem.batch.angles
     sigma_mps2 = float(np.median(1 / joint.system.root[rows:]))
     covariance = stated_joint_covariance(level, joint.model, noise, still_rates=False)
+    covariance[GYROSCOPE, GYROSCOPE] += left
     return Known(covariance, noise.tilt_rms / np.sqrt(2), sigma_mps2, joint.mode == "fit")
 
 

@@ -39,8 +39,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from scipy.special import betaincinv
-
 sys.path[0] = str(Path(__file__).resolve().parent.parent)  # and not this folder, which has a coverage.py of its own
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -127,6 +125,8 @@ def main() -> int:
 
 def lower_limit(killed: int, tried: int) -> float:
     """One-sided lower 95 % limit of the share killed (Clopper and Pearson 1934)."""
+    from scipy.special import betaincinv  # not earlier: what loads NumPy's BLAS before the lines above gives each mutant its threads
+
     return float(betaincinv(killed, tried - killed + 1, 0.05)) if killed else 0.0
 
 

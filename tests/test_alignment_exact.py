@@ -182,6 +182,17 @@ def test_clock_and_mounting_have_the_sandwich_covariance_over_blocks(moved, wild
     assert abs(found.offset_s + 0.0123) < 4 * found.offset_sigma_s < 4e-4
 
 
+def test_two_logs_of_the_same_have_half_the_variance(moved):
+    """Their blocks are apart: n blocks of one and 2 n of both, each counted n / (n - 1)."""
+    count = round(10.15 * HZ * FINE)
+    one, samples = seen_of(made((moved[0][:count], moved[1][:count])))
+    alone, both = refined([one], [samples], TruthReading()), refined([one, one], [samples, samples], TruthReading())
+    n = int(one.spans.begin_s[-1] - one.spans.begin_s[0]) + 1
+    share = (2 * n / (2 * n - 1)) / (n / (n - 1)) / 2
+    assert (both.offset_sigma_s / alone.offset_sigma_s) ** 2 == pytest.approx(share, rel=1e-4)
+    np.testing.assert_allclose((both.mounting_sigma / alone.mounting_sigma) ** 2, share, rtol=1e-4)
+
+
 def test_too_few_spans_or_a_motion_that_fixes_nothing_are_refused(moved):
     for seconds, enough in ((10.15, True), (10.1, False)):  # twenty spans that do not overlap, and nineteen
         count = round(seconds * HZ * FINE)
@@ -292,6 +303,8 @@ def test_the_clock_is_where_the_speeds_go_along(moved):
         assert (offset_s is None) == (found is None) or abs(offset_s + late_s) > 0.1
         if found is not None:
             assert offset_s == pytest.approx(found, abs=0.0101)
+    one, _ = seen_of(made(moved, late_s=-2.0))
+    assert rough_offset([one.gyro], [(one.spans, one.spans.turned(one.written))]) == pytest.approx(2.0)  # the last step
     flat = replace(one, gyro=carried(Samples(np.arange(3000) * 10**7, np.ones((3000, 3)), np.zeros((3000, 3))), np.ones((3000, 3))))
     assert rough_offset([flat.gyro], [pair]) is None
 
@@ -325,6 +338,7 @@ def test_what_is_given_is_kept_and_what_does_not_go_together_is_left(moved):
     kept = align(made(moved, late_s=0.3, mounting=(0, 0, 30), given=given)).alignment
     assert set(kept.source.values()) == {"given"}
     assert (kept.reading.offset_s, kept.reading.frame) == (0.0, "ned")
+    assert abs(kept.offset_s + 0.3) < 5 * kept.offset_sigma_s < 5e-4  # and what the recording says is sought where its speeds go along
     session = made(moved)
     assert align(align(session)) is not session
     assert align(replace(session, truths=None)).alignment is None

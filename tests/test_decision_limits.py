@@ -217,8 +217,8 @@ def test_segments_keep_the_numbers_that_they_had_before_a_repair():
         return SimpleNamespace(log=log, start_s=start_s, duration_s=duration_s, number=number)
 
     old = [segment(0, 0.0, 2.0, 1), segment(0, 4.0, 2.0, 2), segment(1, 0.0, 2.0, 3), segment(0, 8.0, 4.0, 4)]
-    joined = [segment(0, 0.0, 2.0), segment(0, 4.5, 8.0), segment(1, 5.0, 9.0), segment(2, 4.0, 2.0)]
-    assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2]
+    joined = [segment(0, 0.0, 2.0), segment(0, 4.5, 8.0), segment(1, 5.0, 9.0), segment(2, 4.0, 2.0), segment(0, 0.0, 7.0)]
+    assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2, 2]
 
 
 def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):

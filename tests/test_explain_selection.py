@@ -54,6 +54,8 @@ def test_each_group_has_the_p_value_of_fishers_f(selection, residuals):
         freedom = N - 7 - rank
         assert gains[name] == pytest.approx(least - left, rel=1e-9)
         assert log_p == pytest.approx(stats.f.logsf((least - left) / rank / (left / freedom), rank, freedom), rel=1e-9)
+    pair = np.stack([residuals, residuals[::-1]], axis=1)
+    np.testing.assert_allclose(selection.log_p(pair), np.stack([selection.log_p(r) for r in pair.T], axis=1), rtol=1e-9)
     np.testing.assert_allclose(selection.log_p(residuals + 1e3 * nuisance @ np.arange(7)), selection.log_p(residuals), rtol=1e-6, atol=1e-9)
     lowest = selection.lowest_log_p(np.stack([residuals, -2 * residuals], axis=1))
     np.testing.assert_allclose(lowest, selection.log_p(residuals).min(), rtol=1e-9)

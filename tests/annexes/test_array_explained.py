@@ -86,6 +86,21 @@ def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     assert found.fit.split.common < own[1] / 3
 
 
+@pytest.mark.parametrize(
+    ("p_value", "own_p", "verdict"),
+    [
+        (0.011, 0.011, "no_mismatch"),
+        (0.009, 0.011, "common"),
+        (0.011, 0.009, "own"),
+        (0.009, 0.009, "common_and_own"),
+    ],
+)
+def test_a_part_is_stated_below_one_in_a_hundred(p_value, own_p, verdict):
+    split = SimpleNamespace(p_value=p_value, own_p=np.array([1.0, own_p]))
+    fit = SimpleNamespace(split=split, joint=SimpleNamespace(events=()))
+    assert ArrayExplanation(fit, {}, {}, (), ()).verdict == verdict
+
+
 def test_nothing_is_in_all_units_where_one_could_not_be_explained():
     claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a", equivalent=("unknown.warm_up",))
     explained = {number: SimpleNamespace(claimed=[claim]) for number in (0, 1)}

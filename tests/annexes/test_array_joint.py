@@ -404,6 +404,14 @@ def test_a_unit_without_an_excess_has_a_p_value_of_one(few):
     assert own_p_values(without)[0] == 1.0
 
 
+@pytest.mark.parametrize(("gain", "p"), [(0.4, chi2.sf(0.4, 1)), (0.0, 1.0), (-0.1, 1.0)])
+def test_a_small_excess_has_its_p_value_and_a_search_that_ends_early_has_one(gain, p):
+    """Twice, for two units, half of the chi square's."""
+    system = SimpleNamespace(estimated=lambda begin, held: SimpleNamespace(value=7.0 + gain))
+    solution = SimpleNamespace(t=np.array([1.0, 0.0]), system=system, value=7.0)
+    np.testing.assert_allclose(own_p_values(SimpleNamespace(solution=solution, rows=[0, 1])), [p, 1.0])
+
+
 @pytest.fixture(scope="module")
 def split(joint):
     return split_of(joint)

@@ -80,18 +80,18 @@ def positions(motion: ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None]
 
     found: list[tuple[np.ndarray, np.ndarray] | None] = [(np.zeros(3), np.zeros((3, 3)))]
     begun = {i: solved for i in range(1, len(motion.force)) if (solved := solve_position(motion.rows(i, 0.0))) is not None}
-    delay_s = 0.0
-    if begun:
-        scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
+    if not begun:
+        return found + [None] * (len(motion.force) - 1)
+    scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
 
-        def left(delay_s: float) -> float:
-            at = {i: solve_position(motion.rows(i, delay_s)) for i in begun}
-            if any(each is None for each in at.values()):
-                return math.inf
-            return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
+    def left(delay_s: float) -> float:
+        at = {i: solve_position(motion.rows(i, delay_s)) for i in begun}
+        if any(each is None for each in at.values()):
+            return math.inf
+        return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
 
-        bounds = (-MOST_DELAY_S, MOST_DELAY_S)
-        delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
+    bounds = (-MOST_DELAY_S, MOST_DELAY_S)
+    delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
     for i in range(1, len(motion.force)):
         first = solve_position(motion.rows(i, delay_s))
         whole = None if first is None else solve_position(motion.rows(i, delay_s, first.x[:3]))

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,14 @@ from conftest import DEG, GRAVITY, config, wxyz
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from small_sessions import EARTH_T, small_session
-from small_turns import PERFECT, TRUE
+from small_turns import PERFECT, TRUE, angles_by_scipy
 
 from session.detect.truth_segments import moments_inside
 from session.io.errors import FitError, SegmentError
 from session.io.folder import Session, hash_of_log
 from session.io.logfile import Log, Truth
 from session.io.samples import Samples
+from tinygc import models
 from tinygc.closure.least_squares import StillRates
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.bias_of_day import (
@@ -28,6 +30,7 @@ from tinygc.estimation.bias_of_day import (
     from_gravity,
     from_start,
     origin_of,
+    rebias_session,
     rebias_to_json,
     remarks,
 )
@@ -148,6 +151,8 @@ def test_gravity_s_bias_and_its_covariance_are_those_of_a_search_by_scipy(case):
         (0.0, [slice(40, 45), slice(64, 70)], [(0, 40), (70, 160)]),  # 1.9 s between them tell nothing
         (0.0, [slice(40, 45), slice(66, 70)], [(0, 40), (45, 66), (70, 160)]),
         (0.0, [slice(100, 160)], [(0, 100)]),
+        (0.06, [slice(0, 79)], [(80, 160)]),  # one block before the gap, or behind it
+        (0.06, [slice(81, 160)], [(0, 80)]),
     ],
 )
 def test_what_interrupts_a_run_leaves_a_velocity_of_its_own_to_each_piece_of_two_seconds(gap_s, without, pieces):
@@ -155,10 +160,9 @@ def test_what_interrupts_a_run_leaves_a_velocity_of_its_own_to_each_piece_of_two
     agrees(bias_from_gravity(samples, rate, q_first, gravity_mps2=GRAVITY), searched(samples, rate, q_first, pieces, 0.1 * DEG))
 
 
-@pytest.mark.parametrize("rate_hz", [8, 4])
-def test_of_slow_samples_each_is_a_block_and_two_seconds_are_enough(rate_hz):
-    count = 2 * rate_hz
-    samples = Samples(np.arange(count) * (10**9 // rate_hz), np.zeros((count, 3)), np.tile([0, 0, -GRAVITY], (count, 1)))
+@pytest.mark.parametrize("count", [16, 8, 5])
+def test_of_slow_samples_each_is_a_block_and_two_seconds_are_enough(count):
+    samples = Samples(np.arange(count) * (2 * 10**9 // count), np.zeros((count, 3)), np.tile([0, 0, -GRAVITY], (count, 1)))
     level = np.array([1.0, 0, 0, 0])
     assert np.isfinite(bias_from_gravity(samples, samples.gyro, level, gravity_mps2=GRAVITY).sigma).all()
     with pytest.raises(FitError, match="no 2 s of the run"):
@@ -242,18 +246,18 @@ def test_the_first_still_that_is_not_false_gives_the_change_and_its_sigma():
 
 
 def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
-    """2 s at rest, then motion."""
+    """2 s at rest between motions."""
     problem = small_session()
-    rows = 200
+    rows = 240
     t_ns = np.arange(rows) * 25_000_000
-    gyro = np.tile([0.01, 0.02, -0.03], (rows, 1)) + np.r_[np.zeros(80), np.sin(np.arange(120))][:, None]
-    force = np.tile([0.0, 0.0, -GRAVITY], (rows, 1)) + 20 * np.r_[np.zeros(80), np.sin(np.arange(120))][:, None]
+    motion = np.roll(np.r_[np.zeros(80), np.sin(np.arange(160))], 40)[:, None]
+    gyro, force = np.add(motion, [0.01, 0.02, -0.03]), np.add(20 * motion, [0.0, 0.0, -GRAVITY])
     log = replace(problem.logs[0], samples=Samples(t_ns, gyro, force))
     none = StillRates(*np.zeros((3, 0, 3)))
     change, sigma = from_start(replace(problem, still_rates=none, logs=[log]), TRUE)
     np.testing.assert_allclose(change, -(TRUE.E @ [0.01, 0.02, -0.03] + TRUE.B), rtol=1e-9)
     np.testing.assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
-    moving = replace(log, samples=Samples(t_ns[:100], gyro[80:180], force[80:180]))
+    moving = replace(log, samples=Samples(t_ns[:100], gyro[120:220], force[120:220]))
     assert from_start(replace(problem, still_rates=none, logs=[moving]), TRUE) is None
 
 
@@ -301,6 +305,32 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next_and_widens_with_the_
     nowhere = replace(problem, logs=[replace(log, stills=[replace(each, problem="creeps") for each in log.stills]) for log in problem.logs])
     with pytest.raises(SegmentError, match="a log without a still"):
         from_gravity(nowhere, TRUE)
+
+
+def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike(monkeypatch, tmp_path):
+    """0.1 dps where the file tells of no days; none is more alike than 1e-6 rad/s.  What the user gives is the reading at rest."""
+    problem, change = small_session(), np.array([1e-3, -2e-3, 3e-3])
+    found = BiasOfDay(change, np.full(3, 1e-4), np.eye(3), np.zeros(3), np.zeros(1), np.zeros((1, 3)))
+    seen = []
+    monkeypatch.setattr(bias_of_day, "prepare", lambda *_, **__: SimpleNamespace(problem=problem))
+    monkeypatch.setattr(bias_of_day, "read_closure_runs", lambda _: [])
+    monkeypatch.setattr(bias_of_day, "from_gravity", lambda problem, model, prior: seen.append(prior) or found)
+    path = tmp_path / "m.json"
+    for stated, prior in ((None, 0.1 * DEG), ([1e-3, 0.0, 2e-6], [1e-3, 1e-6, 2e-6])):
+        path.write_text(json.dumps(models.to_dict(TRUE, bias_sigma_rps=stated)))
+        result = rebias_session(tmp_path, path, "gravity", [0.1, -0.2, 0.3])
+        np.testing.assert_allclose(seen.pop(), prior)
+    assert list(result.changes) == ["start", "gravity", "given"]
+    np.testing.assert_allclose(result.model.B, TRUE.B + change)
+    np.testing.assert_allclose(result.changes["given"][0], -(TRUE.E @ np.array([0.1, -0.2, 0.3]) * DEG + TRUE.B))
+    assert (result.changes["gravity"][1] is found.sigma, result.changes["given"][1]) == (True, None)
+    for name, angles in result.angles.items():
+        moved = TRUE.vector + np.r_[np.zeros(9), result.changes[name][0] if name in result.changes else np.zeros(3)]
+        np.testing.assert_allclose(angles, angles_by_scipy(problem.batch, moved), atol=1e-5)
+    none = replace(problem, still_rates=StillRates(*np.zeros((3, 0, 3))))
+    monkeypatch.setattr(bias_of_day, "prepare", lambda *_, **__: SimpleNamespace(problem=none))
+    with pytest.raises(SegmentError, match="no still and no rest"):
+        rebias_session(tmp_path, path, "start")
 
 
 def rebiased(**more):

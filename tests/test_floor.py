@@ -94,12 +94,13 @@ def test_covariance_is_that_of_the_noise_of_steps_stills_dials_and_stops(kind):
     assert not floor.shared[1].any()
 
 
-def test_one_turn_has_no_neighbour():
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_first_turns_are_as_they_are_among_more(count):
     batch, ends = made("tilt")
-    one = batch.pick(slice(0, 1))
-    floor = closure_floor(one, closure.attitudes(one, TRUE(one.rate)), ends[:1], NOISES[:1])
-    whole = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES)
-    np.testing.assert_allclose(floor.dense(), whole.dense()[:2, :2], rtol=1e-12)
+    few = batch.pick(slice(0, count))
+    floor = closure_floor(few, closure.attitudes(few, TRUE(few.rate)), ends[:count], NOISES[:count], 0.0)
+    whole = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES, 0.0)
+    np.testing.assert_allclose(floor.dense(), whole.dense()[: 2 * count, : 2 * count], rtol=1e-12)
 
 
 def test_walk_over_five_seconds_is_design_s_eight_thousandths():

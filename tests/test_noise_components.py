@@ -92,11 +92,24 @@ def test_the_wander_is_the_flicker_of_the_bias_in_each_quarter_of_a_second(kind)
     alike(dense(found_in(problem, replace(NOTHING, predicted_rad=np.zeros(3)))[WANDER]), expected, 0.01)
 
 
-@pytest.mark.parametrize(("turns", "pieces"), [(1, 20), (100, 20), (101, 20), (106, 19), (2001, 1)])
+@pytest.mark.parametrize(("turns", "pieces"), [(1, 20), (100, 20), (101, 20), (106, 19), (1999, 2), (2000, 1)])
 def test_a_turn_of_five_seconds_has_twenty_pieces_and_all_together_some_two_thousand(turns, pieces):
     found = components.wander_pieces(np.ones((turns, 11, 2, 3)), np.full((turns, 10), 0.5))
     assert {len(each) for each in found} == {pieces}
     np.testing.assert_allclose(found[0].sum(axis=0), 11.0)
+
+
+def test_a_reading_belongs_to_the_piece_in_which_the_middle_of_its_time_lies():
+    """Half of the time to each neighbour is its own; readings are told apart by powers of two."""
+    for seed in range(8):
+        dt = np.random.default_rng(seed).uniform(0.02, 0.4, 30)
+        t_s = np.cumsum(np.append(0.0, dt))
+        edges_s = np.array([0.0, *(t_s[1:] + t_s[:-1]) / 2, t_s[-1]])
+        pieces = int(np.ceil(t_s[-1] / 0.25))
+        piece = ((edges_s[1:] + edges_s[:-1]) / 2 // (t_s[-1] / pieces)).astype(int)
+        marks = 2.0 ** np.arange(31)
+        (found,) = components.wander_pieces(np.tile(marks[:, None, None], (1, 1, 2, 3)), dt[None])
+        np.testing.assert_array_equal(found[:, 1, 2], np.bincount(piece, marks, pieces))
 
 
 def test_a_long_turn_among_short_ones_has_pieces_as_short_as_theirs():
@@ -336,6 +349,7 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     noise = noise_of([1.0, 1.0], names=(TURN, STILL_RATE), priors=(None, None))
     whiten = SimpleNamespace(white=np.eye(6))
     noise = noise.estimated(whiten, r, np.zeros((6, 1)), steps=60)
+    assert np.isnan(noise.sigma).all()  # unless asked for
 
     def gain(rows):  # -2 log L of variance 1 less the least of it
         return r[rows] @ r[rows] - minimize_scalar(lambda v: len(r[rows]) * np.log(v) + r[rows] @ r[rows] / v, bounds=(1, 50)).fun
@@ -350,6 +364,11 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     assert small.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
     three = replace(noise_of([3.0, 3.0, 3.0], names=(TURN, STILL_RATE, UNDERSAMPLED)), value=1e9)  # three times a half, at most 1
     assert three.unusual_p(whiten, r, np.zeros((6, 1))) == 1.0
+    # Each counts from its own limit on; where the value is no gain, with a half.
+    for name, limit in ((TURN, 2.0), (STILL_RATE, 2.0), (UNDERSAMPLED, 2 * np.exp(0.8))):
+        for times, p in ((0.999, 0.5), (1.001, 1.0)):
+            both = noise_of([times * limit, 100.0], names=(name, TURN if name != TURN else STILL_RATE), usual=(2.0, 1.0))
+            assert replace(both, value=1e9).unusual_p(whiten, r, np.zeros((6, 1))) == p
     wander = noise_of([0.5, 0.5, 100.0], priors=(None, None, Prior(1.0, 0.5)))
     assert wander.unusual_p(whiten, r, np.zeros((6, 1))) == pytest.approx(2 * norm.sf(3))
 
@@ -365,6 +384,7 @@ def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them(
     def rows(turns, stills):
         return [*(2 * t + i for t in turns for i in (0, 1)), *(14 + 3 * q + i for q in stills for i in range(3)), *(41 + q for q in stills)]
 
+    assert components.BLOCK == 60
     assert [len(blocks(most)) for most in (6, 7)] == [2, 1]
     expected = [rows([0, 1], [0, 1]), rows([2, 3, 4], [2, 3, 4, 5]), rows([5, 6], [6, 7, 8])]
     assert [block.tolist() for block in blocks(3)] == expected

@@ -186,6 +186,7 @@ def test_a_component_that_the_columns_take_up_may_have_any_size():
         return estimate(y, J, 1e-9 * np.eye(6), V, np.ones(2), [None, None], [np.arange(6)], with_sigma=True, steps=60).sigma[0]
 
     assert sigma(FLAT) > 1e5
+    assert np.isinf(sigma(20.0))  # too flat for a search to move: -2 log L is curved downwards there
     for known in (2.0, 10.0):
         assert sigma(known) == pytest.approx(np.sqrt((np.e - 1) * (known**2 + y @ y / 5 / 6)), rel=0.01)
 
@@ -237,9 +238,9 @@ def test_a_search_goes_on_from_where_the_last_one_ended():
     """From the answer, one step is enough; from afar it is not."""
     y = one_way(8)
     best = of_groups(y)
-    usual = np.array([1.0, 1.0])
-    assert of_groups(y, start=best.s, steps=1).s == pytest.approx(best.s, rel=1e-3)
-    assert np.abs(of_groups(y, start=40 * usual, steps=1).s / best.s - 1).max() > 0.1
+    usual = np.array([3.0, 0.2])
+    assert of_groups(y, usual=usual, start=best.s, steps=1).s == pytest.approx(best.s, rel=1e-3)
+    assert np.abs(of_groups(y, usual=usual, start=40 * usual, steps=1).s / best.s - 1).max() > 0.1
     assert np.isnan(best.sigma).all()
 
 

@@ -334,6 +334,7 @@ def test_the_noise_is_what_makes_the_residuals_most_probable(kind):
     best = minimize(value, np.maximum(found.noise.s / usual, 0.05), method="Nelder-Mead", options={"fatol": 1e-4, "xatol": 1e-4})
     s = np.abs(best.x) * usual
     assert value(found.noise.s / usual) < best.fun + 0.05
+    assert found.noise.value == pytest.approx(value(found.noise.s / usual), abs=0.1)
     np.testing.assert_allclose((found.noise.s - s) / found.noise.sigma, 0.0, atol=0.15)
     assert np.isfinite(found.noise.sigma).all()
     # What the accelerometer may be off by.
@@ -390,6 +391,19 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case, mod
     found = stated_joint_covariance(problem, by_hand.model, noise, by_hand.rates)
     alike(found, whole, 0.02)
     alike(stated_joint_shared(problem, by_hand.model, noise, by_hand.rates) + whole, shared * (mode == "prior") + whole, 0.02)
+    # An Earth's rate of an unknown heading, of which the channels know nothing.
+    ends, vector = by_hand.plain.batch, by_hand.model.vector
+
+    def closure(earth):
+        return angles_by_scipy(replace(ends, earth=ends.earth + by_hand.turned_back @ earth), vector).ravel()
+
+    of_ends = numeric_jacobian(closure, np.zeros(3), 1e-5)
+    nine = by_row[:, :s] @ of_ends
+    by_earth = np.concatenate([nine, by_hand.by_earth + L @ D @ nine])[:, :2]
+    left = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(MEAN_RPS, MEAN_RPS)
+    unknown = under(by_hand.problem, "unknown").changed(joint=joint)
+    more = stated_joint_covariance(unknown, by_hand.model, noise, by_hand.rates) - found
+    alike(more, by_earth @ by_earth.T * left / 2, 0.06)
     gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise, by_hand.rates)
     np.testing.assert_array_equal(gyroscope, found[9:, 9:])
     alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] * (mode == "prior") + whole[9:, 9:], 0.02)
@@ -422,6 +436,8 @@ def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
     expected = np.zeros((12, 12))
     expected[np.ix_(free, free)] = each**2 * np.linalg.inv(lengths[:, free].T @ lengths[:, free]) / 100**2
     np.testing.assert_allclose(found @ found.T, expected, rtol=1e-6)
+    few = accelerometer_factor(lengths[:8] * 100, noise, own=True)  # their lengths, as well as they are measured
+    np.testing.assert_allclose(lengths[:8] @ few @ few.T @ lengths[:8].T * 100**2, each**2 * np.eye(8), atol=1e-9 * each**2)
     lengths[:, 0] = 0.0
     none = accelerometer_factor(lengths * 100, noise, own=True)
     assert none[0] @ none[0] == pytest.approx((10 * MG) ** 2)

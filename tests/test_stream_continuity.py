@@ -1,8 +1,11 @@
 """Continuity of a stream and its step filter, reading by reading: each tolerance one step below and above, each wrap, each count."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from session.bench import continuity
 from session.bench.continuity import Continuity, StepFilter
 from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
 
@@ -128,9 +131,14 @@ def test_a_reading_out_of_place_is_left_out_when_the_next_follows_the_one_before
 
 
 def test_the_same_number_or_time_again_counts_once():
-    for again in ((LAST, 19), (LAST + P, 19), (LAST, 20), (LAST + P, 20 + 2**15)):
-        out = told(begun().take(received([again[0], LAST + P, LAST + 2 * P], [again[1], 20, 21])))
-        assert out == ([LAST + P, LAST + 2 * P], [1, 1], [("implausible", 1, LAST)])
+    for count in (19, 20):  # readings that are checked at once, however those before them were
+        last, number = T0 + (count - 1) * P, count - 1
+        for step_us, step in ((0, 0), (P, 0), (0, 1), (P, 1000), (P, 1 + 2**15)):
+            t_us, numbers = last + np.array([step_us, P, 2 * P]), number + np.array([step, 1, 2])
+            assert told(begun(count).take(received(t_us, numbers))) == (t_us[1:].tolist(), [1, 1], [("implausible", 1, last)])
+        for step_us in (0, -P):
+            out = told(begun(count, text=True).take(received([last + step_us, last + P])))
+            assert out == ([last], [1], [("implausible", 1, last)])
 
 
 @pytest.mark.parametrize("text", [False, True])
@@ -155,12 +163,19 @@ def test_ten_minutes_of_silence_are_a_gap_and_more_are_a_restart():
     assert out == ([LAST + periods * P], [periods], [("lost", periods - 1, LAST)])
     n = periods + 1 + np.arange(3)
     out = told(begun().take(received(LAST + n * P, (19 + n) % 65_536)))
-    assert out == ((LAST + n * P).tolist(), [1, 1, 1], [("reset", 1, LAST)]) or out[2] == [("reset", 1, LAST)]
+    assert out == ((LAST + n * P).tolist(), [1, 1, 1], [("reset", 1, LAST)])
+    for count in (5, 20):  # one each fifth of a second: fewer than 4096 numbers are missing
+        slow, last = 200_000, T0 + (count - 1) * 200_000
+        for periods, counts in ((3000, True), (3001, False)):
+            at, number = last + periods * slow, count - 1 + periods
+            assert told(begun(count, period=slow).take(received([at], [number])))[0] == [at] * counts
 
 
-def test_a_gap_of_whole_wraps_of_the_number_is_counted_by_the_clock():
-    out = told(begun().take(received([LAST + 65_536 * P, LAST + 65_537 * P], [19, 20])))
-    assert out == ([LAST + 65_536 * P, LAST + 65_537 * P], [65_536, 1], [("lost", 65_535, LAST)])
+@pytest.mark.parametrize("periods", [40_000, 65_536, 100_000])
+def test_wraps_of_the_number_in_a_gap_are_counted_by_the_clock(periods):
+    at = LAST + periods * P
+    out = told(begun().take(received([at, at + P], [(19 + periods) % 65_536, (20 + periods) % 65_536])))
+    assert out == ([at, at + P], [periods, 1], [("lost", periods - 1, LAST)])
 
 
 # Numbers of info frames.
@@ -182,33 +197,52 @@ def test_info_frames_within_a_beginning_are_no_samples_either():
     for number in (3, 8, 8):
         stream.info(number)
     assert told(stream.take(received(T0 + P * np.arange(3), [7, 9, 10]))) == ((T0 + P * np.arange(3)).tolist(), [1, 1, 1], [])
+    other = Continuity()
+    other.info(8)  # a counter of its own
+    assert told(other.take(received(T0 + P * np.arange(3), [7, 8, 9]))) == ((T0 + P * np.arange(3)).tolist(), [1, 1, 1], [])
 
 
-@pytest.mark.parametrize(("periods", "numbers", "count"), [(50, 51, 50), (999, 1005, 1004), (1000, 1007, 1005)])
-def test_one_number_and_another_each_second_may_be_of_a_lost_info_frame(periods, numbers, count):
+def test_the_last_sixteen_info_frames_are_known():
+    """One more number may be of an info frame that was lost."""
+    for count, counts in ((17, True), (18, False)):
+        stream = begun()
+        for k in range(count):
+            stream.info(20 + k)
+        assert told(stream.take(received([LAST + P], [20 + count]))) == ([LAST + P] * counts, [1] * counts, [])
+
+
+@pytest.mark.parametrize(("step_us", "numbers", "count"), [(50_000, 51, 50), (999_999, 1006, 1005), (1_000_000, 1007, 1005)])
+def test_one_number_and_another_each_second_may_be_of_a_lost_info_frame(step_us, numbers, count):
     """Beyond the most samples that the clock allows, (0.35 + 0.005 count) periods more than it says."""
-    at = LAST + periods * P
+    at = LAST + step_us
     assert told(begun().take(received([at], [19 + numbers]))) == ([at], [count], [("lost", count - 1, LAST)])
     assert told(begun().take(received([at], [20 + numbers]))) == ([], [], [])
 
 
-def test_right_after_the_beginning_a_lost_info_frame_costs_no_sample():
-    last = T0 + 2 * P
+def test_at_the_edge_of_the_tolerance_rounding_costs_no_reading():
+    """3006540 = (0.995 x 3022 - 0.35) x 1000: 3022 periods fit if nothing is rounded, and 3021 in any case."""
+    assert told(begun().take(received([LAST + 3_006_540], [19 + 3023])))[1] == [3021]
+
+
+@pytest.mark.parametrize("count", [3, 20])
+def test_a_lost_info_frame_costs_no_sample(count):
+    last = T0 + (count - 1) * P
     for numbers, counts in ((1, True), (2, True), (3, False)):
-        assert told(begun(3).take(received([last + P], [2 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
+        assert told(begun(count).take(received([last + P], [count - 1 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
 
 
 # Another rate, and restarts.
 
 
-def test_another_rate_is_no_restart_within_two_seconds():
-    for gap, kind in ((2_000_000, "lost"), (2_000_001, "reset")):
-        t_us = LAST + gap + 2400 * np.arange(4)
-        out = told(begun().take(received(t_us, [24, 25, 26, 27])))
-        assert out[0] == t_us.tolist()
-        assert [trouble[:2] for trouble in out[2]] == [(kind, 4 if kind == "lost" else 1)]
-        assert out[1][0] == (5 if kind == "lost" else 1)
-        assert out[2][0][2] == LAST
+@pytest.mark.parametrize(("gap_us", "numbers", "goes_on"), [
+    (0, 5, False), (1, 5, True), (2_000_000, 5, True), (2_000_001, 5, False),
+    (1_000_000, 0, False), (1_000_000, 1, True), (1_000_000, 4096, True), (1_000_000, 4097, False),
+])  # fmt: skip
+def test_another_rate_is_no_restart_within_two_seconds_and_4096_numbers(gap_us, numbers, goes_on):
+    t_us = LAST + gap_us + 2400 * np.arange(4)
+    out = told(begun().take(received(t_us, 19 + numbers + np.arange(4))))
+    lost = [("lost", numbers - 1, LAST)] * (numbers > 1)
+    assert out == (t_us.tolist(), [numbers if goes_on else 1, 1, 1, 1], lost if goes_on else [("reset", 1, LAST)])
 
 
 def test_a_restart_needs_three_readings_and_each_further_one_twice_as_many_until_64_have_counted():
@@ -222,13 +256,22 @@ def test_a_restart_needs_three_readings_and_each_further_one_twice_as_many_until
         last = t_us[-1]
 
 
+@pytest.mark.parametrize(("counts", "needed"), [((63, 3), 6), ((64, 3), 3), ((20, 63, 6), 12), ((20, 64, 6), 3)])
+def test_64_that_have_counted_since_the_beginning_or_a_restart_make_up_for_it(counts, needed):
+    stream = begun(counts[0])
+    for k, count in enumerate(counts[1:]):
+        stream.take(received(77 + P * np.arange(count), 10_000 * (k + 1) + np.arange(count)))
+    out = [stream.take(received([77 + P * k], [60_000 + k])) for k in range(needed)]
+    assert [len(told(each)[0]) for each in out] == [0] * (needed - 1) + [needed]
+
+
 def test_text_needs_eight_lines_for_a_restart():
     stream = begun(text=True)
-    n = np.arange(9)
+    n = np.arange(8)
     assert told(stream.take(received(77 + P * n[:7])))[0] == []
     t_us, periods, troubles = told(stream.take(received(77 + P * n[7:])))
-    assert t_us == (77 + P * n[:8]).tolist()
-    assert periods == [1] * 8
+    assert t_us == (77 + P * n[:7]).tolist()
+    assert periods == [1] * 7
     # the last line before may be two halves: it does not count
     assert troubles == [("lost", 1, LAST), ("reset", 1, LAST)]
 
@@ -343,6 +386,14 @@ def passed(out):
     return values, [each.t_us // 1000 for each in out if isinstance(each, Trouble)]
 
 
+def in_parts(whole, cuts, form=REGISTERS):
+    """All that a filter says of samples that are divided before these places."""
+    step_filter, out = StepFilter(form), []
+    for begin, end in pairwise([0, *cuts, len(whole.t_us)]):
+        out += step_filter.take(AcceptedSamples(*(array[begin:end] for array in whole.arrays)))
+    return out + step_filter.finish()
+
+
 BAR, DOUBT = int(BARS[2]), 1000
 
 
@@ -358,39 +409,45 @@ BAR, DOUBT = int(BARS[2]), 1000
 )  # fmt: skip
 def test_a_step_out_and_back_beyond_the_bar_is_left_out_after_damage(spike, behind, gone):
     values = [0, 0, spike, behind, behind]
-    for cuts in ([5], [3, 2], [1, 1, 1, 1, 1]):
-        step_filter, out, at = StepFilter(), [], 0
-        whole = accepted(values, damaged=[0])
-        for size in cuts:
-            out += step_filter.take(AcceptedSamples(*(array[at : at + size] for array in whole.arrays)))
-            at += size
-        out += step_filter.finish()
-        assert passed(out) == ([v for k, v in enumerate(values) if not (gone and k == 2)], [2] * gone)
+    expected = [v for k, v in enumerate(values) if not (gone and k == 2)], [2] * gone
+    for cuts in ([], [3], [1, 2, 3, 4]):
+        assert passed(in_parts(accepted(values, damaged=[0]), cuts)) == expected
     assert passed(StepFilter().take(accepted(values))) == (values, [])  # on a good wire it is a knock
 
 
-def test_a_bar_is_for_one_period_and_grows_with_the_periods():
-    """Two before and four behind: of what steps out, three bars on the mean; the step itself is seen from two on."""
-    for spike, gone in ((3 * BAR + 1, True), (3 * BAR, False)):
-        values = [0, 0, spike, 0, 0]
-        for cut in (5, 3):
-            step_filter, whole = StepFilter(), accepted(values, damaged=[0], periods=[1, 1, 2, 4, 1])
-            out = step_filter.take(AcceptedSamples(*(array[:cut] for array in whole.arrays)))
-            if cut < 5:
-                out += step_filter.take(AcceptedSamples(*(array[cut:] for array in whole.arrays)))
-            assert passed(out + step_filter.finish())[1] == [2] * gone
+@pytest.mark.parametrize(("periods", "bars"), [((2, 4), 3), ((4, 1), 4)])
+def test_a_bar_is_for_one_period_and_grows_with_the_periods(periods, bars):
+    """Of what steps out and back the mean of both; and the step out has its own: beyond it, or it is not looked at."""
+    for spike, gone in ((bars * BAR + 1, True), (bars * BAR, False)):
+        whole = accepted([0, 0, spike, 0, 0], damaged=[0], periods=[1, 1, *periods, 1])
+        for cuts in ([], [3]):
+            assert passed(in_parts(whole, cuts))[1] == [2] * gone
 
 
-@pytest.mark.parametrize(("place", "gone"), [(DOUBT - 1, True), (DOUBT, False)])
-@pytest.mark.parametrize("cut", [None, 500, 700])
-def test_a_thousand_samples_are_doubted_from_the_damaged_one_on(place, gone, cut):
-    values = np.zeros(DOUBT + 3, dtype=int)
+@pytest.mark.parametrize(("place", "gone"), [(300 + DOUBT - 1, True), (300 + DOUBT, False)])
+@pytest.mark.parametrize("cuts", [[], [500], [500, 700], [300 + DOUBT]])
+def test_a_thousand_samples_are_doubted_from_the_damaged_one_on(place, gone, cuts):
+    values = np.zeros(300 + DOUBT + 3, dtype=int)
     values[place] = 5 * BAR
-    whole, step_filter, out = accepted(values, damaged=[0]), StepFilter(), []
-    for part in [slice(None)] if cut is None else [slice(0, cut), slice(cut, None)]:
-        out += step_filter.take(AcceptedSamples(*(array[part] for array in whole.arrays)))
-    assert passed(out)[1] == [place] * gone
-    assert len(passed(out)[0]) == len(values) - gone
+    out = passed(in_parts(accepted(values, damaged=[300]), cuts))
+    assert out == (np.delete(values, [place] * gone).tolist(), [place] * gone)
+
+
+def test_a_filter_decides_alike_however_samples_are_divided(monkeypatch):
+    """Also where the last sample that is doubted waits for the next; and what is passed on stays in order."""
+    monkeypatch.setattr(continuity, "DOUBT", 5)
+    left = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        values = BAR // 2 * rng.choice([0, 0, 0, 1, 4, -9, 9], 60)
+        whole = accepted(values, damaged=rng.choice(60, 4), periods=rng.choice([1, 1, 2, 4], 60))
+        expected = passed(in_parts(whole, []))
+        for cuts in (range(1, 60), np.unique(rng.integers(1, 60, 12))):
+            out = in_parts(whole, cuts)
+            assert passed(out) == expected
+            assert (np.diff([t for each in out if isinstance(each, SampleChunk) for t in each.t_us.tolist()]) > 0).all()
+        left += len(expected[1])
+    assert left > 100
 
 
 def test_damage_in_the_middle_doubts_what_follows_it_and_not_what_was_before():
@@ -418,10 +475,10 @@ def test_a_level_that_stays_is_passed_on_and_measured_from_there():
 
 
 def test_the_first_behind_one_that_waited_is_judged_by_its_own_periods():
-    step_filter = StepFilter()
-    out = step_filter.take(accepted([0, 0, 5 * BAR], damaged=[0]))
-    out += step_filter.take(accepted([5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], periods=[2, 1, 1]))
-    assert passed(out) == ([0, 0, 5 * BAR, 5 * BAR + 7 * BAR // 4, 5 * BAR, 5 * BAR], [])
+    for spike, gone in ((7 * BAR, False), (7 * BAR + 1, True)):
+        whole = accepted([0, 0, 5 * BAR, spike, 5 * BAR, 5 * BAR], damaged=[0], periods=[1, 1, 1, 2, 1, 1])
+        for cuts in ([], [3]):
+            assert passed(in_parts(whole, cuts))[1] == [3] * gone
 
 
 def test_a_batch_begins_behind_the_last_of_the_one_before():
@@ -436,13 +493,10 @@ def test_a_batch_begins_behind_the_last_of_the_one_before():
 def test_numbers_in_physical_units_are_filtered_as_numbers():
     form = StreamFormat(("t_s", "gx_dps", "gy_dps", "gz_dps", "ax_g", "ay_g", "az_g"))
     bar = float(form.bars[2])
-    for spike, gone in ((1.001 * bar, True), (0.999 * bar, False)):
-        values = [0.0, 0.25 * bar, spike + 0.25 * bar, 0.25 * bar, 0.0]
-        for cut in (5, 3):
-            whole, step_filter = accepted(values, damaged=[0], dtype=np.float64, width=6), StepFilter(form)
-            out = step_filter.take(AcceptedSamples(*(array[:cut] for array in whole.arrays)))
-            if cut < 5:
-                out += step_filter.take(AcceptedSamples(*(array[cut:] for array in whole.arrays)))
+    for spike, behind, gone in ((1.001, 0, True), (0.999, 0, False), (6, 1.999, True), (6, 2.001, False)):  # 2 is half of 6 - 2
+        values = [0.0, 0.25 * bar, (0.25 + spike) * bar, (0.25 + behind) * bar, (0.25 + behind) * bar]
+        for cuts in ([], [3]):
+            out = in_parts(accepted(values, damaged=[0], dtype=np.float64, width=6), cuts, form)
             values_out, left = passed(out)
             assert left == [2] * gone
             np.testing.assert_array_equal(values_out, [v for k, v in enumerate(values) if not (gone and k == 2)])

@@ -155,3 +155,7 @@ def test_frames_for_others_are_passed_over_and_nothing_is_missing():
     decoder, _ = decode(stream[:at] + bytes([stream[at] ^ 0x40]) + stream[at + 1 :])
     assert decoder.samples >= count - 1
     assert decoder.garbage >= len(others[70]) - 1
+    # A body without a whole number is none of theirs.
+    for size, garbage in ((3, 0), (2, 5)):
+        other = frames.encode_blocks(np.full((1, size), 3, np.uint8)).tobytes()
+        assert decode(samples[0].tobytes() + other + samples[1].tobytes())[0].garbage == garbage

@@ -53,8 +53,17 @@ def test_a_mean_over_hardly_any_time_is_the_moment():
 
 @pytest.mark.parametrize(
     ("apart_s", "spans_s"),
-    [(7, (2, 8)), (5, (2, 8)), (3, (2, 8)), (1, (2, 8)), (-1, (2, 2)), (0.25, (0.25, 0.25)), (1, (0, 8))],
-    ids=["apart", "touching", "half over one another", "one within the other", "shifted", "neighbouring pieces", "a moment within"],
+    [(30, (2, 8)), (7, (2, 8)), (5, (2, 8)), (3, (2, 8)), (1, (2, 8)), (-1, (2, 2)), (0.25, (0.25, 0.25)), (1, (0, 8))],
+    ids=[
+        "far apart",
+        "apart",
+        "touching",
+        "half over one another",
+        "one within the other",
+        "shifted",
+        "neighbouring pieces",
+        "a moment within",
+    ],
 )
 def test_means_over_two_spans_have_the_covariance_of_those_means(apart_s, spans_s):
     """The covariance of moments by rectangles, 1000 to a span: exact but for their size."""

@@ -30,7 +30,7 @@ class StepFilter:
 
     def take(self, accepted: AcceptedSamples) -> list[SampleChunk | Trouble]:
         """The samples that are passed on, and counts of those that are left out."""
-        if not (self._doubt or accepted.damaged.any()):
+        if not (self._doubt or self._held or accepted.damaged.any()):
             self._before = accepted.registers[-1].astype(self._type)
             return [SampleChunk(accepted.t_us, accepted.registers, self._form)]
         count = len(accepted.t_us)
@@ -195,7 +195,7 @@ class Continuity:
             step_us %= TIME_WRAP
             periods = np.diff(readings.sequence, prepend=self._sequence) % SEQUENCE_WRAP
             bar = (NUMBERED_TOLERANCE + GAP_TOLERANCE * periods) * self._period
-            smooth = (np.abs(step_us - periods * self._period) <= bar) & (periods >= 1) & (periods <= LONGEST_SKIP)
+            smooth = (np.abs(step_us - periods * self._period) <= bar) & (periods >= 1)
             smooth &= step_us <= LONGEST_GAP_US
         follow = len(readings) if smooth.all() else int(np.argmin(smooth))
         count = follow
@@ -358,7 +358,7 @@ class Continuity:
         self._shown += count
         if self._count >= self._next_period:
             self.period_us = (t_us - self._since) / self._count
-            self._next_period = self._count + min(max(self._count, 16), 1024)
+            self._next_period = self._count + min(self._count, 1024)
 
     def _leave_out(self, count: int, out: list) -> None:
         if count:

@@ -54,15 +54,15 @@ class Carried:
 
     def at(self, t_s: np.ndarray) -> np.ndarray:
         """(K, 4): attitude at any times, from the nearest sample by the rate that is straight to its neighbour, or holds next to a gap."""
-        row, late = self._nearest(t_s)
+        row, late = self.nearest(t_s)
         return product(self.q[row], turn((self.rate[row] + self._slope(row, late) * late[:, None] / 2) * late[:, None]))
 
     def rate_at(self, t_s: np.ndarray) -> np.ndarray:
         """(K, 3) rad/s, likewise."""
-        row, late = self._nearest(t_s)
+        row, late = self.nearest(t_s)
         return self.rate[row] + self._slope(row, late) * late[:, None]
 
-    def _nearest(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def nearest(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(K,) rows, and s by which each time is later than its own."""
         after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
         row = after - (t_s - self.t_s[after - 1] < self.t_s[after] - t_s)
@@ -80,7 +80,7 @@ class Carried:
 
     def whole(self, begin_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
         """(K,) bool: whether the log has all samples from each begin to its end, within a period."""
-        (first, early), (last, late) = self._nearest(begin_s), self._nearest(end_s)
+        (first, early), (last, late) = self.nearest(begin_s), self.nearest(end_s)
         return (np.maximum(np.abs(early), np.abs(late)) < self._period_s) & (self.gaps[first] == self.gaps[last]) & (last > first)
 
 
@@ -94,7 +94,7 @@ def carried(samples: Samples, rate: np.ndarray) -> Carried:
         q = np.concatenate([q[:reach], product(q[:-reach], q[reach:])])
         reach *= 2
     gaps = np.concatenate([[0], np.cumsum(dt > GAP_PERIODS * samples.period_s)])
-    return Carried(samples.t_s, rate, q / np.linalg.norm(q, axis=1, keepdims=True), gaps)
+    return Carried(samples.t_s, rate, q, gaps)
 
 
 def turn(vector: np.ndarray) -> np.ndarray:
@@ -128,7 +128,6 @@ def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
     """Spans of ``SPAN_S`` from every moment, or of every so many; none across windows."""
     t_s = (truth.t_ns - samples.t_ns[0]) * NS
     last = np.searchsorted(truth.t_ns, truth.t_ns + round(SPAN_S * NS_PER_S * 0.999))
-    last = np.maximum(last, np.arange(len(last)) + 1)
     first = np.flatnonzero(last < len(truth))
     last = last[first]
     if truth.window is not None:
@@ -141,10 +140,9 @@ def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
 
 
 def all_spans(session: Session) -> list[Spans]:
-    """Of each log with its truth, no more together than ``MOST_SPANS``."""
+    """Of each log with its truth, and of each an equal share of ``MOST_SPANS`` at most, rounded up."""
     truths: Sequence[Truth] = session.truths or ()
-    most = max(MOST_SPANS // max(len(truths), 1), 1)
-    return [spans_of(log.samples, truth, most) for log, truth in zip(session.logs, truths, strict=True)]
+    return [spans_of(log.samples, truth, -(-MOST_SPANS // len(truths))) for log, truth in zip(session.logs, truths, strict=True)]
 
 
 # Which way a truth file's quaternions turn, whose axes they are of, and which way is up in its world.
@@ -233,8 +231,7 @@ def _turns(one: AlignedLog, reading: TruthReading) -> tuple[np.ndarray, np.ndarr
     begin, end = one.spans.begin_s + reading.offset_s, one.spans.end_s + reading.offset_s
     kept = one.gyro.whole(begin, end)
     truth = vector(one.spans.turned(reading.read(one.written)))
-    back = one.gyro.at(begin) * [1.0, -1.0, -1.0, -1.0]
-    gyro = vector(product(back, one.gyro.at(end)))
+    gyro = vector(product(inverse(one.gyro.at(begin)), one.gyro.at(end)))
     # Near half a turn the shorter way is not the one that was gone.
     kept &= (np.linalg.norm(truth, axis=1) < np.pi / 2) & (np.linalg.norm(gyro, axis=1) < np.pi / 2)
     return truth[kept], gyro[kept], (end - begin)[kept]
@@ -242,12 +239,9 @@ def _turns(one: AlignedLog, reading: TruthReading) -> tuple[np.ndarray, np.ndarr
 
 def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: np.ndarray | None) -> tuple[np.ndarray, float]:
     """The rotation (3, 3) from the gyro's vectors (K, 3) to the truth's, a constant bias taken off, and the share of squares left."""
-    matrix, bias = np.eye(3) if given is None else given, np.zeros(3)
+    bias = np.zeros(3)
     for _ in range(5):
-        turned = gyro + bias * duration[:, None]
-        if given is None:
-            left, _, right = np.linalg.svd(truth.T @ turned)
-            matrix = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+        matrix = _nearest_rotation(truth.T @ (gyro + bias * duration[:, None])) if given is None else given
         bias = np.median((truth @ matrix - gyro) / duration[:, None], axis=0)
     apart = truth - (gyro + bias * duration[:, None]) @ matrix.T
     size = np.sum(truth**2, axis=1)
@@ -255,19 +249,19 @@ def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: 
     return matrix, float(np.sum(apart[~rough] ** 2) / max(np.sum(size[~rough]), 1e-30))
 
 
+def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    left, _, right = np.linalg.svd(matrix)
+    return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+
+
 def _up(seen: Sequence[AlignedLog], reading: TruthReading) -> np.ndarray | None:
     """(3,) in the file's world."""
     total, length = np.zeros(3), 0.0
     for one in seen:
-        q = product(FRAMES[reading.frame] * [1.0, -1.0, -1.0, -1.0], reading.read(one.written))  # in the file's own world
-        at = one.spans.begin_s + reading.offset_s
-        force = one.force[np.clip(np.searchsorted(one.gyro.t_s, at), 0, len(one.force) - 1)]
-        q = q[one.spans.first]
-        has = np.abs(force).sum(axis=1) > 0
-        w, v = q[has, :1], q[has, 1:]
-        cross = np.cross(v, force[has])
-        total += np.sum(force[has] + 2 * w * cross + 2 * np.cross(v, cross), axis=0)
-        length += float(np.sum(np.linalg.norm(force[has], axis=1)))
+        q = product(inverse(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))  # in the file's own world
+        force = one.force[one.gyro.nearest(one.spans.begin_s + reading.offset_s)[0]]
+        total += Rotation.from_quat(q, scalar_first=True).apply(force).sum(axis=0)  # a force that is not known is zero
+        length += float(np.sum(np.linalg.norm(force, axis=1)))
     return total / length if length > 0 else None
 
 
@@ -364,7 +358,7 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
         rows = [_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
         error, columns = (np.concatenate(part) for part in list(zip(*rows, strict=True))[:2])
         block = _blocks(rows)
-        if len(error) < 3 or sum(_independent(part[2]) for part in rows) < FEWEST:
+        if sum(_independent(part[2]) for part in rows) < FEWEST:
             return None
         solved = _solved(error, columns, block)
         if solved is None:
@@ -398,9 +392,8 @@ def _rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.nda
     # What a constant error of the matrix and of the bias turns by, up to each sample, in the axes that all is carried from.
     grown = np.concatenate([np.einsum("nij,nk->nijk", matrix, gyro.rate).reshape(-1, 3, 9), matrix], axis=2) * weight
     grown = np.concatenate([np.zeros((1, 3, 12)), np.cumsum((grown[1:] + grown[:-1]) / 2, axis=0)])
-    rows = [np.clip(np.searchsorted(gyro.t_s, t), 0, len(gyro.t_s) - 1) for t in (begin, end)]
     back = Rotation.from_quat(at_begin, scalar_first=True).as_matrix().transpose(0, 2, 1)
-    errors = np.einsum("kij,kjp->kip", back, grown[rows[1]] - grown[rows[0]])
+    errors = np.einsum("kij,kjp->kip", back, grown[gyro.nearest(end)[0]] - grown[gyro.nearest(begin)[0]])
     spun = Rotation.from_quat(turned, scalar_first=True).apply(gyro.rate_at(end)) - gyro.rate_at(begin)
     return error, np.concatenate([spun[:, :, None], errors], axis=2), begin
 
@@ -421,7 +414,7 @@ def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray
     numbers: list[np.ndarray] = []
     first = 0
     for _, _, begin in rows:
-        own = ((begin - begin[0]) // length).astype(int) if len(begin) else np.zeros(0, dtype=int)
+        own = ((begin - begin[:1]) / length).astype(int)
         numbers.append(own + first)
         first += int(own[-1]) + 1 if len(own) else 0
     return np.concatenate(numbers)
@@ -449,7 +442,7 @@ def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[
     np.add.at(sums, block, score)
     inverse_ = np.linalg.inv(normal)
     count = len(sums)
-    covariance = inverse_ @ (sums.T @ sums) @ inverse_ * (count / max(count - 1, 1)) / np.outer(scale, scale)
+    covariance = inverse_ @ (sums.T @ sums) @ inverse_ * (count / (count - 1)) / np.outer(scale, scale)
     return theta / scale, covariance
 
 
@@ -539,7 +532,7 @@ def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
 
 
 def _fewer(spans: Spans, turned: np.ndarray) -> tuple[Spans, np.ndarray]:
-    every = -(-len(spans) // ROUGH_SPANS) or 1
+    every = len(spans) // ROUGH_SPANS + 1
     picked = slice(None, None, every)
     return Spans(spans.begin_s[picked], spans.end_s[picked], spans.first[picked], spans.last[picked]), turned[picked]
 

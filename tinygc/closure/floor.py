@@ -189,7 +189,7 @@ def still_tilt_variance(still: Still, noise: Noise) -> float:
 
 
 def closure_floor(
-    batch: Batch, attitudes: np.ndarray, ends: list[tuple[Still, Still]], noises: list[Noise], dial_sigma_rad: float = 0.0
+    batch: Batch, attitudes: np.ndarray, ends: list[tuple[Still, Still]], noises: list[Noise], dial_sigma_rad: float
 ) -> Floor:
     """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of each segment's log.
 

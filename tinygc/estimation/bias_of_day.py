@@ -432,8 +432,7 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
 
 def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
     """Return the median change (3,) over a log's rests, since a slowly moving hand may be detected as a rest."""
-    good = [(still, q) for still, q in zip(log.stills, log.q_tb, strict=True) if still.problem is None]
-    rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in find_rests(log.samples)]
+    rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rest.gyro_mean for rest in find_rests(log.samples)]
     if not rates:
         return None
     return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change

@@ -97,7 +97,7 @@ def _fitted(folder: Path, session: Session) -> tuple[np.ndarray, np.ndarray]:
     sensor, own = table.get("sensor", {}), session.config.sensor
     if (sensor.get("model"), sensor.get("serial")) != (own.model, own.serial):
         raise FormatError(f"{path}: of {sensor.get('model')} {sensor.get('serial')!r}, expected {own.model} {own.serial!r}, this session's")
-    covariance = np.asarray(table.get("covariance") or np.full((12, 12), np.nan), dtype=float)
+    covariance = np.asarray(table.get("covariance") or np.nan, dtype=float)
     if not isinstance(model, LinearModel) or not np.isfinite(covariance).all():
         raise FormatError(f"{path}: no linear model with a covariance; fit the session again: {fit}")
     return model.vector[BIAS], covariance[BIAS, BIAS]

@@ -85,10 +85,9 @@ def estimate(
         for k, prior in enumerate(priors):
             if prior is None:
                 continue
-            least = max(float(x[k]), 1e-12)
-            apart, spread = prior.apart(float(np.sqrt(least) * usual[k]))
+            apart, spread = prior.apart(float(np.sqrt(x[k]) * usual[k]))
             value += apart**2
-            gradient[k] += apart / spread / least
+            gradient[k] += apart / spread / x[k]
         return value, gradient
 
     def cost_of_root(root: np.ndarray) -> tuple[float, np.ndarray]:

@@ -227,7 +227,7 @@ def test_six_sides_know_their_sigmas_from_the_noise_of_the_stills():
 
 
 def tumbled():
-    table = Table().tumble(24, rest_s=1.6, turn_s=1.5, seed=5)
+    table = Table().tumble(24, rest_s=1.2, turn_s=1.5, seed=5)  # a still of one second, not of two
     samples = table.samples(100.0, registers=False)
     return samples.with_accel(as_measured(samples.accel))
 

@@ -8,7 +8,7 @@ import pytest
 from conftest import DEG
 from linear_twin import effect, fixed_columns, linear_twin, stepped
 from scipy import stats
-from small_turns import PERFECT, small_turns
+from small_turns import PERFECT, TRUE, small_turns
 
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
@@ -37,6 +37,7 @@ from tinygc.explanation.decision import (
 )
 from tinygc.explanation.evidence import Guess
 from tinygc.explanation.search import NAMELESS, probabilities
+from tinygc.models.linear import LinearModel
 from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas
 
@@ -166,13 +167,16 @@ def test_a_claim_is_kept_if_chance_improves_held_out_rows_so_much_in_less_than_o
         np.testing.assert_allclose(shape, have.whiten(twin.columns_of(step.at(at))))
 
 
-def test_held_out_ends_alone_are_those_of_refits_without_them():
-    batch = small_turns(count=24, noise_rad=2e-4)
-    sigma = np.random.default_rng(1).uniform(1e-4, 3e-4, (24, 2))
+@pytest.mark.parametrize("count", [24, 4])
+def test_held_out_ends_alone_are_those_of_refits_without_them(count):
+    """Of four turns, what is known beforehand tells the most."""
+    model = LinearModel.from_vector(PERFECT.vector + 0.1 * (TRUE.vector - PERFECT.vector))
+    batch = small_turns(count, model, noise_rad=2e-4)
+    sigma = np.random.default_rng(1).uniform(1e-4, 3e-4, (count, 2))
     problem = SimpleNamespace(batch=batch, floor=SimpleNamespace(sigma=sigma), first=PERFECT)
-    found, exact = by_ends(problem), np.zeros((24, 2))
-    for held in folds_of(24):
-        seen = np.setdiff1d(np.arange(24), held)
+    found, exact = by_ends(problem), np.zeros((count, 2))
+    for held in folds_of(count):
+        seen = np.setdiff1d(np.arange(count), held)
         model = fit_least_squares(batch.pick(seen), sigma[seen], PERFECT).model
         exact[held] = closure_angles(batch.pick(held), model)
     np.testing.assert_allclose(found, exact, atol=0.01 * np.abs(exact).max())
@@ -205,8 +209,8 @@ def test_the_linear_model_held_out_is_the_better_of_two(monkeypatch):
 )
 def test_what_is_removed_is_a_share_of_the_excess_over_the_floor(before, after, changed, removed):
     """In variances; an excess of less than half of the floor's is no excess."""
-    angles = [np.array([[0.6, 0.8, 9.0], [0.8, -0.6, 9.0]]) * size for size in (before, after)]
-    proof = Proof(*angles, [1, 2], [1, 2], 1.0, changed)
+    angles = [np.array([[0.6, 0.8, 9.0], [0.8, -0.6, 9.0]]) * 2 * size for size in (before, after)]
+    proof = Proof(*angles, [1, 2], [1, 2], 2.0, changed)
     assert proof.removed == (removed if removed is None else pytest.approx(removed))
 
 
@@ -217,8 +221,15 @@ def test_segments_keep_the_numbers_that_they_had_before_a_repair():
         return SimpleNamespace(log=log, start_s=start_s, duration_s=duration_s, number=number)
 
     old = [segment(0, 0.0, 2.0, 1), segment(0, 4.0, 2.0, 2), segment(1, 0.0, 2.0, 3), segment(0, 8.0, 4.0, 4)]
-    joined = [segment(0, 0.0, 2.0), segment(0, 4.5, 8.0), segment(1, 5.0, 9.0), segment(2, 4.0, 2.0), segment(0, 0.0, 7.0)]
-    assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2, 2]
+    joined = [
+        segment(0, 0.0, 2.0),
+        segment(0, 4.5, 8.0),
+        segment(1, 5.0, 9.0),
+        segment(2, 4.0, 2.0),
+        segment(0, 0.0, 7.0),
+        segment(0, 0.0, 10.0),
+    ]
+    assert numbers_before(SimpleNamespace(segments=old), SimpleNamespace(segments=joined)) == [1, 4, 3, 2, 2, 2]
 
 
 def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
@@ -337,6 +348,7 @@ def test_names_that_others_do_not_confirm_leave_the_rest_refitted():
 )
 def test_what_no_effect_explains_is_refused(named, undersampled, p, unusual, refused):
     assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).refused == refused
+    assert Naming(None, 1.0, None, [], None, None).p_value == 1.0
 
 
 @pytest.mark.parametrize(("p", "unusual"), [(0.0099, True), (0.0101, False)])
@@ -446,7 +458,7 @@ def test_shapes_are_sought_beside_the_names_in_their_place_and_lines_where_somet
 def test_an_effect_that_further_terms_of_a_curve_reproduce_is_one_of_them(share, alike):
     """Nine tenths of what it does beside all else that is fitted."""
     columns = fixed_columns()
-    own = effect("own", conditions=("rate", "dps"))
+    own = effect("own", 2, conditions=("rate", "dps"))
     curve = effect("curve", conditions=("rate", "dps"))
     object.__setattr__(curve, "id", f"{NAMELESS}curve_over_rate")
     term, other = effect("term"), effect("other")
@@ -454,12 +466,11 @@ def test_an_effect_that_further_terms_of_a_curve_reproduce_is_one_of_them(share,
     columns.rows = twin.n
     evidence = twin.evidence()
     rest = np.linalg.qr(np.hstack([twin.calibration[:, :2], columns(curve)]))[0]
-    left = [columns(term) - rest @ (rest.T @ columns(term)), np.random.default_rng(1).normal(size=(twin.n, 1))]
-    taken = np.linalg.qr(np.hstack([rest, columns(term), columns(other)]))[0]
-    left[1] -= taken @ (taken.T @ left[1])
-    mixed = sum(np.sqrt(part) * each / np.linalg.norm(each) for part, each in zip((share, 1 - share), left, strict=True))
+    random = np.random.default_rng(1).normal(size=(twin.n, 2))
+    q = np.linalg.qr(np.hstack([rest, columns(term), columns(other), random]))[0]
+    mixed = np.sqrt(share) * q[:, 3:5] + np.sqrt(1 - share) * q[:, 5:]
     fit = SimpleNamespace(J=np.hstack([twin.calibration, mixed, columns(curve)]))
-    fit.state = SimpleNamespace(claims=[SimpleNamespace(theta=np.ones(1), effect=each) for each in (own, curve)])
+    fit.state = SimpleNamespace(claims=[SimpleNamespace(theta=np.ones(each.parameter.size), effect=each) for each in (own, curve)])
     best = SimpleNamespace(effects=(own, curve), fit=fit, whiten=lambda columns: columns)
     with patch.object(decision, "curves_like", lambda twin, shape: [term, other]):
         assert part_of_a_curve(evidence, best, 0) == alike
@@ -534,6 +545,7 @@ def test_undersampling_is_claimed_with_what_it_predicts_for_every_rate():
     assert undersampled(sigma=np.inf)[0].std == {"predicted_deg": pytest.approx(0.8 / DEG)}
     assert undersampled(own=0.9)[0].parameters["share"] == 1.0  # below the floor
     assert undersampled(own=1.1)[0].parameters["share"] == 1.0  # more than all
+    assert undersampled(own=1.2, rms=0.36)[0].parameters["share"] == pytest.approx(0.72**2 / (2 * 1.2**2 - 2))
     assert undersampled(gain=5000.0)[0].probability == 1.0
     assert undersampled(gain=0.0)[0].p_value == 1.0
 

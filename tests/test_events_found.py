@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -175,6 +176,11 @@ def test_a_long_log_is_read_in_parts_that_overlap(monkeypatch):
     parts = [(first, own, len(part)) for first, own, part in in_parts(samples)]
     assert parts == [(0, range(200), 300), (100, range(200, 400), 400), (300, range(400, 600), 350), (500, range(600, 650), 150)]
     assert [len(part) for _, _, part in in_parts(noisy(600))] == [600]
+    for count, found in ((3, True), (4, False)):  # of a part of 3.99 s, more than one a second
+        spoilt = [values.copy() for values in (samples.gyro, samples.accel)]
+        for values in spoilt:
+            values[210 : 210 + 20 * count : 20] = 0.0
+        assert (find_glitches(replace(samples, gyro=spoilt[0], accel=spoilt[1])) is not None) == found
     gyro = samples.gyro.copy()
     gyro[199:] += 1.0
     gyro[450:] -= 1.0
@@ -184,6 +190,22 @@ def test_a_long_log_is_read_in_parts_that_overlap(monkeypatch):
     monkeypatch.setattr(faulty_readings, "LONG", 1000)
     assert rows == find_jumps(stepped).rows.tolist() == [198, 299, 300, 449, 519, 520]
     assert glitches.rows.tolist() == find_glitches(stepped).rows.tolist() == [300, 520]
+
+
+@pytest.mark.parametrize("count", [1 << 20, (1 << 20) + 1])
+def test_a_log_of_more_than_an_hour_is_long(count):
+    class Log:
+        period_s = 0.005
+        __len__ = lambda self: count  # noqa: E731
+        between = lambda self, start, stop: SimpleNamespace(rows=(start, stop))  # noqa: E731
+
+    parts = [(first, own, getattr(part, "rows", None)) for first, own, part in in_parts(Log())]
+    size, beside = 1 << 18, 1 << 12
+    if count == 1 << 20:
+        assert parts == [(0, range(count), None)]
+    else:
+        assert parts[1] == (size - beside, range(size, 2 * size), (size - beside, 2 * size + beside))
+        assert parts[-1] == (4 * size - beside, range(4 * size, count), (4 * size - beside, count))
 
 
 # Losses
@@ -308,14 +330,15 @@ def test_a_corner_continues_one_of_its_sides():
     assert off_both_sides(values, 10, 14, along) == pytest.approx(3.0)
 
 
-def cluster(height, count=3, off=0.0, returns=1.0, accel=0.0, noise=1.0):
+def cluster(height, count=3, off=0.0, returns=1.0, accel=0.0, noise=1.0, axis=0, quiet=()):
     """Values (40, 6) with an excursion of ``count`` readings from row 20 on, and what is found of it at its third differences."""
     values = np.zeros((40, 6))
-    values[20 : 20 + count, 0] = height
-    values[20 + count :, 0] = (1 - returns) * height
-    values[23 + count, 0] += off  # the last but one of the readings that carry the cubic
+    values[20 : 20 + count, axis] = height
+    values[20 + count :, axis] = (1 - returns) * height
+    values[23 + count, axis] += off  # the last but one of the readings that carry the cubic
     values[20 : 20 + count, 3] = accel
     scatter = np.full((37, 6), noise * np.sqrt(20.0))
+    scatter[list(quiet)] /= 2
     return excursion_at(values, scatter, 18, 20 + count - 1)
 
 
@@ -336,12 +359,16 @@ def cluster(height, count=3, off=0.0, returns=1.0, accel=0.0, noise=1.0):
         ({"height": 100.0, "returns": 0.42}, None),
         ({"height": 100.0, "off": 18.1}, (20, 3, False)),
         ({"height": 100.0, "off": 18.2}, None),
+        ({"height": 100.0, "off": 18.2, "axis": 2}, None),
+        ({"height": 10.0, "noise": 1.3, "quiet": [17, 23]}, None),
+        ({"height": 10.0, "noise": 1.3, "quiet": [18]}, (20, 3, False)),
+        ({"height": 10.0, "noise": 1.3, "quiet": [22]}, (20, 3, False)),
         ({"height": 10.0, "off": 3.8}, (20, 3, False)),
         ({"height": 10.0, "off": 3.95}, None),
     ],
 )
 def test_an_excursion_is_eight_sigmas_of_the_gyro_alone_and_returns(known, found):
-    """It may miss its supporting readings by an eighth of itself, or by two and a half sigmas of noise."""
+    """It may miss its supporting readings by an eighth of itself, or by two and a half sigmas of noise: of the least in its rows."""
     assert cluster(**known) == found
 
 
@@ -408,10 +435,13 @@ def test_false_readings_are_replaced_by_the_polynomial_of_their_neighbours_of_wh
     single[20] += 9
     glitches = Glitches(np.array([20]), np.array([1]), np.array([False]))
     np.testing.assert_allclose(without_glitches(replace(whole, gyro=single), glitches).gyro, whole.gyro, atol=1e-9)
-    start = Glitches(np.array([1]), np.array([1]), np.array([False]))
+    first, second, both = (Glitches(np.array(rows), np.ones(len(rows), dtype=int), np.zeros(len(rows))) for rows in ([1], [4], [1, 4]))
     near = whole.gyro.copy()
     near[1] += 5
-    assert np.abs(without_glitches(replace(whole, gyro=near), start).gyro[1] - whole.gyro[1]).max() < 2
+    assert np.abs(without_glitches(replace(whole, gyro=near), first).gyro[1] - whole.gyro[1]).max() < 2
+    near[4] -= 5
+    one = without_glitches(replace(whole, gyro=near), first)
+    np.testing.assert_array_equal(without_glitches(replace(whole, gyro=near), both).gyro, without_glitches(one, second).gyro)
 
 
 @pytest.mark.parametrize(("start", "rows"), [(501, [500]), (502, [500, 502])])
@@ -491,6 +521,7 @@ def test_a_plateau_of_the_registers_has_corners():
     values[40:50] = 54.5
     assert has_corners(values, 40, 50, 1.0)
     assert not has_corners(values, 40, 50, 1.01)
+    assert not has_corners(np.minimum(values, 54.0), 40, 50, 1.0)
     values[30] = 1.0  # ten readings before
     assert not has_corners(values, 40, 50, 1.0)
     values[30], values[59] = 0.0, 1.0  # ten behind
@@ -500,6 +531,8 @@ def test_a_plateau_of_the_registers_has_corners():
     edge = np.full(12, 100.0)
     edge[0] = edge[-1] = 10.0
     assert has_corners(edge, 3, 9, 1.0)  # the log's ends stand for what lies beyond them
+    for end in (0, -1):
+        assert not has_corners(np.where(np.arange(12) == end % 12, 60.0, edge), 3, 9, 1.0)
 
 
 def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
@@ -564,11 +597,12 @@ def test_a_flat_top_stays_within_its_band_for_nine_of_ten_readings_and_falls_bey
     assert top(two) == [(30, 50), (110, 130)]  # of strokes of half the greatest and more
 
 
-def levels(tops, axes=(0,), fs=500.0):
+def levels(tops, axes=(0,), fs=500.0, hole=1.0):
     count = 80 * len(tops)
     gyro = np.random.default_rng(0).normal(0, 1e-4, (count, 3))
     for axis in axes:
         gyro[:, axis] += np.concatenate([np.r_[np.zeros(30), np.full(20, height), np.zeros(30)] for height in tops])
+    gyro[40] *= hole
     return find_plateaus(samples_of(gyro * DEG), fs * DEG)
 
 
@@ -587,6 +621,7 @@ def test_clipped_strokes_have_one_height_that_none_exceeds():
         assert (levels([-100, -100, -100, -100, -peak]) is None) == passed
     for fs, kept in ((1999.0, True), (2001.0, False)):
         assert (levels([100, 100, 100], fs=fs) is not None) == kept
+    assert levels([100, 100, 100], hole=0.9).mask[30:50].all()
     masked = levels([100, 100, 100, 98.1])
     assert masked.mask[270:290].all()
     assert not levels([100, 100, 100, 97.9]).mask[270:290].any()

@@ -49,7 +49,7 @@ def test_each_group_has_the_p_value_of_fishers_f(selection, residuals):
     nuisance, groups = design()
     least = np.sum(without(nuisance, residuals) ** 2)
     gains = selection.gains(residuals)
-    for (name, columns), log_p in zip(groups.items(), selection.log_p(7.3 * residuals), strict=True):  # whatever the residuals' scale
+    for (name, columns), log_p in zip(groups.items(), selection.log_p(0.01 * residuals), strict=True):  # whatever the residuals' scale
         left, rank = np.sum(without(np.hstack([nuisance, columns]), residuals) ** 2), columns.shape[1]
         freedom = N - 7 - rank
         assert gains[name] == pytest.approx(least - left, rel=1e-9)
@@ -57,7 +57,7 @@ def test_each_group_has_the_p_value_of_fishers_f(selection, residuals):
     pair = np.stack([residuals, residuals[::-1]], axis=1)
     np.testing.assert_allclose(selection.log_p(pair), np.stack([selection.log_p(r) for r in pair.T], axis=1), rtol=1e-9)
     np.testing.assert_allclose(selection.log_p(residuals + 1e3 * nuisance @ np.arange(7)), selection.log_p(residuals), rtol=1e-6, atol=1e-9)
-    lowest = selection.lowest_log_p(np.stack([residuals, -2 * residuals], axis=1))
+    lowest = selection.lowest_log_p(np.stack([0.01 * residuals, -2 * residuals], axis=1))
     np.testing.assert_allclose(lowest, selection.log_p(residuals).min(), rtol=1e-9)
 
 
@@ -70,6 +70,9 @@ def test_where_the_tail_underflows_it_is_a_power(selection, residuals):
     assert log_p == pytest.approx(-(N - 9) / 2 * np.log(left[0] / left[1]), rel=1e-6)
     assert log_p < -745  # of which the exponential is zero
     assert selection.groups[int(np.argmin(selection.log_p(strong)))].name == "g1"
+    # Where nothing is left, a part in a million million counts as left.
+    all_of_it = 1e-5 * groups["g1"].sum(axis=1)[:, None]
+    assert selection.lowest_log_p(all_of_it)[0] == pytest.approx(-(N - 9) / 2 * np.log1p(1e12), rel=1e-6)
 
 
 def test_the_allowances_of_the_covariance_are_taken_out_but_for_the_groups_along_them():
@@ -99,12 +102,13 @@ def test_one_degree_of_freedom_of_the_scale_is_enough(n, tested):
     assert (selection.lowest_log_p(rng.normal(size=(n, 1)))[0] < 0) == tested
 
 
-def test_family_wise_p_counts_draws_and_beyond_them_is_sidaks(residuals):
+@pytest.mark.parametrize("seed", [4, 10])  # Sidak's formula begins above the draws' share, or below
+def test_family_wise_p_counts_draws_and_beyond_them_is_sidaks(residuals, seed):
     """Against the same draws, of one group with two numbers: the tail of F is then a power."""
     rng = np.random.default_rng(5)
     nuisance, columns = rng.normal(size=(N, 3)), rng.normal(size=(N, 2))
-    selection = Selection(nuisance, {"two": columns}, seed=4)
-    draws = np.random.default_rng(4).standard_normal((N, 1000))
+    selection = Selection(nuisance, {"two": columns}, seed)
+    draws = np.random.default_rng(seed).standard_normal((N, 1000))
     rss = [np.sum(without(some, draws) ** 2, axis=0) for some in (nuisance, np.hstack([nuisance, columns]))]
     lowest = np.sort((N - 5) / 2 * np.log(rss[1] / rss[0]))
     for number in (10, 11, 300, 999):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import GRAVITY, config, wxyz
+from conftest import GRAVITY, Table, config, session_of, wxyz
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, turns_by_scipy, with_known_angles
@@ -15,8 +15,10 @@ from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, tu
 from session.detect.accelerometer import NAMES
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
+from session.io.config import Accelerometer
 from session.io.folder import Session
 from session.io.units import DEG, MG
+from tinygc.closure import prepared
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.floor import Floor
 from tinygc.closure.joint import fit_joint, recalibrated
@@ -195,14 +197,13 @@ def test_gravity_that_nobody_measured_is_one_more_unknown_of_the_lengths():
     )
 
 
-@pytest.mark.parametrize("one_axis", [False, True])
-@pytest.mark.parametrize("off", [OFF, NEARLY])
-def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, off):
+@pytest.mark.parametrize(("one_axis", "off", "sigma_mg"), [(0, OFF, 0.5), (1, OFF, 0.01), (0, NEARLY, 0.01), (1, NEARLY, 0.5)])
+def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, off, sigma_mg):
     """The nine numbers by generalised least squares, all else having its prior: normal under the given ones with their covariance and the
     sigmas that were stated, in as many directions as the data see."""
     problem, _, _ = small(one_axis=one_axis, off=off)
     free = fit_joint(problem, "fit")
-    system, stated = free.system, np.concatenate([0.5 * MG * UNITS, SPREAD[9:], [20 * MG]])
+    system, stated = free.system, np.concatenate([sigma_mg * MG * UNITS, SPREAD[9:], [20 * MG]])
     rest = system.design[:, 9:] * stated[9:]
     data = system.values - system.design @ system.x
     scatter = np.diag(system.root**-2.0) + rest @ rest.T
@@ -213,9 +214,11 @@ def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, of
     estimate = np.linalg.solve(axes.T @ told @ axes, axes.T @ own.T @ np.linalg.solve(scatter, -data))
     covariance = np.linalg.inv(axes.T @ told @ axes) + np.eye(len(estimate))
     expected = chi2.sf(estimate @ np.linalg.solve(covariance, estimate), len(estimate))
-    found = fit_joint(problem, "prior", 0.5)
+    found = fit_joint(problem, "prior", sigma_mg)
     assert found.p_value == pytest.approx(expected, rel=1e-5, abs=1e-300)
-    assert fit_joint(problem, "prior", 0.5, judged=False).p_value is None
+    unjudged = fit_joint(problem, "prior", judged=False)
+    assert unjudged.p_value is None
+    np.testing.assert_allclose(unjudged.system.prior[:9], 0.1 * MG * UNITS)
     assert free.p_value is None
 
 
@@ -244,8 +247,18 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
     assert [fit_joint(each, "fit") for each in nothing] == [None] * 3
 
 
+@pytest.mark.parametrize(("p", "refuted"), [(0.99e-4, True), (1.01e-4, False)])
+def test_a_given_calibration_is_refuted_below_one_in_ten_thousand(monkeypatch, p, refuted):
+    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words"))
+    monkeypatch.setattr(prepared, "recalibrated", lambda problem, joint: problem)
+    session = session_of(Table().tumble(8, rest_s=1.2, turn_s=1.0).samples())
+    session = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
+    found = prepared.prepare(session, accelerometer="prior")
+    assert any("no longer agrees with the data" in finding.says for finding in found.findings) == refuted
+
+
 def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weights():
-    problem, force, _ = small(turns=12, stated=True, seed=4)
+    problem, force, _ = small(turns=12, stated=True, seed=4, noise=4.0)
     attitudes = np.concatenate([problem.batch.start, problem.batch.end[-1:]])
     for log, rows in zip(problem.logs, ([0, 0, *range(1, 7)], [*range(7, 13), 0]), strict=True):
         log.q_tb[:] = attitudes[rows]
@@ -267,6 +280,7 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     np.testing.assert_allclose(np.abs(np.sum(now.still_rates.q_tb * levelled(attitudes, moved), axis=1)), 1, atol=1e-7)
     np.testing.assert_allclose(now.logs[0].q_tb[[0, *range(2, 8)]], now.still_rates.q_tb[:7])
     # Stated angles weigh against tilts, whose excess is what the tilts miss beyond 12 numbers; without stated angles it is left alone.
+    assert now.floor.tilt_excess > 2
     assert now.floor.tilt_excess == pytest.approx(
         tilt_excess(now.batch, replace(problem.floor, tilt_excess=1.0), joint.model, now.still_rates)
     )

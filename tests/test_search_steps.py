@@ -143,7 +143,7 @@ def test_one_effect_alone_stays_and_of_two_delays_each_is_tried_without():
     table = Scores({"": -500.0, "a": -10.0})
     assert names_of(without_idle(table, table.named("a"))) == "a"
     scores = {"ab": -100.0, "a": -110.0}
-    both = [{**DELAYS}, {**EFFECTS, "a": DELAYS["a"]}]
+    both = [{**DELAYS}, {**EFFECTS, "b": DELAYS["b"]}]
     for effects, expected in zip(both, ("a", "ab"), strict=True):
         table = Scores(scores, {"a": 200.0, "b": 200.0}, effects)
         assert names_of(without_idle(table, table.named("ab"))) == expected
@@ -184,6 +184,8 @@ def test_a_lookalike_must_promise_nearly_as_much():
     assert searching.in_place_of(table, [other], best, best.effects[0], 0.0) == [other]
     scanned = stepped("a", np.array([1.0])).at(1.0)
     assert searching.in_place_of(table, [scanned], best, best.effects[0], 0.0) == []
+    best = table.named("a")  # of five as good, four
+    assert len(searching.in_place_of(table, list(EFFECTS.values()), best, best.effects[0], 0.0)) == 4
     both = table.named("ab")
     assert searching.in_place_of(table, [EFFECTS["b"]], both, both.effects[0], 0.0) == []
 
@@ -220,6 +222,12 @@ def test_up_to_three_candidates_of_either_ranking_each_once_at_its_best_shape():
     scores = [guess.score for guess in guesses(evidence, tried, evidence.nothing)]
     assert scores == sorted(scores)
     assert len(scores) == len(names)
+    values = np.array([1.0, 2.0, 3.0])
+    tried = [effect("c", equation="another"), effect("c"), *stepped("step", values).variants(values)]
+    for each in tried:
+        twin.spoil(each, [100.0])
+    evidence = twin.evidence()
+    assert sorted(each.id for each in ranked(evidence, tried, evidence.nothing)) == ["test.c", "test.c", "test.step"]
 
 
 @pytest.mark.parametrize("true", [(), ("b",), ("a", "c", "d")])

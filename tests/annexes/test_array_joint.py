@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, f, kstest
 from small_array import small_array
 
+from tinygc.annexes.arrays import joint as joint_module
 from tinygc.annexes.arrays.joint import (
     COMMON_STILL,
     COMMON_TURN,
@@ -41,7 +42,11 @@ MISSED_RAD = np.linspace(0.5e-3, 2e-3, 11)
 
 @pytest.fixture(scope="module")
 def small():
-    return small_array(3, 12, seed=4, **ERRORS)
+    made = small_array(3, 12, seed=4, **ERRORS)
+    for unit in made.units:
+        for k, turn in enumerate(unit.problem.used):
+            turn.duration_s += 0.2 * k
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -102,11 +107,20 @@ def test_without_the_earth_its_rate_is_left_in():
     assert estimate(made.units, made.same, np.zeros(2)).rows[0].batch.earth.any()
 
 
-def test_progress_is_told_by_rounds():
-    made, told = small_array(2, 3), []
-    estimate(made.units, made.same, np.zeros(2), progress=told.append)
-    assert told[:2] == ["joint estimate, round 1", "joint estimate, round 2"]
-    assert 3 <= len(told) <= 12
+def test_the_search_ends_with_the_first_change_below_a_millionth_or_after_twelve_rounds(monkeypatch):
+    def ended(made):
+        told = []
+        found = estimate(made.units, made.same, np.zeros(2), progress=told.append)
+        assert told == [f"joint estimate, round {k + 1}" for k in range(len(told))]
+        return len(told), np.abs(found.solution.x[: found.layout.attitudes.stop]).max()
+
+    rounds, change = ended(small_array(2, 3, turn_rad=1e-3, force_mps2=0.01))
+    assert rounds == 12
+    assert change > 1e-6
+    rounds, change = ended(small_array(2, 3))
+    assert change < 1e-6
+    monkeypatch.setattr(joint_module, "ROUNDS", rounds - 1)
+    assert ended(small_array(2, 3))[1] > 1e-6
 
 
 # Covariance of the units' numbers.
@@ -450,6 +464,8 @@ def test_a_turn_over_two_intervals_has_the_common_part_of_both():
     still = replace(told, what=OWN_STILL)
     turns = {(turn.first, turn.last): turn for turn in split_of(replace(joint, events=(told, still))).turns}
     assert list(turns) == [(0, 1), (0, 2), (1, 2), (2, 3)]
+    lacks = [np.isnan(turn.own_rad).tolist() for turn in turns.values()]
+    assert lacks == [[False, True], [True, False], [False, True], [False, False]]
     np.testing.assert_allclose(turns[0, 2].common_rad, turns[0, 1].common_rad + turns[1, 2].common_rad)
     np.testing.assert_allclose(turns[0, 2].sigma_rad ** 2, turns[0, 1].sigma_rad ** 2 + turns[1, 2].sigma_rad ** 2)
     np.testing.assert_allclose(turns[2, 3].common_rad, joint.solution.x[joint.layout.common][4:6])

@@ -238,6 +238,15 @@ def test_small_units_have_small_components(few):
     np.testing.assert_allclose(1e6 * found.t, plain.t, rtol=5e-3)
 
 
+def test_a_component_is_small_beside_its_own_rows_only(few):
+    """The first component's rows in ten-thousandths: from above, it falls far below a millionth of the other rows' variance."""
+    first = few.V[0] > 0
+    mixed = replace(few, values=np.where(first, 1e-4, 1.0) * few.values, base=np.where(first, 1e-9, 1.0), design=0 * few.design)
+    best = minimize(lambda t: mixed.solved(np.array([np.exp(t[0]), 1.0])).value, [-18.0], method="Nelder-Mead", options={"xatol": 1e-6})
+    assert mixed.estimated(np.array([1e-7, 1.0]), np.array([False, True])).t[0] == pytest.approx(np.exp(best.x[0]), rel=5e-3)
+    assert np.exp(best.x[0]) < 5e-8
+
+
 def test_a_component_that_is_held_stays_and_the_other_is_best_beside_it(few):
     best = minimize(lambda t: few.solved(np.array([0.2, np.exp(t[0])])).value, np.zeros(1), method="Nelder-Mead")
     found = few.estimated(np.array([0.2, 1.0]), np.array([True, False]))
@@ -395,7 +404,11 @@ def test_the_accelerometers_prior_is_that_of_its_source(small, mode, sigma_mg, s
 
 def test_the_search_starts_at_the_units_own_fits_and_the_anchors_attitudes(small):
     rows = prepared(small)
-    start = start_state(small.units, rows, replace(small.same, anchor=1))
+    other = SimpleNamespace(config=SimpleNamespace(site=SimpleNamespace(expected_gravity_mps2=9.7)))  # the first unit's site counts
+    second = replace(
+        small.units[1], prepared=SimpleNamespace(problem=SimpleNamespace(**{**vars(small.units[1].problem), "session": other}))
+    )
+    start = start_state([small.units[0], second], rows, replace(small.same, anchor=1))
     off = Rotation.from_quat(start.q_tb, scalar_first=True) * Rotation.from_quat(small.truth.q_tb, scalar_first=True).inv()
     place = Rotation.from_matrix(small.units[1].place.mounting @ small.truth.mountings[1].T)
     np.testing.assert_allclose(off.magnitude(), place.magnitude(), rtol=1e-6)

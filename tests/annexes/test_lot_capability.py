@@ -71,6 +71,13 @@ def test_risks_by_direct_integration(lower, upper, guard):
     assert risks(lower, upper, mean, 0.0, noise) == (0, 0)
 
 
+@pytest.mark.parametrize("times", [0.3, 100.0])
+def test_risks_at_a_limit_in_the_middle_are_the_probability_of_a_quadrant(times):
+    """Half of the units on either side, and noise so many times their sigma: arctan(times) / 2 pi are on one and read on the other."""
+    expected = 1e6 * np.arctan(times) / (2 * np.pi)
+    assert risks(0.2, math.inf, 0.2, 0.01, 0.01 * times) == pytest.approx((expected, expected), rel=1e-3)
+
+
 def test_limits_narrower_than_their_guard_accept_nothing():
     accept, reject = risks(-0.1, 0.1, 0, 1, 0.3, 0.2)
     assert accept == 0
@@ -118,6 +125,7 @@ def test_one_component_wins_over_all_of_its_kind(tmp_path):
         ("[gyro_bias_mdps]\n", "has no limit"),
         ("[gyro_bias_mdps]\nuper = 2\n", "uper is no key"),
         ("[gyro_bias_mdps]\nlower = 3\nupper = 2\n", "lower is 3, expected less than upper, 2"),
+        ("[gyro_bias_mdps]\nlower = 2\nupper = 2\n", "lower is 2, expected less than upper, 2"),
         ('[gyro_bias_mdps]\nlower = "3"\n', "lower is 3, expected a number"),
         ("[gyro_bias_mdps]\nlower = nan\n", "lower is nan, expected a number"),
         ("gyro_bias_mdps = 3\n", "expected a section"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tinygc.annexes.lots.capability import FAMILY_P, RULES, chart, rule_violations
+from tinygc.annexes.lots.capability import RULES, chart, rule_violations
 
 
 def normal(seed, n=300, noise=0.3):
@@ -26,13 +26,13 @@ def test_limits_of_a_short_chart_by_hand():
     assert found.range_limit == pytest.approx(3.267 * 3.5)
     t = stats.t.sf(np.abs(y - 3.4) / found.sigma, 0.63 * 4)
     assert found.score == pytest.approx(np.sign(y - 3.4) * stats.norm.isf(t))
-    assert found.limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / 5 / 21 / 2))
+    assert found.limit == pytest.approx(stats.norm.isf(0.01 / 2 / 5 / 21 / 2))
     # The moving average of bounded scores, in sigmas of its own; four independent points for each of its own twenty.
     average, variance = 0.0, 0.0
     for k in range(5):
         average, variance = 0.95 * average + 0.05 * np.clip(found.score[k], -3, 3), 0.95**2 * variance + 0.05**2
         assert found.ewma[k] == pytest.approx(average / np.sqrt(variance))
-    assert found.ewma_limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / 21 / 2))
+    assert found.ewma_limit == pytest.approx(stats.norm.isf(0.01 / 2 / 21 / 2))
     assert found.place.tolist() == [0, 1, 2, 3, 4]
     assert found.chance == pytest.approx({name: 5 * rate for name, rate in RULES.items()})
     assert chart(y, noise, place=np.array([3, 4, 6, 8, 9])).place.tolist() == [3, 4, 6, 8, 9]
@@ -50,7 +50,7 @@ def test_a_long_chart_takes_medians(n):
     assert (found.centre, found.short_term) == pytest.approx((centre, np.sqrt(whole**2 - 0.01)))
     freedom = (0.31 if n > 20 else 0.63) * (n - 1)
     assert found.score == pytest.approx(np.sign(y - centre) * stats.norm.isf(stats.t.sf(np.abs(y - centre) / found.sigma, freedom)))
-    assert found.ewma_limit == pytest.approx(stats.norm.isf(FAMILY_P / 2 / max(n * 0.05 * 4, 1) / 2))
+    assert found.ewma_limit == pytest.approx(stats.norm.isf(0.01 / 2 / max(n * 0.05 * 4, 1) / 2))
     # With a lot's tails: its variance has scaled the numbers, and both freedoms together are fewer than either.
     tails = chart(y, noise, tails=6.0).score
     scaled = np.abs(y - centre) / found.sigma * np.sqrt(6 / 4)
@@ -80,16 +80,31 @@ def test_the_chance_of_each_rule():
     assert RULES["9 on one side"] == pytest.approx(2 / 512)
 
 
-def test_a_count_of_a_rule_rings_where_chance_has_one_in_a_hundred():
-    """Over four rules and all charts, by Poisson's distribution of runs: of points beyond three sigma, one by one."""
-    y, rule = np.tile([1.0, -1.0, 2.0, -2.0, 1.0, -1.5], 60), "beyond 3 sigma"
-    noise, rate = np.full(360, 1e-3), 360 * RULES["beyond 3 sigma"]
+def runs_of(rule, count):
+    """360 quiet points that ring a rule so often: wild ones in groups, or one long run that shorter ones of the other sign make up for."""
+    if rule == "9 on one side":
+        signs, left = [1.0] * (8 + count), 8 + count
+        while left > 0:
+            more = min(left, 7)
+            signs += [-1.0] * (more + 1) + [1.0]
+            left -= more
+        return np.resize([*signs, *([-1.0, 1.0] * 180)], 360)
+    y = np.tile([1.0, -1.0, 2.0, -2.0, 1.0, -1.5], 60)
+    wild = {"beyond 3 sigma": [0], "2 of 3 beyond 2 sigma": [0, 2], "4 of 5 beyond 1 sigma": [0, 1, 3, 4]}[rule]
+    for k in range(count):
+        y[12 * k + np.array(wild)] = 1000.0
+    return y
+
+
+@pytest.mark.parametrize(
+    ("rule", "run"), [("beyond 3 sigma", 1), ("2 of 3 beyond 2 sigma", 2), ("4 of 5 beyond 1 sigma", 5), ("9 on one side", 5)]
+)
+def test_a_count_of_a_rule_rings_where_chance_has_one_in_a_hundred(rule, run):
+    """Over four rules and all charts, by Poisson's distribution of runs, each of up to so many points."""
     for charts in (1, 21):
-        least = next(k for k in range(20) if stats.poisson.sf(k - 1, rate) < 0.01 / (4 * charts))
+        least = next(k for k in range(40) if stats.poisson.sf((k - 1) // run, 360 * RULES[rule] / run) < 0.01 / (4 * charts))
         for count in (least - 1, least):
-            wild = y.copy()
-            wild[::50][:count] = 1000.0
-            found = chart(wild, noise, charts=charts)
+            found = chart(runs_of(rule, count), np.full(360, 1e-3), charts=charts)
             assert found.counts[rule] == count
             assert (rule in found.broken) == (count >= least)
 
@@ -118,7 +133,7 @@ def test_a_process_in_control_rings_no_more_than_is_said():
         times["point"] += len(found.alarms) > 0
         times["ewma"] += len(found.ewma_alarms) > 0
         times["rule"] += len(found.broken) > 0
-    assert max(times.values()) <= stats.binom.isf(0.001, 300, FAMILY_P), times
+    assert max(times.values()) <= stats.binom.isf(0.001, 300, 0.01), times
 
 
 def test_a_step_of_one_sigma_is_found_by_the_average_and_a_wild_point_is_not_taken_for_one():
@@ -141,3 +156,8 @@ def test_two_points_are_no_chart_and_three_are():
     with pytest.raises(ValueError, match="needs 3 points"):
         chart(np.zeros(2), np.ones(2))
     assert chart(np.array([1.0, 2.0, 4.0]), np.zeros(3)).short_term > 0
+
+
+def test_points_that_are_all_alike_or_beyond_all_numbers_have_scores():
+    assert not chart(np.ones(5), np.zeros(5)).score.any()
+    assert chart(np.append(np.tile([1.0, -1.0], 15), 1e100), np.full(31, 0.1)).score[-1] == pytest.approx(stats.norm.isf(1e-300))

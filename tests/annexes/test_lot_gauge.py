@@ -191,6 +191,10 @@ def test_likelihood_equals_analysis_of_variance_on_a_balanced_study():
     cells = cells_of(values, part, who)
     found, covariance = variances(cells)
     assert found == pytest.approx(components(anova(UNPOOLED)), rel=2e-3)
+    once = UNPOOLED[:, :, :1]  # without a repeat there is no interaction
+    assert variances(cells_of(*flat(once)))[0] == pytest.approx(
+        np.where([1, 1, 0, 1], components(anova(once)), np.nan), rel=2e-3, nan_ok=True
+    )
     V = [(part[:, None] == part), (who[:, None] == who), (part[:, None] == part) & (who[:, None] == who), np.eye(len(values))]
 
     def cost(logs):
@@ -238,6 +242,7 @@ def test_an_unbalanced_study_is_the_largest_likelihoods_and_its_interval_that_of
     found = gauge(values, part, who)
     sizes, covariance = variances(cells_of(values, part, who))
     assert (found.method, found.table) == ("likelihood", None)
+    assert variances(cells_of(1e-6 * values, part, who))[0] == pytest.approx(1e-12 * sizes, rel=1e-6)
     assert [found.pv**2, found.av**2 - found.interaction**2, found.interaction**2, found.ev**2] == pytest.approx(sizes)
     draws = sizes * np.exp(np.random.default_rng(9).multivariate_normal(np.zeros(4), covariance, 100_000, method="eigh"))
     share = 100 * np.sqrt(draws[:, 1:].sum(axis=1) / draws.sum(axis=1))

@@ -103,18 +103,19 @@ def test_a_drift_shows_at_one_percent(p):
     assert found.drifts == (p < 0.01)
 
 
-def test_the_spread_moves_along_the_restricted_likelihoods_gradient():
+@pytest.mark.parametrize(("counts", "freedom"), [([1, 2, 3, 2], 2), ([1, 2], 1)])
+def test_the_spread_moves_along_the_restricted_likelihoods_gradient(counts, freedom):
     """S (outer - weight) S / units is a step of EM, and outer - weight twice the gradient; the uncertainty of mean and drift is in it."""
-    lot = small_lot([1, 2, 3, 2])
+    lot = small_lot(counts)
     belief = with_gls(lot, S, V)
     sums = passed(lot, belief)
     gradient = (sums.outer - sums.weight)[np.ix_(KNOWN, KNOWN)] / 2
     of = lambda spread: Dense(lot, spread, V).restricted()  # noqa: E731
     for i, j in ((0, 0), (0, 1), (1, 1)):
-        assert gradient[i, j] == pytest.approx(slope(of, S, i, j), rel=1e-5)
+        assert gradient[i, j] == pytest.approx(slope(of, S, i, j), rel=1e-5, abs=1e-9)  # two units tell no spread
     after = updated(lot, belief, sums, 3, False).spread[np.ix_(KNOWN, KNOWN)]
-    step = S + S @ (2 * gradient) @ S / 4
-    keep = 2**2 / (2**2 + 3**2)  # freedom of four units less mean and drift, against two numbers and one
+    step = S + S @ (2 * gradient) @ S / len(counts)
+    keep = freedom**2 / (freedom**2 + 3**2)  # freedom of the units less mean and drift, but at least one, against two numbers and one
     assert np.diag(after) == pytest.approx(np.diag(step), rel=1e-6)
     assert after[0, 1] == pytest.approx(after[1, 0])
     assert after[0, 1] == pytest.approx(keep * step[0, 1], rel=1e-6)
@@ -402,6 +403,13 @@ def test_a_large_lot_begins_with_a_part_of_it_and_ends_the_same(monkeypatch):
     sigma = np.sqrt(whole.mean_covariance[10, 10])
     assert found.mean[10] == pytest.approx(whole.mean[10], abs=0.2 * sigma)
     assert found.spread[10, 10] == pytest.approx(whole.spread[10, 10], rel=0.2 * np.sqrt(2 / whole.spread_freedom[10]))
+    # What never settles ends after so many passes over each part, and nine over all.
+    parts.clear()
+    monkeypatch.setattr(subject, "SETTLED", 0.0)
+    monkeypatch.setattr(subject, "MOST_PASSES", 4)
+    found = hierarchy(lot, tails=False)
+    assert not found.settled
+    assert found.passes == len(parts) == 4 + 4 + 9
 
 
 @pytest.mark.broad
@@ -417,6 +425,7 @@ def test_one_unit_in_twenty_that_does_not_belong_moves_nothing():
 def test_without_a_repeated_session_or_an_accelerometer_neither_is_told():
     none = hierarchy(lot_sessions(simulated_lot(40, 5, 1, without_accelerometer=1.0)))
     assert np.isnan(none.repeatability).all()
+    assert not none.belief.repeatability.any()
     assert np.isnan(none.mean[12:]).all()
     assert np.isfinite(none.spread[:12, :12]).all()
 

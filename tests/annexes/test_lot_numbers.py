@@ -147,6 +147,10 @@ def test_numbers_known_of_one_unit_are_no_lots_and_two_sessions_make_them_known_
     assert np.flatnonzero(lot.twice).tolist() == [10]
     ((_, chunk),) = lot.chunks()
     assert chunk.told.tolist() == [1, 2, 1]
+    exact = lot_sessions(
+        [result("a", "A", 0.0), both, result("d", "D", 3.0, known=(3, 10), sigma=np.array([0.1, 0.0]))]
+    )  # none is without error
+    assert exact.told[:, 10].tolist() == [True, True, False]
     more = lot_sessions([result("a", "A", 0.0), both, result("b", "C", 1.0, values=(7.0, 8.0), known=(3, 18)), result("d", "D", 3.0)])
     assert np.flatnonzero(more.twice).tolist() == [3]
     ((_, chunk),) = more.chunks()

@@ -159,6 +159,9 @@ def test_the_probability_of_a_mean_is_hotellings_square():
     # A number that says what another says is no further one; without any there is nothing.
     assert log_p(np.column_stack([score[:, :1], 2 * score[:, :1]]), signs) == pytest.approx(log_p(score[:, :1], signs))
     assert log_p(np.zeros((12, 2)), signs).tolist() == [0] * 5
+    for share, numbers in ((1.01e-6, 2), (0.99e-6, 1)):  # of the largest square, from which on a number is a further one
+        score = 100 * np.column_stack([np.ones(12), np.sqrt(share) * np.tile([1.0, -1.0], 6)])
+        assert log_p(score, np.ones((1, 12)))[0] == pytest.approx(stats.chi2.logsf(12, numbers))
 
 
 def test_the_stated_p_value_is_that_of_the_weighted_mean():
@@ -196,6 +199,8 @@ def test_an_effects_p_value_is_over_all_signs_and_the_whole_catalogue():
         error = 5 * np.sqrt(chance * (1 - chance) / 4000) + 1 / 4000
         low, high = (min(1, 2 * min(max(c, min(1, 3 * stated_p(effects[k]))), 3 * spread[k])) for c in (chance - error, chance + error))
         assert low <= p <= high
+        if k == 0:  # one of the draws and their signs as they are
+            assert p / 2 * 4001 == pytest.approx(round(p / 2 * 4001), abs=1e-6)
         assert own == pytest.approx(min(mean, np.log(spread[k])))
     assert min(p for p, _ in corrected_p(effects, scores, 3)) < 0.2
 
@@ -355,11 +360,16 @@ def test_of_very_many_units_all_are_drawn_as_probably(monkeypatch):
     sessions = [("A", 1.0), ("B", 2.0), ("A", 2.0), ("C", 3.0), ("D", 4.0), ("E", 5.0), ("E", 7.0)]
     lot = [session(serial, a=[(value, 1.0)]) for serial, value in sessions]
     drawn = [tuple(estimates_of(lot, seed)[0].x[:, 0]) for seed in range(1000)]
+    assert drawn[0] == tuple(estimates_of(lot)[0].x[:, 0]) != drawn[1]
     assert {len(each) for each in drawn} == {3}
     # A is the mean of 1 and 2, E of 5 and 7.
     for value in (1.5, 2.0, 3.0, 4.0, 6.0):
         assert np.mean([value in each for each in drawn]) == pytest.approx(0.6, abs=5 * np.sqrt(0.24 / 1000))
     assert {len(set(each) & {1.5, 2.0, 3.0, 4.0, 6.0}) for each in drawn} == {3}
+    monkeypatch.setattr("tinygc.annexes.lots.effects.MOST_UNITS", 8)
+    many = [session(f"u{k}", a=[(9.0 + k, 1.0)]) for k in range(12)]
+    plain, same, other = (pooled(many, *seed)["a"].mean for seed in ((), (0,), (1,)))
+    assert plain == same != other
 
 
 def test_what_is_reported_are_these_statistics():

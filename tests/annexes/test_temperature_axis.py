@@ -50,6 +50,7 @@ def test_turning_points_are_extremes_before_a_reversal():
     assert of(0, 3, 3, 5, 5, 2) == [0, 3, 5]
     assert of(1, 0, 0, 5, 5, 0) == [1, 3, 5]
     assert of(1, 2, 1, 0.5) == [0, 3]
+    assert of(1, 2, 0, 3) == of(1, 0, 2, -1) == [1, 2, 3]
 
 
 @pytest.mark.parametrize(("share", "ways"), [(0.24, [1]), (0.26, [1, -1, 1])])
@@ -163,8 +164,8 @@ def rest():
 def test_the_noise_is_that_of_the_largest_restricted_likelihood(rest):
     knots, V, root = rest
     A = columns(knots, 0.0, 2)
-    for seed, unit in ((1, 1.0), (2, 1.0), (3, 30.0)):
-        y = unit * root @ np.random.default_rng(seed).normal(size=40)
+    for seed, unit in ((1, 1.0), (2, 1.0), (3, 1e6)):
+        y = unit * (root @ np.random.default_rng(seed).normal(size=40) + A @ [300.0, -200, 100])
         found = estimate_noise(y, A, V, unit * 1.0)
         best = optimize.minimize(
             lambda logs: restricted(np.hypot(np.exp(logs), [0.5 * unit, 0, 0]), y, A, V),  # noqa: B023
@@ -186,9 +187,9 @@ def test_white_noise_is_no_less_than_half_of_what_the_blocks_say(rest):
     A = columns(knots, 0.0, 1)
     quiet = estimate_noise(1e-3 * root @ np.random.default_rng(0).normal(size=40), A, V, 1.0)
     assert quiet.sizes == pytest.approx([0.5, 0, 0], abs=1e-3)
-    y = root @ np.random.default_rng(0).normal(size=40)
-    silent = estimate_noise(y, A, V, 0.0)
-    assert silent.sizes[0] >= 0.5 * np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) * np.sqrt(10) * 0.999
+    smooth = 1e3 * np.linspace(-1, 1, 40) ** 3  # no white noise; then half of what all of the scatter would be
+    left = smooth - A @ np.linalg.lstsq(A, smooth, rcond=None)[0]
+    assert estimate_noise(smooth, A, V, 0.0).sizes[0] == pytest.approx(0.5 * np.std(left) * np.sqrt(10), rel=1e-6)
     assert np.isfinite(estimate_noise(np.zeros(40), A, V, 0.0).sizes).all()
 
 
@@ -208,7 +209,7 @@ def left_at(knots, y, root, order, rows=slice(None)):
     return lambda tau: misfit(whiten(part, y[rows]), whiten(part, columns(knots, tau, order)[rows]))
 
 
-@pytest.mark.parametrize("tau", [30.0, -18.0])
+@pytest.mark.parametrize("tau", [30.0, -18.0, 55.0, -55.0])
 def test_the_lag_is_where_the_misfit_is_least(rest, tau):
     knots, _, root = rest
     y = columns(knots, tau, 2) @ [3.0, 20.0, 4.0] + 0.3 * root @ np.random.default_rng(1).normal(size=40)
@@ -260,6 +261,7 @@ def test_hysteresis_is_the_difference_of_means_at_one_temperature():
     temp = np.concatenate([np.arange(0.0, 81, 4), np.arange(78.0, 15, -2)])
     knots = make_knots([small_rest(temp)], [Sweep(0, 0, 21, 1), Sweep(0, 21, len(temp), -1)])
     knots = replace(knots, span_s=np.where(np.arange(len(temp)) % 2, 30.0, 10.0))
+    knots.direction[[6, 40]] = 0  # of a log without sweeps
     rng = np.random.default_rng(0)
     residual, root = rng.normal(size=len(temp)), rng.normal(size=(len(temp),) * 2)
     found = hysteresis_of(knots, residual, root @ root.T)
@@ -289,7 +291,7 @@ def test_folds_are_sweeps_or_stretches_of_time(rest):
     one = make_knots([small_rest(np.arange(50.0))], [Sweep(0, 0, 50, 1)])
     folds, by = folds_of(one)
     assert by == "stretches"
-    assert folds.tolist() == [min(k * 20 // 50, 19) % 5 for k in range(50)]
+    assert folds.tolist() == [k * 20 // 50 % 5 for k in range(50)]
 
 
 def test_each_fold_is_predicted_from_the_others_with_equal_weights(rest):
@@ -332,6 +334,8 @@ def test_the_simplest_within_one_standard_error_of_the_best():
     for shift, chosen in ((error - 1e-9, 1), (error + 1e-9, 2)):
         held_out = np.column_stack([best + 5, best + gain - gain.mean() + shift, best])
         assert simplest(tuple(plain), held_out) == chosen
+    two = np.column_stack([best[:2] + 5, best[:2] - [0.05, -0.2], best[:2]])
+    assert simplest(tuple(plain), two) == 1
     # Of two as simple, the one without a lag; of one fold, the best itself.
     assert simplest((Candidate(2, False), lagged), np.column_stack([best, best])) == 0
     assert simplest((lagged, Candidate(2, False)), np.column_stack([best, best])) == 1
@@ -488,8 +492,25 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     assert held.order == 1
     _, prompt = fitted(made(20.0), with_lag=False)
     assert prompt.tau_s == 0
+    assert not any(each.lagged for each in prompt.examined.candidates)
     _, still = fitted([small_rest(np.full(30, 25.0), np.random.default_rng(0).normal(size=30))])
     assert (still.order, still.p_value) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("test", "told", "order", "lagged"),
+    [
+        ("lag_shows", lambda *_: False, 2, False),
+        ("none_by_chance", lambda *_: 1.0, 0, False),
+        ("by_chance", lambda *given: float(given[3] == 1), 1, True),
+        ("by_chance", lambda *_: 0.0, 2, True),
+    ],
+)
+def test_a_lag_or_a_power_that_does_not_show_is_dropped(monkeypatch, test, told, order, lagged):
+    monkeypatch.setattr(axis_fit, test, told)
+    _, fit = fitted(made(20.0), orders=(0, 1, 2))
+    assert (fit.order, fit.tau_s > 0) == (order, lagged)
+    assert fit.examined.candidates[fit.examined.chosen] == Candidate(order, lagged)
 
 
 def none_white(knots):

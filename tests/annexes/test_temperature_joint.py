@@ -118,7 +118,9 @@ def test_a_session_is_brought_to_its_mean_temperature_and_fitted(monkeypatch):
 
 def test_two_sessions_without_a_rest_log_do_not_know_the_turn_on():
     rng = np.random.default_rng(7)
-    assert np.isnan(join([drawn_point(c, rng) for c in (0.0, 60.0)], None).turn_on_rps)
+    fit = joined("name", join([drawn_point(c, rng) for c in (0.0, 60.0)], None), None, {})
+    assert np.isnan([fit.sessions.turn_on_rps, *fit.remaining_rps]).tolist() == [True] * 4
+    assert fit.model.lag_s.tolist() == [0] * 3
 
 
 def test_without_sessions_or_temperature_it_says_so(shape):
@@ -357,6 +359,26 @@ def test_one_session_keeps_its_own_covariance_of_E_and_each_axis_zero():
     np.testing.assert_allclose(two.covariance[:12, :12], own / 2, rtol=1e-6, atol=1e-18)
     assert np.isnan(fit.p_value)
     assert fit.p_constant == 1
+
+
+@pytest.mark.parametrize(("times", "lowest"), [(8.0, -0.5), (1e6, -1.4e5)])
+def test_a_covariance_that_cannot_be_becomes_the_nearest_that_can(times, lowest):
+    """The second session, of far greater sigmas, counts for the correlation alone.  In sigmas, what is added is no less than
+    nothing, and lies only where nothing is left: the nearest matrix (Moreau)."""
+    (point,) = some_points((20.0,))
+    fit = join([point, replace(point, covariance=times * point.covariance)], None)
+    raw = np.zeros((15, 15))
+    raw[:9, :9] = point.covariance[MATRIX, MATRIX]
+    raw[BIAS, BIAS] = np.diag(np.diag(point.covariance[BIAS, BIAS]))
+    raw /= 1 + 1 / times
+    raw[MATRIX, BIAS] = point.covariance[MATRIX, BIAS] * (1 + times) / 4
+    raw[BIAS, MATRIX] = raw[MATRIX, BIAS].T
+    scale = np.append(np.sqrt(np.diag(raw))[:12], np.ones(3))
+    before, now = (each / np.outer(scale, scale) for each in (raw, fit.covariance))
+    size = np.abs(before).max()
+    assert 2 * lowest < np.linalg.eigvalsh(before)[0] < lowest / 2
+    assert min(np.linalg.eigvalsh(now)[0], np.linalg.eigvalsh(now - before)[0]) > -1e-6 * size
+    assert np.abs(now @ (now - before)).max() < 1e-6 * size**2
 
 
 def test_sigmas_at_a_temperature_are_those_of_the_polynomial_there(shape):

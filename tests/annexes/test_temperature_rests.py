@@ -25,9 +25,9 @@ RATE_HZ = 8.0
 FACTORS = averaging_factors(32, 2)
 
 
-def samples(seed=0, count=4300, gap=None):
+def samples(seed=0, count=4300, gap=None, rate_hz=RATE_HZ):
     rng = np.random.default_rng(seed)
-    t_s = np.arange(count) / RATE_HZ
+    t_s = np.arange(count) / rate_hz
     t_s = np.where(t_s > gap, t_s + 1.0, t_s) if gap else t_s
     ramp = (t_s / 500)[:, None] * [10.0, -20, 30] + 5 * (t_s / 500)[:, None] ** 2
     return Samples(np.rint(t_s * 1e9).astype(np.int64), ramp + 0.1 * rng.normal(size=(count, 3)), np.zeros((count, 3)), None)
@@ -40,7 +40,7 @@ def less_parabola(rates):
 
 def test_short_times_are_pooled_over_chunks_less_their_parabolas():
     """Chunks of 2048 samples, cut at a gap; those that hold a block that was left out count for nothing."""
-    whole, short = samples(gap=300.0), ShortTimes()
+    whole, short = samples(gap=300.13), ShortTimes()
     short(whole)
     cut = int(np.flatnonzero(np.diff(whole.t_s) > 0.5)[0]) + 1
     pairs = [(0, 2048), (2048, cut), (cut, 4300)]
@@ -52,22 +52,32 @@ def test_short_times_are_pooled_over_chunks_less_their_parabolas():
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
     assert found.longest_s == 538
     # The first chunk ends at 255.9 s: block 255 is half in it and half in the next.
-    for block, struck in ((254, [0]), (255, [0, 1]), (256, [1]), (299, [1]), (302, [2]), (537, [2])):
+    for block, struck in ((254, [0]), (255, [0, 1]), (256, [1]), (300, [1]), (301, [2]), (537, [2])):
         kept = [AllanSums.of(chunk, FACTORS) for k, chunk in enumerate(chunks) if k not in struck]
         expected = curve_of(kept, 1 / RATE_HZ, 538.0)
         assert short.curve(log, np.arange(538) == block).deviation == pytest.approx(expected.deviation, rel=1e-6)
     assert short.curve(log, np.ones(538, dtype=bool)) is None
 
 
+def test_a_chunk_holds_four_of_the_longest_averaging_time():
+    factors, whole, short = averaging_factors(3200, 2), samples(count=7000, rate_hz=800.0), ShortTimes()
+    short(whole)
+    edge = 4 * factors[-1]
+    expected = curve_of([AllanSums.of(less_parabola(part), factors) for part in np.split(whole.gyro, [edge])], 1 / 800, 9.0)
+    found = short.curve(small_rest(np.zeros(9), block_s=1.0), np.zeros(9, dtype=bool))
+    np.testing.assert_allclose(found.deviation, expected.deviation, rtol=1e-6)
+
+
 def test_pieces_of_a_log_begin_where_they_are():
     """The moment of a chunk counts from the log's first sample, in every piece; a handful of samples tells nothing."""
-    whole, short = samples(), ShortTimes()
-    for a, b in ((0, 5), (5, 2005), (2005, 4300)):
-        short(whole.between(a, b))
-    log = small_rest(np.zeros(538), block_s=1.0)
-    pieces = [AllanSums.of(less_parabola(whole.gyro[a:b]), FACTORS) for a, b in ((5, 2005), (2005, 4053), (4053, 4300))]
-    found = short.curve(log, np.zeros(538, dtype=bool))
-    assert found.deviation == pytest.approx(curve_of(pieces, 1 / RATE_HZ, 538.0).deviation, rel=1e-6)
+    whole, log = samples(), small_rest(np.zeros(538), block_s=1.0)
+    for stop, count in ((4060, 2), (4061, 3)):  # of a chunk of seven, or eight
+        short = ShortTimes()
+        for a, b in ((0, 5), (5, 2005), (2005, stop)):
+            short(whole.between(a, b))
+        pieces = [AllanSums.of(less_parabola(whole.gyro[a:b]), FACTORS) for a, b in ((5, 2005), (2005, 4053), (4053, 4061))[:count]]
+        found = short.curve(log, np.zeros(538, dtype=bool))
+        assert found.deviation == pytest.approx(curve_of(pieces, 1 / RATE_HZ, 538.0).deviation, rel=1e-9)
     late = short.curve(log, np.arange(538) > 260)
     assert late.deviation == pytest.approx(curve_of(pieces[:1], 1 / RATE_HZ, 538.0).deviation, rel=1e-6)
 
@@ -101,6 +111,7 @@ def test_noise_over_temperature_is_a_regression_of_the_scatter():
     rng, temp = np.random.default_rng(1), np.linspace(10, 42, 200)
     sd = np.sqrt((1 + 0.02 * (temp - 26))[:, None] * rng.chisquare(30, (200, 3)) / 30)
     sd[:, 1] *= 1 + 0.3 * np.sin(np.arange(200) / 9)
+    sd[:, 2] = 1 + 0.3 * np.sin(np.arange(200) / 9)  # neighbours are more alike than counts
     half = 120
     found = noise_over_temperature([small_rest(temp[:half], sd=sd[:half]), small_rest(temp[half:], sd=sd[half:])])
     for axis in range(3):
@@ -129,9 +140,11 @@ def test_what_is_left_of_blocks_has_no_zero_in_any_log():
     knots = make_knots(logs, [each for k, log in enumerate(logs) for each in sweeps_of(log.temp_c, k)])
     flat = fit_axis(knots, np.concatenate([log.gyro[:, 0] for log in logs]), orders=(0,))
     assert zero_of_blocks(knots, flat).tolist() == [flat.terms[0]] * 48
-    fit = replace(flat, terms=np.array([1.0, 2.0, 0.5]), tau_s=15.0)
+    assert zero_of_blocks(make_knots([small_rest([np.nan] * 4)], []), flat).tolist() == [flat.terms[0]] * 4
     element = knots.element_c(15.0) - knots.reference_c
-    assert zero_of_blocks(knots, fit) == pytest.approx(1 + 2 * element + 0.5 * element**2)
+    for square in (0.0, 0.5):
+        fit = replace(flat, terms=np.array([1.0, 2.0, square][: 2 + (square > 0)]), tau_s=15.0)
+        assert zero_of_blocks(knots, fit) == pytest.approx(1 + 2 * element + square * element**2)
     left = np.concatenate([log.gyro[:, 1] for log in logs]) - zero_of_blocks(knots, fit)
     expected = np.concatenate([left[:24] - left[:24].mean(), left[24:] - left[24:].mean()])
     assert residual_blocks(knots, "gyro", 1, fit) == pytest.approx(expected)

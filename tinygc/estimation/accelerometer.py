@@ -135,7 +135,7 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
     u = M / length[:, None]
     found = np.array(values, dtype=float)
     found[SCALES] = length - 1
-    found[SHEARS] = [np.arcsin(np.clip(u[i] @ u[j], -1, 1)) for i, j in ((0, 1), (0, 2), (1, 2))]
+    found[SHEARS] = [np.arcsin(u[i] @ u[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
     return found
 
 

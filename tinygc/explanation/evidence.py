@@ -136,8 +136,8 @@ class Selection(Generic[Name]):
 def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
     """Logarithm of the upper tail of Fisher's F; where scipy underflows the tail is a power law."""
     with np.errstate(divide="ignore"):
-        value = np.log(fdtrc(rank, freedom, np.maximum(ratio, 0)))
-    far = -freedom / 2 * np.log1p(np.maximum(ratio, 0) * rank / freedom)
+        value = np.log(fdtrc(rank, freedom, ratio))
+    far = -freedom / 2 * np.log1p(ratio * rank / freedom)
     return np.where(np.isfinite(value), value, far)
 
 
@@ -364,7 +364,7 @@ class Evidence:
         white_r, white_J = have.whiten(r), have.whiten(J) * prior
         step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
         if add is not None:
-            prior[-add.parameter.size :] *= max(float(np.sqrt(np.mean(step[-add.parameter.size :] ** 2))), 1e-6)
+            prior[-add.parameter.size :] *= np.sqrt(np.mean(step[-add.parameter.size :] ** 2))
             white_J = have.whiten(J) * prior
             step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
         J = J * prior

@@ -181,7 +181,7 @@ def solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition
     scores = np.array([D.T @ (w * e) for D, w, e in zip(design, weights, left, strict=True)])
     inverse = np.linalg.inv(normal)
     count = len(turns)
-    covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / max(count - 2, 1)
+    covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / (count - 2)
     covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
     known = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) <= KNOWN_M
     return SolvedPosition(x, left, (x[:3], covariance) if known else None)

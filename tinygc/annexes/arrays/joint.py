@@ -138,7 +138,7 @@ def _with_rival(event: ArrayEvent, found: list[ArrayEvent]) -> ArrayEvent:
 
 ROUNDS = 12
 #: rad, of any attitude or mounting, and share of E: a smaller change ends the search
-SETTLED = 1e-7
+SETTLED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +247,7 @@ def estimate(
             for event in new:
                 out[event.rows] = True
         state = state.moved(solution.x, ParameterLayout(len(rows), len(same)))
-        if turn > 1 and not new and np.abs(solution.x[: ParameterLayout(len(rows), len(same)).attitudes.stop]).max() < SETTLED * 10:
+        if turn > 1 and not new and np.abs(solution.x[: ParameterLayout(len(rows), len(same)).attitudes.stop]).max() < SETTLED:
             break
     return Joint(state, start, rows, same, where, solution, tuple(events), earths, missed_rad)
 
@@ -453,11 +453,12 @@ def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
 def gains_of(joint: Joint) -> dict[str, float]:
     """Return ``VarianceSplit.gains``: drops of -2 log likelihood from no common part, all other components estimated anew."""
     system, t = joint.solution.system, joint.solution.t
+    fast = float(np.mean(joint.missed_rad**2))
+    usual = t[-3] + t[-2] * fast + np.median(system.base[system.V[0] > 0])
     values = {}
     for name, held in (("none", (-3, -2)), ("turn", (-2,)), ("undersampled", (-3,))):
         begin, keep = t.copy(), np.zeros(len(t), dtype=bool)
-        usual = float(np.mean(t[-3]) + t[-2] * np.mean(joint.missed_rad**2)) + float(np.median(system.base[system.V[0] > 0]))
-        begin[-3], begin[-2] = usual, usual / max(float(np.mean(joint.missed_rad**2)), 1e-30)
+        begin[-3], begin[-2] = usual, usual / max(fast, 1e-30)
         for k in held:
             begin[k], keep[k] = 0.0, True
         values[name] = system.estimated(begin, keep).value if name != "undersampled" or joint.missed_rad.any() else np.inf

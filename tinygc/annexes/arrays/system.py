@@ -374,7 +374,7 @@ def array_system(
 def _priors(
     state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, layout: ParameterLayout, gravity_sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    prior, pull = np.full(layout.count, 1e3), np.zeros(layout.count)
+    prior, pull = np.full(layout.count, np.nan), np.zeros(layout.count)
     for i, unit in enumerate(rows):
         gyroscope = PRIOR_SIGMA.copy()
         if unit.rest is not None:

@@ -323,7 +323,7 @@ def explanation_of(found: FittedProof) -> Explanation:
     """The explanation of a session by this effect alone, without a search for others."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
-    named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)]
+    named = [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square, 1.0)]
     naming = Naming(found.first, 0.0, fit, named, whiten, first_noise(twin, whiten))
     mended = repair(problem)
     proof = prove(problem, twin, whiten, fit)

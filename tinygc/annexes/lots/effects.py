@@ -251,7 +251,7 @@ def mean_of(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     for _ in range(20):
         wide = np.hypot(sigma, np.sqrt(spread_about(x, sigma, mean)))
         z = (x - mean) / wide
-        weight = np.minimum(1.0, MOST_SIGMAS / np.maximum(np.abs(z), 1e-12)) / wide**2
+        weight = MOST_SIGMAS / np.maximum(np.abs(z), MOST_SIGMAS) / wide**2
         mean = np.sum(weight * x, axis=0) / np.sum(weight, axis=0)
     return np.asarray(mean)
 

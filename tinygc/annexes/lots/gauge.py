@@ -326,8 +326,6 @@ def _crossed(y: np.ndarray, part: np.ndarray, who: np.ndarray) -> np.ndarray | N
 
 def _looked_at(of: np.ndarray, seed: int) -> np.ndarray:
     """Return the sessions used, whole units at a time, those with several sessions first."""
-    if len(of) <= MOST_SESSIONS:
-        return np.arange(len(of))
     count = np.bincount(of)
     rank = np.random.default_rng(seed).permutation(len(count)) + np.where(count > 1, 0, len(count))
     order = np.argsort(rank)

@@ -207,7 +207,7 @@ def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: flo
     scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
     longest = float(np.sqrt(V[2].max()))
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
-    J = A / np.maximum(np.abs(A).max(axis=0), 1e-12) * (WIDE * scatter)
+    J = A / np.abs(A).max(axis=0) * (WIDE * scatter)
     base = V[0] * (0.5 * usual[0]) ** 2
     found = estimate(y, J, base, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
     sizes = found.s.copy()
@@ -309,7 +309,7 @@ def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
     """Return (K,) number of each knot's fold, and the kind of fold."""
     if len(np.unique(knots.sweep)) > 1:
         return knots.sweep, "sweeps"
-    return np.minimum(np.arange(len(knots)) * STRETCHES // len(knots), STRETCHES - 1) % STRETCH_FOLDS, "stretches"
+    return np.arange(len(knots)) * STRETCHES // len(knots) % STRETCH_FOLDS, "stretches"
 
 
 def lag_grid(knots: Knots) -> np.ndarray:

@@ -317,7 +317,7 @@ def _cross(points: Sequence[SessionPoint], count: int) -> np.ndarray:
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     """Invert a positive matrix whose rows have very different units."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scale = 1 / np.sqrt(np.diag(matrix))
     return np.linalg.pinv(matrix * np.outer(scale, scale), rcond=1e-14, hermitian=True) * np.outer(scale, scale)
 
 

@@ -349,6 +349,7 @@ def test_the_split_in_json_has_degrees_and_mg():
     assert row["is_fast_motion"] is True
     assert row["minus_mean_rms_deg"] == pytest.approx(0.7)
     assert row["description"] == split.words
+    assert split_to_json(replace(split, fast=(np.radians(4.0), np.radians(0.25))))["undersampled_deg"]["sigma"] == pytest.approx(0.25)
     assert split_to_json(replace(split, minus_mean_rad=math.nan))["minus_mean_rms_deg"] is None
 
 

@@ -48,7 +48,7 @@ def test_the_test_of_equality_is_uniform_where_sizes_are_equal():
     root = np.array([[1.0, 0.0], [0.8, 0.5]])
     covariances = np.array([k * root @ root.T for k in (1.0, 4.0, 0.25)])
     drawn = [
-        alike_p(np.array([np.sqrt(k) * root @ rng.standard_normal(2) for k in (1.0, 4.0, 0.25)]) + [3.0, -2.0], covariances)[0]
+        alike_p(np.array([3.0, -2.0]) + [np.sqrt(k) * root @ rng.standard_normal(2) for k in (1.0, 4.0, 0.25)], covariances)[0]
         for _ in range(4000)
     ]
     assert np.mean(np.array(drawn) < 0.05) == pytest.approx(0.05, abs=0.011)  # three sigmas

@@ -127,7 +127,7 @@ def named_in(e: Explanation | TruthExplanation) -> list[Named]:
 def _measured(e: Explanation | TruthExplanation, name: str) -> tuple[np.ndarray, np.ndarray] | None:
     """Delay between clocks and its variance, which no channel of the twin shows; None for every other effect."""
     if name == DELAY and isinstance(e, Explanation):
-        return np.array([e.gravity.offset_s]), np.array([[e.gravity.sigma_s**2 + (e.gravity.bar_s / 3) ** 2]])
+        return np.array([e.gravity.offset_s]), np.array([[e.gravity.whole_sigma_s**2]])
     if name == OFFSET.id and isinstance(e, TruthExplanation):
         claim = next((claim for claim in e.claimed if claim.effect.id == name), None)
         value, sigma = e.offset if claim is None or claim.sigma is None else (float(claim.theta[0]), float(claim.sigma[0]))

@@ -24,9 +24,10 @@ from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import Naming, Proof, decide, linear_held_out, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
-from tinygc.noise.channels import TurnGravity, WithinStills, channel_p_values, in_gauge, own_p_values, turn_gravity, within_stills
+from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

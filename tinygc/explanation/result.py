@@ -344,7 +344,7 @@ def to_json(e: Explanation) -> dict:
         "turn_gravity": {
             "lever_m": e.gravity.lever_m.tolist(),
             "offset_s": e.gravity.offset_s,
-            "offset_std_s": e.gravity.sigma_s,
+            "offset_std_s": e.gravity.whole_sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
         "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},

@@ -168,7 +168,7 @@ def _gravity(e: Explanation) -> Text:
     return Text(
         f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
         f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
-        + ("" if e.gravity.is_offset else f" (its filters alone may make {1e3 * e.gravity.bar_s:.1f})")
+        + ("" if e.gravity.is_offset else f" ± {1e3 * e.gravity.whole_sigma_s:.2f}, claimed from {1e3 * e.gravity.bar_s:.1f} on")
     )
 
 

@@ -74,15 +74,19 @@ def rocket(axes: np.ndarray, session: Session) -> None:
 
 
 def cameras(axes: np.ndarray, session: Session) -> None:
-    """The gyroscope's mean rate about x over a short window, less the cameras', before and after their clock is shifted."""
+    """What the gyroscope turned over a short window, as a rate, less the cameras', before and after their clock is shifted."""
     samples, (truth,) = session.logs[0].samples, session.truths
     t_s, gyro = samples.t_ns * 1e-9, np.asarray(samples.gyro)
     near = (truth.t_ns * 1e-9 > BROAD_S[0] - 1) & (truth.t_ns * 1e-9 < BROAD_S[1] + 1)
     seen_s, attitudes = truth.t_ns[near] * 1e-9, Rotation.from_quat(truth.q_nb[near][:, [1, 2, 3, 0]])
     rows = np.flatnonzero((t_s >= BROAD_S[0]) & (t_s <= BROAD_S[1]))
-    summed = np.concatenate([np.zeros((1, 3)), np.cumsum((gyro[1:] + gyro[:-1]) / 2 * np.diff(t_s)[:, None], axis=0)])
+    first, steps = rows[0], np.arange(rows[0], rows[-1] + WINDOW)
+    path = [Rotation.identity()]
+    for turn in Rotation.from_rotvec((gyro[steps] + gyro[steps + 1]) / 2 * (t_s[steps + 1] - t_s[steps])[:, None]):
+        path.append(path[-1] * turn)
+    turned = Rotation.concatenate(path)
     span = t_s[rows + WINDOW] - t_s[rows]
-    recorded = (summed[rows + WINDOW] - summed[rows]) / span[:, None]
+    recorded = (turned[rows - first].inv() * turned[rows - first + WINDOW]).as_rotvec() / span[:, None]
     for axis, offset, title in zip(axes, (0.0, OFFSET_S), ("clocks as published", "cameras' clock 4.17 ms later"), strict=True):
         at = Slerp(seen_s + offset, attitudes)
         predicted = (at(t_s[rows]).inv() * at(t_s[rows + WINDOW])).as_rotvec() / span[:, None]
@@ -90,7 +94,6 @@ def cameras(axes: np.ndarray, session: Session) -> None:
         rms = np.sqrt(np.mean(error**2))
         axis.plot(t_s[rows] + span / 2, error, lw=0.8)
         axis.set(title=f"BROAD 09: {title}, {rms:.1f} dps rms", xlabel="s", xlim=BROAD_S)
-
     axes[0].set_ylabel("gyroscope less cameras, dps")
     axes[0].legend(["x", "y", "z"], fontsize=8, loc="lower left", ncols=3)
 

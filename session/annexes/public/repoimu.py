@@ -1,8 +1,8 @@
 """RepoIMU's wand (Szczęsna et al., ICCVG 2016): an IMU on a T-shaped stick, moved by hand, whose attitude Vicon cameras have followed.
 
 ``TStick/TStick_Test06_Trial1.csv`` has semicolons and two header lines.  A row is the time in s, the cameras' quaternion, scalar first,
-then specific force in m/s^2, rates in rad/s and the magnetic field.  The cameras' world is the sensor's own frame at the first row, with z
-up.  A quaternion of zeros stands where the cameras saw nothing.
+then specific force in m/s^2, rates in rad/s and the magnetic field.  The cameras' world is the frame of the stick's markers at the first
+row, with z up within 3 deg.  A quaternion of zeros stands where the cameras saw nothing.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
 from tinygc.explanation.checked import Checked, checked_to_json
-from tinygc.explanation.claims import VERDICTS, Claim, measured, p_words
+from tinygc.explanation.claims import LEFT, VERDICTS, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -55,6 +55,7 @@ MOST_SAID = 6  #: number of segments listed, worst first
 def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
     parts: list = [verdict_line(e), Text("")]
+    among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
@@ -62,7 +63,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
             Text.assemble(
                 (f"{claim.effect.id}  ", "bold cyan"),
                 claim.effect.equation,
-                f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
+                f"   probability {chance_words(claim.probability)}{among}, p {p_words(claim.p_value, claim.p_is_bound)}",
             )
         )
         parts.append(one_line(f"  {claim.says}"))

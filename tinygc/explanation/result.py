@@ -15,8 +15,7 @@ from session.io.samples import pieces, start_times
 from session.io.units import DEG, MG, G
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.checked import checked_to_json
-from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_entry, theta_of
+from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, measured, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.faulty_readings import LOST
@@ -315,7 +314,8 @@ SCHEMA = "tinygc-explain/2"
 
 def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
     """The entries with which every explanation begins, whatever its reference."""
-    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg, "where": place}
+    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg}
+    mismatch |= {"unnamed_part": e.verdict in LEFT, "where": place}
     head = {"schema": SCHEMA, "session": e.session.name, "verdict": e.verdict, "mismatch": mismatch}
     return head | {"effects": [claim.to_json() for claim in claims]}
 
@@ -354,7 +354,6 @@ def to_json(e: Explanation) -> dict:
             for name, size in e.detection_limits.items()
         },
         "warnings": [warning.to_json() for warning in e.warnings],
-        "checked": checked_to_json(e.checked),
         "next": what_next(e),
         "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
@@ -399,7 +398,6 @@ def truth_to_json(e: TruthExplanation) -> dict:
             "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
         },
         "excess": {"before": e.excess[0], "after": e.excess[1]},
-        "checked": checked_to_json(e.checked),
         "next": None,
         "version": VERSION,
     }

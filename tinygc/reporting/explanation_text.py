@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,8 @@ from session.io.results import write_whole
 from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.claims import VERDICTS, Claim, measured, p_words
+from tinygc.explanation.checked import Checked, checked_to_json
+from tinygc.explanation.claims import LEFT, VERDICTS, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -53,6 +55,7 @@ MOST_SAID = 6  #: number of segments listed, worst first
 def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
     parts: list = [verdict_line(e), Text("")]
+    among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
@@ -60,7 +63,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
             Text.assemble(
                 (f"{claim.effect.id}  ", "bold cyan"),
                 claim.effect.equation,
-                f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
+                f"   probability {chance_words(claim.probability)}{among}, p {p_words(claim.p_value, claim.p_is_bound)}",
             )
         )
         parts.append(one_line(f"  {claim.says}"))
@@ -87,7 +90,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
-    parts += [*_where(e), _proof(e), *checked_page(e.checked)]
+    parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.detection_limits)]
     if with_next and (following := what_next(e)):
@@ -216,11 +219,17 @@ class ExplanationReport:
     #: notes for the user on files that ``save`` kept or removed
     notes: tuple[str, ...] = ()
 
+    #: the claims on other recordings
+    checked: Sequence[Checked] = ()
+
     def __init__(self, explanation: Any):
         self.explanation = explanation
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
+        return self._table() | {"checked": checked_to_json(self.checked)}
+
+    def _table(self) -> dict:
         return to_json(self.explanation)
 
     def line(self) -> Text:
@@ -229,6 +238,9 @@ class ExplanationReport:
 
     def page(self) -> Group:
         """Page for the terminal."""
+        return Group(self._page(), *checked_page(self.checked))
+
+    def _page(self) -> Group:
         return explanation_page(self.explanation)
 
     def picture(self) -> Figure:
@@ -269,7 +281,7 @@ def truth_page(e: TruthExplanation) -> Group:
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    parts += [_evidence(e), *checked_page(e.checked), Text(CANNOT)]
+    parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 
@@ -359,16 +371,14 @@ def _own_noise(e: TruthExplanation) -> str:
 class TruthReport(ExplanationReport):
     """Report of an explanation with a truth file as reference."""
 
-    def to_json(self) -> dict:
-        """``tinygc-explain/2`` (docs/formats.md)."""
+    def _table(self) -> dict:
         return truth_to_json(self.explanation)
 
     def line(self) -> Text:
         """Session, verdict and p-value, in one line."""
         return truth_line(self.explanation)
 
-    def page(self) -> Group:
-        """Page for the terminal."""
+    def _page(self) -> Group:
         return truth_page(self.explanation)
 
     def picture(self) -> Figure:

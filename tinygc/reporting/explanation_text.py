@@ -206,7 +206,9 @@ def _proof(e: Explanation) -> Text:
     before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
     if not e.proof.changed:
         return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
-    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
+    removed = "" if e.proof.removed is None else f"; {100 * e.proof.removed:.1f} % of the excess is gone"
+    if e.proof.removed is not None and e.proof.removed <= 0:
+        removed = "; closure is no better for what is named"
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 

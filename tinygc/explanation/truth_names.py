@@ -120,6 +120,33 @@ def wrong_moments(count: int) -> Effect:
     )
 
 
+#: what an outage looks like where nothing tells that it is not the gyro that is wrong
+LIKE_AN_OUTAGE = ("gyro.bias_step", "data.glitches")
+
+
+def outages(spans: int, size_dps: list[float], sure: bool) -> Effect:
+    """An effect of outages of the truth; its parameter is the (spans, 2) times from and to, s of the session.  sure: whether it is the truth
+    that is wrong there."""
+
+    def describe(theta: np.ndarray) -> str:
+        where = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in theta.reshape(-1, 2))
+        apart = f"from {where} truth and gyro part by {max(size_dps):.3g} dps rms, far beyond what the rest of the recording shows"
+        whose = "the truth has lost the body" if sure else "the truth or the gyro is wrong there, and this recording does not tell which"
+        return f"{apart}: {whose}; its moments there are left out"
+
+    return Effect(
+        id="reference.truth_outage",
+        equation="for a while the truth's attitudes are not the body's",
+        parameter=Parameter("spans_s", (spans, 2), "s"),
+        observable_in=("reference",),
+        kind="register",
+        columns=_nothing,
+        describe=describe,
+        discriminating_motion="look at the truth's own residuals there; repeat the movement, in better sight of the cameras",
+        shape={"size_dps": size_dps},
+    )
+
+
 # The twin of a recording with a truth file: the closure between moments of truth alone, with the truth's clock among its effects.
 #
 # Stills of such a recording are not rows of it.  Their attitudes are estimated from truth and gyro together, and in a vehicle the zero-rate

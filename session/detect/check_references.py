@@ -229,10 +229,9 @@ def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, s
 
 
 def _outage(truth: Truth, outage: TruthOutage) -> tuple[str, str, str, str]:
-    span, size = f"{truth.path.name}, {outage.from_s:.1f} to {outage.to_s:.1f} s", f"parts from the gyro by {outage.size_rps / DEG:.3g} dps rms"
-    if outage.sure:
-        return "note", OUTAGE, f"{span}: it {size}, and it is the truth that is wrong", "its moments there are left out"
-    return "note", OUTAGE, f"{span}: it {size}; the truth or the gyro is wrong", "its moments there are left out: look at both"
+    span, apart = f"{outage.from_s:.1f} to {outage.to_s:.1f} s", f"parts from the gyro by {outage.size_rps / DEG:.3g} dps rms"
+    whose = ", and it is the truth that is wrong" if outage.sure else "; the truth or the gyro is wrong"
+    return "note", OUTAGE, f"{truth.path.name}, {span}: it {apart}{whose}", "its moments there are left out: look at the truth's residuals"
 
 
 # Dial readings against gravity: both say which way is down in the sensor.

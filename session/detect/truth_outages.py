@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from session.detect.truth_alignment import GAP_PERIODS, AlignedLog, Carried, Spans, align, carried, inverse, product, span_rows, vector
+from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, inverse, product, span_rows, vector
 from session.io.config import TruthReading
 from session.io.folder import Session
 from session.io.logfile import Log, Truth, TruthOutage
@@ -46,13 +46,15 @@ MOST_SHARE = 0.4
 def without_outages(session: Session) -> Session:
     """The session with its truths aligned as ``align`` does, by their sound moments alone; each truth holds its outages."""
     aligned = align(session)
-    if session.truths is None or aligned.truths is None or aligned.alignment is None or not aligned.alignment.explained > 0:
+    if session.truths is None or aligned.truths is None or aligned.alignment is None:
         return aligned
     found = [find_outages(log, truth) for log, truth in zip(aligned.logs, aligned.truths, strict=True)]
     if not any(found):
         return aligned
     marked = tuple(replace(truth, outages=outages) for truth, outages in zip(session.truths, found, strict=True))
-    return align(replace(session, truths=marked))
+    sound = align(replace(session, truths=marked))
+    # An outage may hide that truth and gyro go together; where they do not even without it, it is none.
+    return sound if sound.alignment is not None and np.isfinite(sound.alignment.explained) else aligned
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +75,7 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
     parting = _parting(log.samples, truth)
     if parting is None:
         return ()
-    found = [
-        (run, witnesses(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)
-    ]
+    found = [(run, witnesses(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)]
     size = np.linalg.norm(parting.rate, axis=1)
     return tuple(
         TruthOutage(
@@ -157,7 +157,7 @@ def _runs(times_usual: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray) -> li
     scatter = max(1.4826 * float(np.median(np.abs(level - middle))), LEAST_SCATTER)
     far, near = (level > middle + sigmas * scatter for sigmas in (FAR_SIGMAS, NEAR_SIGMAS))
     for start, stop in zip(*runs_of(~near), strict=True):
-        inside = 0 < start and stop < len(near)
+        inside = start > 0 and stop < len(near)
         if inside and end_s[stop - 1] - begin_s[start] <= PAUSE_S:
             near[start:stop] = True
     edge = np.zeros(len(near), dtype=bool)  # beside one, there is no sound stretch that a single wrong moment would join
@@ -205,12 +205,12 @@ class Witnesses:
     @property
     def truth(self) -> bool:
         """Whether the truth alone is wrong."""
-        return self.strong[0] and not self.strong[1] or (not any(self.strong) and self.weak[0] and not self.weak[1])
+        return (self.strong[0] and not self.strong[1]) or (not any(self.strong) and self.weak[0] and not self.weak[1])
 
     @property
     def gyro(self) -> bool:
         """Whether the gyro alone is wrong."""
-        return self.strong[1] and not self.strong[0] or (not any(self.strong) and self.weak[1] and not self.weak[0])
+        return (self.strong[1] and not self.strong[0]) or (not any(self.strong) and self.weak[1] and not self.weak[0])
 
 
 def witnesses(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -> Witnesses:

@@ -62,6 +62,9 @@ def test_a_truth_that_goes_astray_is_found_at_both_ends_and_in_the_middle(at_s):
     assert outage.to_s == pytest.approx(min(at_s[1], 23.7), abs=0.13)
     aligned, findings = with_aligned_truth(session)
     (log,), (truth,) = aligned.logs, aligned.truths
+    # No moment is sound that was spoilt, though the last ones of a file make no span of 0.1 s any more.
+    t_s = truth.t_ns * 1e-9
+    assert not truth.sound[(t_s >= at_s[0] + 0.02) & (t_s <= at_s[1])].any()
     assert abs(aligned.alignment.offset_s) < 4 * aligned.alignment.offset_sigma_s < 0.4e-3
     cut = cut_at_truth(log.samples, truth, session.config.sensor, session.config.protocol)
     assert cut
@@ -72,6 +75,19 @@ def test_a_truth_that_goes_astray_is_found_at_both_ends_and_in_the_middle(at_s):
 def test_a_frozen_truth_is_told_by_its_repeated_values_without_an_accelerometer():
     (outage,) = outages_of(spoilt(frozen=(21.0, 24.0), wrong=replace(DENSE, force=False)))
     assert outage.sure
+
+
+def test_an_outage_begins_where_the_truth_is_off_though_it_parts_slowly():
+    """2 dps for 1.5 s, as where a body turns slowly past a frozen truth: by span, that is the noise of 0.05 degrees; then some 100 dps."""
+
+    def away(t_s):
+        return np.where(t_s < 15.5, 2.0 * (t_s - 14.0), 3.0 + 60.0 * (t_s - 15.5))[:, None] * [0.6, 0.0, 0.8]
+
+    (outage,) = outages_of(spoilt(away, at_s=(14.0, 17.0), wrong=replace(DENSE, sigma_deg=0.05)))
+    assert outage.sure
+    # By rate alone it begins at 15.5 s.  Off by 2 degrees, with 3 sigmas of 20 spans' noise of 0.07 degrees beside it, it is at 15 s.
+    assert 13.9 < outage.from_s < 15.2
+    assert outage.to_s == pytest.approx(17.05, abs=0.2)
 
 
 def test_smoothly_astray_at_the_end_is_anybodys_without_an_accelerometer_and_the_truths_with_one():

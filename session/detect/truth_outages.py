@@ -76,11 +76,16 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
     if parting is None:
         return ()
     found = [(run, witnesses(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)]
+    found = [(_widened(truth, parting, *run), seen) for run, seen in found]
     size = np.linalg.norm(parting.rate, axis=1)
+    # Moments that are in no span go with the outage beside them.
+    spans = parting.spans
+    begins = np.append(0, np.where(spans.last[:-1] == spans.first[1:], spans.first[1:], spans.last[:-1] + 1))
+    ends = np.append(np.where(spans.last[:-1] == spans.first[1:], spans.last[:-1], spans.first[1:] - 1), len(truth) - 1)
     return tuple(
         TruthOutage(
-            first=int(parting.spans.first[start]),
-            last=int(parting.spans.last[stop - 1]),
+            first=int(begins[start]),
+            last=int(ends[stop - 1]),
             from_s=float(parting.spans.begin_s[start]),
             to_s=float(parting.spans.end_s[stop - 1]),
             size_rps=float(np.sqrt(np.mean(size[start:stop] ** 2))),
@@ -150,12 +155,23 @@ def _usual(size: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return usual
 
 
-def _runs(times_usual: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray) -> list[tuple[int, int]]:
-    """(start, stop) of the spans of each outage."""
+def _levels(times_usual: np.ndarray) -> tuple[float, float]:
+    """Median and scatter of the logarithm."""
     level = np.log(np.maximum(times_usual, 1e-9))
     middle = float(np.median(level))
-    scatter = max(1.4826 * float(np.median(np.abs(level - middle))), LEAST_SCATTER)
-    far, near = (level > middle + sigmas * scatter for sigmas in (FAR_SIGMAS, NEAR_SIGMAS))
+    return middle, max(1.4826 * float(np.median(np.abs(level - middle))), LEAST_SCATTER)
+
+
+def _near(times_usual: np.ndarray) -> float:
+    """Times of what is usual at which an outage begins and ends."""
+    middle, scatter = _levels(times_usual)
+    return float(np.exp(middle + NEAR_SIGMAS * scatter))
+
+
+def _runs(times_usual: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray) -> list[tuple[int, int]]:
+    """(start, stop) of the spans of each outage."""
+    middle, scatter = _levels(times_usual)
+    far, near = (times_usual > np.exp(middle + sigmas * scatter) for sigmas in (FAR_SIGMAS, NEAR_SIGMAS))
     for start, stop in zip(*runs_of(~near), strict=True):
         inside = start > 0 and stop < len(near)
         if inside and end_s[stop - 1] - begin_s[start] <= PAUSE_S:
@@ -169,6 +185,48 @@ def _runs(times_usual: np.ndarray, begin_s: np.ndarray, end_s: np.ndarray) -> li
         if count >= LEAST_SPANS or (count and edge[start:stop].any()):
             found.append((int(start), int(stop)))
     return found if sum(stop - start for start, stop in found) <= MOST_SHARE * len(near) else []
+
+
+# Where an outage begins and ends: a truth that freezes while the body is slow parts from the gyro by a small rate, for long.
+#
+# From the first moment of an outage that parts fast the gyro is carried back.  If that moment was wrong already, all sound ones before it
+# are off by one rotation, seen in the world; and likewise after the last one.
+
+#: s that are looked at on either side
+REACH_S = 2.0
+
+
+def _widened(truth: Truth, parting: Parting, start: int, stop: int) -> tuple[int, int]:
+    """(start, stop) with the spans on both sides in which the truth is off already, or still."""
+    spans = parting.spans
+    joined = spans.last[:-1] == spans.first[1:]
+    length_s = float(np.median(spans.end_s - spans.begin_s))
+    reach = max(1, round(REACH_S / length_s))
+    usual_rad = np.linalg.norm(parting.rate, axis=1) / np.maximum(parting.times_usual, 1e-9) * length_s
+    near = _near(parting.times_usual)
+    low = start
+    while low > max(start - reach, 0) and joined[low - 1]:
+        low -= 1
+    before = _off(truth, parting, spans.first[low : start + 1][::-1], near * float(np.median(usual_rad[low : start + 1])))
+    high = stop
+    while high < min(stop + reach, len(spans)) and joined[high - 1]:
+        high += 1
+    after = _off(truth, parting, spans.last[stop - 1 : high], near * float(np.median(usual_rad[stop - 1 : high])))
+    return start - before, stop + after
+
+
+def _off(truth: Truth, parting: Parting, moments: np.ndarray, least_rad: float) -> int:
+    """How many moments (M,), beginning with one of an outage, are off; the last third are taken to be sound."""
+    if len(moments) < LEAST_SPANS:
+        return 0
+    apart = _apart(truth, parting, int(moments[0]), moments)
+    world = product(product(truth.q_nb[moments], apart), inverse(truth.q_nb[moments]))
+    off = vector(world)
+    sound = np.median(off[-(len(off) // 3) :], axis=0)
+    least_rad = least_rad * np.sqrt(len(off) / 2)  # errors of truth and gyro add up on the way
+    if np.linalg.norm(sound) < least_rad:
+        return 0
+    return int(np.argmax(np.linalg.norm(off - sound, axis=1) < least_rad)) or len(moments) - 1
 
 
 # Whose error a parting is: the truth's or the gyro's.

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
+from session.io.numeric import sigma_of
 from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -262,8 +263,10 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> list[Component]:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = np.repeat(angle, twin.batch.angles)
     says = "attitude of each moment of truth"
+    # A search that starts at the stated sigma, which may be off by a factor of 30, ends where other components have taken its place.
+    usual = float(sigma_of(twin.residuals(twin.start()).closure.ravel())) / np.sqrt(2) or sigma
     return [
-        of_moments(TRUTH, np.ones(len(moments)), sigma, "deg", DEG, says, Prior(sigma, TRUTH_SPREAD)),
+        of_moments(TRUTH, np.ones(len(moments)), usual, "deg", DEG, says, Prior(sigma, TRUTH_SPREAD)),
         of_moments(TRUTH_RATE, rate, USUAL_JITTER_S, "ms", 1e-3, "the truth's error that grows with the rate"),
         of_moments(TRUTH_ACCELERATION, change, USUAL_BLUR_S2, "ms²", 1e-6, "the truth's error that grows with the angular acceleration"),
         Component(TURNED, Sparse.of_diagonal(diagonal), USUAL_TURNED_RAD, "°/√rad", DEG, "each turn, by the root of the angle turned"),

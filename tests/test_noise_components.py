@@ -23,7 +23,10 @@ from tinygc.noise.components import (
     REFERENCE,
     STILL_RATE,
     TRUTH,
+    TRUTH_ACCELERATION,
+    TRUTH_RATE,
     TURN,
+    TURNED,
     UNDERSAMPLED,
     WANDER,
     Component,
@@ -219,11 +222,35 @@ def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns():
         sign = np.array([(moment == (s.log, s.stop - 1)) * 1.0 - (moment == (s.log, s.start)) for s in problem.used])
         expected += np.kron(np.outer(sign, sign), np.eye(3))
     found = found_in(problem)
-    assert set(found) == {WANDER, TRUTH, TURN}  # no still is there
+    assert set(found) == {WANDER, TRUTH, TRUTH_RATE, TRUTH_ACCELERATION, TURNED, TURN}  # no still is there
     np.testing.assert_array_equal(dense(found[TRUTH]), expected)
     sigma = problem.session.config.protocol.truth_sigma_deg * DEG
     assert found[TRUTH].prior == (sigma, 1.5, None)
-    assert (found[TRUTH].usual, found[TRUTH].si) == (sigma, DEG)
+    # Where a search starts: half of a turn's variance from each end, by the median.
+    angles = Twin(problem).residuals(Twin(problem).start()).closure
+    assert found[TRUTH].usual == pytest.approx(float(np.median(np.abs(angles))) / 0.6745 / np.sqrt(2), rel=1e-3)
+    assert found[TRUTH].si == DEG
+
+
+def test_a_truths_errors_grow_with_the_rate_its_change_and_the_angle_turned():
+    """Per moment in proportion to the rate and to its derivative there, per turn to the root of the length of its path."""
+    problem = small_session(kind="yaw", truths=True)
+    problem.__dict__["instability"] = BiasInstability(20 * DPH, "given")
+    used, found = problem.used, found_in(problem)
+    rates = [np.asarray(problem.first(log.samples.gyro)) for log in problem.logs]
+    times = [log.samples.t_s for log in problem.logs]
+    # A sample is longer than the 8 ms over which a derivative is taken of faster logs.
+    changes = [np.gradient(rate, log.samples.period_s, axis=0) for rate, log in zip(rates, problem.logs, strict=True)]
+    for name, values in ((TRUTH_RATE, rates), (TRUTH_ACCELERATION, changes)):
+        expected = np.zeros((21, 21))
+        for log, row in {(s.log, row) for s in used for row in (s.start, s.stop - 1)}:
+            sign = np.array([((log, row) == (s.log, s.stop - 1)) * 1.0 - ((log, row) == (s.log, s.start)) for s in used])
+            expected += np.kron(np.outer(sign, sign), np.eye(3)) * (values[log][row] @ values[log][row])
+        np.testing.assert_allclose(dense(found[name]), expected, rtol=1e-9, atol=1e-12 * expected.max())
+        assert found[name].prior is None
+    paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
+    np.testing.assert_allclose(dense(found[TURNED]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
+    assert (found[TRUTH_RATE].si, found[TRUTH_ACCELERATION].si, found[TURNED].si) == (1e-3, 1e-6, DEG)
 
 
 # Motion faster than half the data rate.

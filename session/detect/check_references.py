@@ -17,7 +17,7 @@ from session.detect.truth_segments import cut_at_truth
 from session.io.config import FOUND, GIVEN, Config, TruthAlignment, TruthGiven, down_of
 from session.io.errors import CalibrationError
 from session.io.folder import Session
-from session.io.logfile import NAME, Log, Truth
+from session.io.logfile import NAME, Log, Truth, TruthOutage
 from session.io.units import DEG, MG
 
 if TYPE_CHECKING:
@@ -92,8 +92,9 @@ def _integrated(log: Log, segment: Segment) -> np.ndarray:
 # A truth file whose clock, frame or mounting departs from docs/formats.md: it is estimated, corrected and reported.
 
 CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
+OUTAGE = "truth's outages"
 #: what fit and explain say as well, where it is more than ok
-SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING)
+SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
 MS = 1e-3
 #: of the world's up from the nearest axis: an accelerometer's zero-g offset of 35 mg, more than data sheets of MEMS sensors allow but few
 TILTED_DEG = 2.0
@@ -107,14 +108,15 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     """
     if session.truths is None:
         return session, []
-    from session.detect.truth_alignment import align  # whose SciPy no session without a truth waits for
+    from session.detect.truth_outages import without_outages  # whose SciPy no session without a truth waits for
 
-    aligned = align(session)
+    aligned = without_outages(session)
     alignment = aligned.alignment
-    assert alignment is not None  # ``align`` gives one to every session with a truth
+    assert alignment is not None  # ``without_outages`` gives one to every session with a truth
     where = session.truths[0].path.name if len(session.truths) == 1 else "truth files"
     given = session.config.truth
     findings = [_clock(alignment), *_attitude(alignment), _frame(alignment, given), _mounting(alignment, given)]
+    findings += [_outage(truth, outage) for truth in aligned.truths or () for outage in truth.outages]
     return aligned, [Finding(level, where, what, says, do) for level, what, says, do in findings if what]
 
 
@@ -224,6 +226,12 @@ def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, s
         rows = ", ".join(f"[{', '.join(f'{value:.6f}' for value in row)}]" for row in alignment.reading.mounting)
         return "note", MOUNTING, f"{says}: a gyro's common misalignment is in it", f"truth.mounting = [{rows}] in session.toml keeps it"
     return "ok", MOUNTING, says, ""
+
+
+def _outage(truth: Truth, outage: TruthOutage) -> tuple[str, str, str, str]:
+    span, apart = f"{outage.from_s:.1f} to {outage.to_s:.1f} s", f"parts from the gyro by {outage.size_rps / DEG:.3g} dps rms"
+    whose = ", and it is the truth that is wrong" if outage.sure else "; the truth or the gyro is wrong"
+    return "note", OUTAGE, f"{truth.path.name}, {span}: it {apart}{whose}", "its moments there are left out: look at the truth's residuals"
 
 
 # Dial readings against gravity: both say which way is down in the sensor.

@@ -130,10 +130,9 @@ def spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
     last = np.searchsorted(truth.t_ns, truth.t_ns + round(SPAN_S * NS_PER_S * 0.999))
     first = np.flatnonzero(last < len(truth))
     last = last[first]
+    kept = (t_s[last] - t_s[first] < LONGEST_S) & truth.sound[first] & truth.sound[last]
     if truth.window is not None:
-        kept = truth.window[first] == truth.window[last]
-        first, last = first[kept], last[kept]
-    kept = t_s[last] - t_s[first] < LONGEST_S
+        kept &= truth.window[first] == truth.window[last]
     first, last = first[kept], last[kept]
     every = -(-len(first) // most) or 1
     return Spans(t_s[first[::every]], t_s[last[::every]], first[::every], last[::every])
@@ -355,7 +354,7 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
         if step:
             gyro = [carried(part, part.gyro @ E.T + b) for part in samples]
         now = replace(reading, mounting=mounting, offset_s=offset_s)
-        rows = [_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
+        rows = [span_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
         error, columns = (np.concatenate(part) for part in list(zip(*rows, strict=True))[:2])
         block = _blocks(rows)
         if sum(_independent(part[2]) for part in rows) < FEWEST:
@@ -377,7 +376,7 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
     return Fine(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
 
 
-def _rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def span_rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors (K, 3) rad about the gyro's axes at the beginning, their columns (K, 3, 13), and the spans' beginnings (K,) s."""
     spans: Spans = one.spans
     begin, end = spans.begin_s + reading.offset_s, spans.end_s + reading.offset_s

@@ -71,7 +71,7 @@ class TruthEnds:
 def cut_at_truth(
     samples: Samples, truth: Truth, sensor: Sensor, protocol: Protocol, *, log: int = 0, number: int = 0, put_in: np.ndarray | None = None
 ) -> list[tuple[Segment, TruthEnds]]:
-    """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first; put_in: as in
+    """Segments between sound moments of the truth, accepted or with the reason why not; ``number`` is given to the first; put_in: as in
     ``cut_segments``.
 
     Raises DataError where the truth's times are not the log's.
@@ -109,9 +109,9 @@ def cut_at_truth(
 
 
 def moments_inside(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (K,) of the log that are nearest to the moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
+    """Rows (K,) of the log that are nearest to the sound moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
     nearest = _nearest(samples, truth)
-    inside = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
+    inside = truth.sound & (np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s)
     if not inside.any():
         raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
     return nearest[inside], _at_samples(samples, truth, nearest)[inside]
@@ -133,19 +133,20 @@ def _at_samples(samples: Samples, truth: Truth, nearest: np.ndarray) -> np.ndarr
 
 
 def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
-    """Moments (first, last) that bound each segment."""
+    """Sound moments (first, last) that bound each segment."""
+    sound = np.flatnonzero(truth.sound)
     if truth.window is not None:
-        rows = [np.flatnonzero(truth.window == number) for number in dict.fromkeys(truth.window.tolist())]
+        rows = [sound[truth.window[sound] == number] for number in dict.fromkeys(truth.window[sound].tolist())]
         return [(int(row[0]), int(row[-1])) for row in rows if len(row) > 1]
     pairs: list[tuple[int, int]] = []
-    first = 0
+    t_ns, first = truth.t_ns[sound], 0
     while True:
         # The moment nearest to the protocol's length, but always a later one.
-        aim = truth.t_ns[first] + round(segment_s * NS_PER_S)
-        last = max(int(np.searchsorted(truth.t_ns, aim)), first + 1)
-        if last < len(truth) and last - 1 > first and aim - truth.t_ns[last - 1] < truth.t_ns[last] - aim:
+        aim = t_ns[first] + round(segment_s * NS_PER_S)
+        last = max(int(np.searchsorted(t_ns, aim)), first + 1)
+        if last < len(t_ns) and last - 1 > first and aim - t_ns[last - 1] < t_ns[last] - aim:
             last -= 1
-        if last >= len(truth):
-            return pairs or [(0, len(truth) - 1)]
-        pairs.append((first, last))
+        if last >= len(t_ns):
+            return pairs or [(int(sound[0]), int(sound[-1]))]
+        pairs.append((int(sound[first]), int(sound[last])))
         first = last

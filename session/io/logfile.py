@@ -293,17 +293,41 @@ UNIT_WITHIN = 0.01
 MOST_MOMENTS = 20_000_000
 
 
+@dataclass(frozen=True)
+class TruthOutage:
+    """A span in which a truth and the gyro part: first, last moment; from_s, to_s since the log's first sample; size_rps, rms; times_usual,
+    the most in units of what is usual, of ``spans`` spans of the log; sure: whether it is the truth that is wrong, or may be the gyro."""
+
+    first: int
+    last: int
+    from_s: float
+    to_s: float
+    size_rps: float
+    times_usual: float
+    spans: int
+    sure: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """K moments of one log: t_ns (K,) device time, increasing; q_nb (K, 4) unit; window (K,) its number, or None."""
+    """K moments of one log: t_ns (K,) device time, increasing; q_nb (K, 4) unit; window (K,) its number, or None; outages, in order."""
 
     path: Path
     t_ns: np.ndarray
     q_nb: np.ndarray
     window: np.ndarray | None = None
+    outages: tuple[TruthOutage, ...] = ()
 
     def __len__(self) -> int:
         return len(self.t_ns)
+
+    @property
+    def sound(self) -> np.ndarray:
+        """(K,) bool: moments outside all outages."""
+        found = np.ones(len(self), dtype=bool)
+        for outage in self.outages:
+            found[outage.first : outage.last + 1] = False
+        return found
 
     def reread(self, before: TruthReading, after: TruthReading) -> Truth:
         """The same file, read in another way than it was."""

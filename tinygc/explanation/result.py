@@ -376,6 +376,18 @@ def truth_to_json(e: TruthExplanation) -> dict:
         "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
         "truth": {
             "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
+            "outages": [
+                {
+                    "log": log,
+                    "from_s": round(outage.from_s, 3),
+                    "to_s": round(outage.to_s, 3),
+                    "rms_dps": outage.size_rps / DEG,
+                    "times_usual": outage.times_usual,
+                    "of": "truth" if outage.sure else "truth or gyro",
+                }
+                for log, truth in enumerate(e.session.truths or ())
+                for outage in truth.outages
+            ],
             "sigma_deg": _number(e.truth_rad / DEG),
             "gyro_walk_deg_rts": _number(e.walk_rad / DEG),
             "closure_deg_by_length_s": lengths,

@@ -31,6 +31,7 @@ from tinygc.explanation.truth_evidence import (
 )
 from tinygc.explanation.truth_names import (
     FRAME,
+    LIKE_AN_OUTAGE,
     MOUNTED,
     OFFSET,
     TruthTwin,
@@ -38,6 +39,7 @@ from tinygc.explanation.truth_names import (
     excess_of,
     held_out,
     name_beside_truth,
+    outages,
     wrong_moments,
 )
 from tinygc.noise.refit import refit
@@ -193,7 +195,7 @@ def explain_truth(
     truth_rad, walk_rad = noises(lengths, closures)
     progress("frames and rests", 4, 5)
     force = force_against_truth(sound, *_stands_and_turned(alignment))
-    claims = _frame_claim(alignment, force) + names.claimed
+    claims = _outage_claims(problem) + _frame_claim(alignment, force) + names.claimed
     if jumps:
         began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
@@ -213,6 +215,21 @@ def explain_truth(
         force=force,
         warnings=prepared.warnings + weighed_down(prepared.session.name, problem.widened),
     )
+
+
+def _outage_claims(problem: Problem) -> list[TruthClaim]:
+    """Claim the outages that ``without_outages`` has found: those of the truth, and those that may be the gyro's."""
+    began, claims = problem.began_s, []
+    found = [(float(began[log]), outage) for log, truth in enumerate(problem.session.truths or ()) for outage in truth.outages]
+    for sure in (True, False):
+        here = [(start_s, outage) for start_s, outage in found if outage.sure == sure]
+        if not here:
+            continue
+        spans_s = np.round([(start_s + outage.from_s, start_s + outage.to_s) for start_s, outage in here], 3).ravel()
+        p_value = min(chance_of(outage.times_usual, outage.spans, outage.spans) for _, outage in here)
+        effect = outages(len(here), [float(f"{outage.size_rps / DEG:.4g}") for _, outage in here], sure)
+        claims.append(truth_claim(effect, spans_s, None, p_value, equivalent=() if sure else LIKE_AN_OUTAGE))
+    return claims
 
 
 def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:

@@ -224,7 +224,9 @@ class TruthClaim(Claim):
 
     @property
     def implausible(self) -> bool:
-        """Whether the effect is larger than any gyroscope has."""
+        """Whether the effect is larger than any gyroscope has, or a truth's smoothing that would sharpen."""
+        if self.effect.id == "reference.truth_smoothing" and self.theta[0] < 0:
+            return True
         return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
 
     def to_json(self) -> dict:

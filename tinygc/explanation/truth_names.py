@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc
@@ -48,6 +49,21 @@ OFFSET = Effect(
     ),
     discriminating_motion="turn fast and stop: the truth must stop with the gyro",
 )
+#: s to either side of a moment over which its angular acceleration is taken: a truth's smoothing is as wide, and vibration faster
+SMOOTHED_S = 0.02
+SMOOTHING = Effect(
+    id="reference.truth_smoothing",
+    equation="the truth's attitude is a mean over a while around t: it errs by half the variance of that while times dω/dt",
+    parameter=Parameter("variance_ms2", (), "ms²", 1e-6, plausible=0.05**2),
+    observable_in=("reference",),
+    kind="truth",
+    columns=_nothing,
+    describe=lambda theta: (
+        f"the truth is smoothed, as by a mean over {1e3 * np.sqrt(12 * max(theta[0], 0.0)):.0f} ms: it rounds off what the gyro shows "
+        "where the rate changes; a gyro that reads ahead of its own motion would look the same, and no gyro does"
+    ),
+    discriminating_motion="turn fast and stop: the truth must stop as sharply as the gyro; read the truth unfiltered",
+)
 FRAME = Effect(
     id="reference.truth_frame",
     equation="the truth's body frame is the sensor's, turned by a constant rotation",
@@ -82,9 +98,11 @@ def common_delays() -> tuple[str, ...]:
 def wander(knots_s: np.ndarray) -> Effect:
     """A slowly drifting bias: linear between knots, with three values at each knot after the first."""
 
+    def basis(movement: Movement) -> np.ndarray:
+        return np.stack([np.interp(movement.t_s, knots_s, hat) for hat in np.eye(len(knots_s))[1:]], axis=1)
+
     def columns(movement: Movement) -> np.ndarray:
-        hats = [np.interp(movement.t_s, knots_s, hat) for hat in np.eye(len(knots_s))[1:]]
-        return np.concatenate([hat[:, None, None] * np.eye(3) for hat in hats], axis=2)
+        return np.einsum("nk,ij->nikj", basis(movement), np.eye(3)).reshape(len(movement.t_s), 3, -1)
 
     def describe(theta: np.ndarray) -> str:
         at = np.concatenate([np.zeros((1, 3)), theta.reshape(-1, 3)])
@@ -99,6 +117,7 @@ def wander(knots_s: np.ndarray) -> Effect:
         parameter=Parameter("dps_at_knots", (len(knots_s) - 1, 3), "dps", DEG, plausible=DEG),
         observable_in=("turn",),
         columns=columns,
+        basis=None if len(knots_s) == 4 else basis,  # a parameter (3, 3) would have a row for each axis
         describe=describe,
         inputs=("time",),
         discriminating_motion="record temperature, and the supply; repeat after a long warm-up",
@@ -117,6 +136,33 @@ def wrong_moments(count: int) -> Effect:
         columns=_nothing,
         describe=lambda theta: f"{len(theta)} moments of truth are wrong by more than chance allows: leave them out",
         discriminating_motion="look at the truth's own residuals there",
+    )
+
+
+#: what an outage looks like where nothing tells that it is not the gyro that is wrong
+LIKE_AN_OUTAGE = ("gyro.bias_step", "data.glitches")
+
+
+def outages(spans: int, size_dps: list[float], sure: bool) -> Effect:
+    """An effect of outages of the truth; its parameter is the (spans, 2) times from and to, s of the session.  sure: whether it is the
+    truth that is wrong there."""
+
+    def describe(theta: np.ndarray) -> str:
+        where = ", ".join(f"{begin:.1f} to {end:.1f} s" for begin, end in theta.reshape(-1, 2))
+        apart = f"from {where} truth and gyro part by {max(size_dps):.3g} dps rms, far beyond what the rest of the recording shows"
+        whose = "the truth has lost the body" if sure else "the truth or the gyro is wrong there, and this recording does not tell which"
+        return f"{apart}: {whose}; its moments there are left out"
+
+    return Effect(
+        id="reference.truth_outage",
+        equation="for a while the truth's attitudes are not the body's",
+        parameter=Parameter("spans_s", (spans, 2), "s"),
+        observable_in=("reference",),
+        kind="register",
+        columns=_nothing,
+        describe=describe,
+        discriminating_motion="look at the truth's own residuals there; repeat the movement, in better sight of the cameras",
+        shape={"size_dps": size_dps},
     )
 
 
@@ -146,12 +192,36 @@ class TruthTwin(Twin):
         self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 
     def batch_at(self, state: State) -> Batch:
-        """The batch with the truth's attitudes corrected for its clock, and the state's Earth rate."""
+        """The batch with the truth's attitudes corrected for its clock and its smoothing, and the state's Earth rate."""
         batch = super().batch_at(state)
         for claim in state.claims:
-            if claim.effect.kind == "truth":
+            if claim.effect is OFFSET:
                 batch = self.later(batch, state, float(claim.theta[0]))
+            elif claim.effect is SMOOTHING:
+                start, end = (-float(claim.theta[0]) / 2 * change @ state.model.E.T for change in self._changes)
+                batch = replace(
+                    batch,
+                    start=rotation.multiply(batch.start, rotation.exp(start)),
+                    end=rotation.multiply(batch.end, rotation.exp(end)),
+                )
         return batch
+
+    @cached_property
+    def _changes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(S, 3) rad/s^2, as read, at both ends of the segments: second differences of the angle over ``SMOOTHED_S`` to either side."""
+        found = np.zeros((2, len(self.segments), 3))
+        for log, log_stills in enumerate(self.problem.logs):
+            samples = log_stills.samples
+            angle = np.concatenate(
+                [np.zeros((1, 3)), np.cumsum((samples.gyro[1:] + samples.gyro[:-1]) / 2 * samples.dt_s[:, None], axis=0)]
+            )
+            own = [i for i, segment in enumerate(self.problem.used) if segment.log == log]
+            at = np.array([(self.problem.used[i].start, self.problem.used[i].stop - 1) for i in own]).reshape(-1, 2).T
+            t_s = samples.t_s[at].clip(samples.t_s[0] + SMOOTHED_S, samples.t_s[-1] - SMOOTHED_S)
+            for axis in range(3):
+                before, here, after = (np.interp(t_s + step, samples.t_s, angle[:, axis]) for step in (-SMOOTHED_S, 0.0, SMOOTHED_S))
+                found[:, own, axis] = (after - 2 * here + before) / SMOOTHED_S**2
+        return found[0], found[1]
 
     def later(self, batch: Batch, state: State, seconds: float) -> Batch:
         """Treat the truth's attitudes as those of ``seconds`` later: integrate each back along the calibrated rate, in steps of about two
@@ -183,10 +253,16 @@ class TruthTwin(Twin):
         return np.take_along_axis(values, last[:, None, None], axis=1)[:, 0]
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
-        """The columns of any twin; for the truth's clock, the rotation of the attitudes at both ends."""
+        """The columns of any twin; for the truth's clock and smoothing, the rotation of the attitudes at both ends."""
         if effect.kind != "truth":
             return super().effect_columns(effect, state, sensitivity, rates)
-        columns = offset_columns(self.batch_at(state), state.model)
+        batch = self.batch_at(state)
+        if effect is OFFSET:
+            columns = offset_columns(batch, state.model)
+        else:
+            ends = zip((batch.start, batch.end), self._changes, strict=True)
+            start, end = (np.einsum("sij,sj->si", rotation.matrix(q), change @ state.model.E.T) / 2 for q, change in ends)
+            columns = end - start
         return Channels(columns[..., None], np.zeros((0, 3, 1)), np.zeros((0, 1)))
 
 
@@ -201,7 +277,7 @@ def name_beside_truth(
     """Select among the candidates by the twin's evidence.  An effect at a size that no gyroscope has is rejected, and the selection
     repeated without it."""
     slow = _slow_bias(twin)
-    tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, slow]
+    tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, SMOOTHING, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
     refused: list[TruthClaim] = []
@@ -213,7 +289,7 @@ def name_beside_truth(
         if not wrong:
             break
         ids = frozenset(claim.effect.id for claim in wrong)
-        refused += wrong
+        refused += [claim for claim in wrong if claim.effect is not SMOOTHING]  # a negative one sharpens, which no truth does
         tried = [effect for effect in tried if effect.id not in ids]
         evidence.forget(ids)
     first, last = naming.first, beside_clock(twin, naming.whiten, naming.fit)
@@ -294,7 +370,7 @@ def _claims(naming: Naming, fit: Refit) -> list[TruthClaim]:
         _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
         for each in sorted(naming.named + naming.beyond, key=lambda each: -each.gain)
     ]
-    return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" else c for c in claims]
+    return [replace(c, equivalent=common_delays()) if c.effect is OFFSET else c for c in claims]
 
 
 def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:

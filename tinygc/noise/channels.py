@@ -144,7 +144,8 @@ def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     changes if the clock is not among the claims.
     """
     claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
-    clock = next((number for number, claim in enumerate(claims) if claim.effect.kind == "truth"), None)
+    clocks = [claim.effect.kind == "truth" and "timing" in claim.effect.observable_in for claim in claims]
+    clock = clocks.index(True) if any(clocks) else None
     if clock is None:
         return fit
     moved = []

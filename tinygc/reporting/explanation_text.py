@@ -279,7 +279,8 @@ def truth_page(e: TruthExplanation) -> Group:
     for claim in e.claimed:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
+        chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}{share}"
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, chance))
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
@@ -334,11 +335,12 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
 
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
     before, after = e.neighbours
+    lost = sum(len(truth.outages) for truth in e.session.truths or ())
     rows = [
         ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
         ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
         ("noise", _truth_noise(e)),
-        ("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}"),
+        ("truth", f"{len(e.jumps)} wrong moments; {lost} outages; closure per angle by length, degrees: {grown}"),
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
         ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),

@@ -32,6 +32,7 @@ SHOWN: dict[str, tuple[float, bool, str, str]] = {
     "rate_size": (1 / DEG, True, "size of the rate", "dps"),
     "acceleration": (1 / DEG, True, "angular acceleration about {i}", "dps/s"),
     "acceleration_size": (1 / DEG, True, "size of the angular acceleration", "dps/s"),
+    "speed_slope": (1 / DEG, True, "rate of change of the size of the rate", "dps/s"),
     "jerk": (1 / DEG, True, "angular jerk about {i}", "dps/s²"),
     "force": (1.0, False, "specific force along {i}", "g"),
     "temperature": (1.0, False, "temperature since the first sample", "°C"),

@@ -152,7 +152,8 @@ class Law:
     form's constants, in their order; bits: of the form among all; gain: chi-square that it removes; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
     recording that was held out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
-    learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any."""
+    learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any; unobserved (q, P):
+    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without."""
 
     form: LawForm
     effect: Effect
@@ -167,6 +168,7 @@ class Law:
     same: tuple[LawForm, ...] = ()
     runners_up: tuple[RunnerUp, ...] = ()
     learnable_from: float | None = None
+    unobserved: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,30 +374,35 @@ MOST_EXACT = 12
 @dataclass(frozen=True, eq=False)
 class Rival:
     """effect in the law's place; hypothesis with it, None where only its linear columns were evaluated; worse: -2 log evidence; fits_worse:
-    the same without the price of descriptions; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
+    the same without the price of descriptions; chi_worse: chi-square alone, in the noise of the law's hypothesis, without a price of
+    coefficients either, inf where it is unknown; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
 
     effect: Effect
     hypothesis: Hypothesis | None
     worse: float
     fits_worse: float
     correlation: float
+    chi_worse: float = np.inf
 
     @property
     def nearest(self) -> float:
-        """The lesser of the two disadvantages: the price of descriptions may guide the search and no more."""
-        return min(self.worse, self.fits_worse)
+        """The least of the disadvantages: prices of descriptions and coefficients may guide the search and no more."""
+        return min(self.worse, self.fits_worse, self.chi_worse)
 
 
-def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
-    """The nearest of the other effects when they take the place of ``law``, the best first."""
-    rest = [other for other in others if other.id != law.id and other.id not in best.ids]
-    fits = evidence.unpriced(best)
+def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect], alike: Sequence[Effect] = ()) -> list[Rival]:
+    """The nearest of the other effects when they take the place of ``law``, the best first; alike: further ones, all refitted exactly."""
+    rest = [other for other in dict.fromkeys([*alike, *others]) if other.id != law.id and other.id not in best.ids]
+    fits, asked = evidence.unpriced(best), set(alike)
     guessed = [evidence.guess(best, without=law, add=other) for other in rest]
-    nearest = [min(guess.score - best.score, evidence.unpriced(guess) - fits) for guess in guessed]
+    nearest = [
+        -np.inf if o in asked else min(g.score - best.score, evidence.unpriced(g) - fits) for o, g in zip(rest, guessed, strict=True)
+    ]
     own, found = whole_added(evidence.twin, best), list[Rival]()
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
-        other, weighed, hypothesis, correlated = rest[number], guessed[number], None, 0.0
-        if place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN:
+        other, weighed, hypothesis, correlated, chi = rest[number], guessed[number], None, 0.0, np.inf
+        near = other in asked or (place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
+        if near and not evidence.exhausted:
             effects = (*(effect for effect in best.effects if effect is not law), other)
             weighed = evidence.of(effects, best)
             if not believable(weighed, best):
@@ -405,8 +412,46 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
                 weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
             correlated = correlation(own, whole_added(evidence.twin, hypothesis))
-        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated))
+            r = rewhitened(hypothesis, best.whiten).r
+            chi = float(r @ r - best.fit.r @ best.fit.r)
+        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated, chi))
     return sorted(found, key=lambda rival: rival.worse)
+
+
+# Forms that do the same to every turn between stills, whatever they do within it.
+#
+# What stands still at both ends of a turn is not in its closure: a rate y' + ω x y, y zero in every still, turns the body back.  So forms
+# of quite different rates may fit alike, at any size, and the price of descriptions must not choose between them.
+
+#: share of a law's gain that a form of its gain may lack: the error of the linear columns and of constants on a grid
+LACKS = 0.03
+#: most of them that are refitted exactly, those of the fewest numbers first
+MOST_ALIKE = 6
+
+
+def alike(searched: SearchState, law: Effect) -> list[Effect]:
+    """Effects of other forms that take up about as much by their linear columns in any of the projections, and the law without its lag."""
+    evidence, screening = searched.evidence, searched.round_of(law).screening
+    form = evidence.forms[law.id]
+    own = [number for number, other in enumerate(screening.forms) if other.shape == form.shape]
+    found: dict[LawForm, LawForm] = {}
+    late = any(factor.lag_s is not None for factor in form.factors)
+    if late:
+        plain = LawForm(tuple(replace(factor, lag_s=None) for factor in form.factors), form.pattern)
+        found[plain.shape] = plain
+    if own:
+        level = screening.gain[:, own].max(axis=1, keepdims=True)
+        near = np.flatnonzero((screening.gain > (1 - LACKS) * level - STAND_IN - MARGIN).any(axis=0))
+        for number in sorted(near.tolist(), key=lambda n: (numbers_of(screening.forms[n]), -screening.gain[:, n].max())):
+            other = screening.forms[number]
+            if other.shape != form.shape:
+                found.setdefault(other.shape, other)
+    return [evidence.effect_of(other) for other in list(found.values())[:MOST_ALIKE]]
+
+
+def numbers_of(form: LawForm) -> tuple[int, int, float]:
+    """How many constants a form has within its functions, how many numbers in all, and how many factors: fewer is plainer."""
+    return len(form.constants), len(form.constants) + form.size, len(form.factors)
 
 
 def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:

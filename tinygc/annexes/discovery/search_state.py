@@ -135,8 +135,8 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
-    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: -2 log evidence by which it is worse, with
-    the price of descriptions or without, whichever is less; correlation of its added rate with the law's, beyond a calibration;
+    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: the least of -2 log evidence by which it is
+    worse, with the price of descriptions and without, and of chi-square; correlation of its added rate with the law's, beyond a calibration;
     discriminating_motion: what would distinguish them."""
 
     form: LawForm | None

@@ -172,6 +172,7 @@ def one(name: str, times: float, seed: int) -> dict:
             "named": [each["id"] for each in table["effects"]],
             "equations": [each["equation"] for each in laws],
             "others": [[other["equation"] for other in each["runners_up"]] for each in laws],
+            "near": [[(other["worse_by"], other["correlation"]) for other in each["runners_up"]] for each in laws],
             "not_observed": [direction["in_words"] for each in laws for direction in each["not_observed"]],
             "work": said.get("work"),
         }
@@ -202,18 +203,20 @@ def _discovery(why):
 
 
 def _yaw(folder: Path) -> dict:
-    """Yaw of the closure run, deg, without and with what ``fit --physics auto --effects`` recommends, and the ids that it takes."""
+    """Yaw of the closure run, deg, by the linear model and by ``fit --physics auto --effects``; the ids that the latter takes, and whether
+    the fit recommends it."""
     import tinygc
 
-    found = {}
-    for key, effects in (("without", []), ("with", [str(folder / "explain" / "effects")])):
-        with using(effects):
-            fit = tinygc.fit(folder, methods=("least_squares",), physics=("auto",))
-            (run,) = fit.closure_runs.values()
-            found[f"yaw_{key}_deg"] = run["physics"]["yaw_deg"]
-            found["taken"] = [claim.effect.id for claim in fit.result.methods["physics"].model.undone]
-            found["recommended"] = fit.to_json()["use"]["method"] == "physics"
-    return found
+    without = tinygc.fit(folder, methods=("least_squares",))
+    with using([str(folder / "explain" / "effects")]):
+        fit = tinygc.fit(folder, methods=("least_squares",), physics=("auto",))
+    (before,), (after,) = without.closure_runs.values(), fit.closure_runs.values()
+    return {
+        "yaw_without_deg": before["least_squares"]["yaw_deg"],
+        "yaw_with_deg": after["physics"]["yaw_deg"],
+        "taken": [claim.effect.id for claim in fit.result.methods["physics"].model.undone],
+        "recommended": fit.to_json()["use"]["method"] == "physics",
+    }
 
 
 def _outcome(result: dict) -> str:
@@ -264,9 +267,8 @@ def summary(results: list[dict]) -> list[str]:
     lines.append(f"closure run's yaw worse with a recommended law: {len(worse)} of {len(recommended)} {worse}")
     strictly = [r for r in hidden if r["verdict"] == "found" and r["strict_share"] < ENOUGH]
     lines.append(f"found, below {100 * ENOUGH:.0f} % with what is not observed: {len(strictly)} {[r['law'] for r in strictly]}")
-    lines.append(
-        f"seconds of the search, CPU: median {np.median([r['discover_s'] for r in results]):.0f}, most {max(r['discover_s'] for r in results):.0f}"
-    )
+    seconds = [r["discover_s"] for r in results]
+    lines.append(f"seconds of the search, CPU: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
     if clean := [r for r in results if not r["law"]]:
         lines.append(f"nothing hidden: {sum(r['outcome'] != 'silent' for r in clean)} of {len(clean)} with an equation")
     return lines
@@ -283,7 +285,7 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="the tables of a file of results")
     args = parser.parse_args()
     if not args.show:
-        names = args.only or {"development": DEVELOPMENT, "examination": EXAMINATION}.get(args.half, tuple(LAWS))
+        names = args.only or {"development": DEVELOPMENT, "examination": EXAMINATION}.get(args.half, EXAMINATION + DEVELOPMENT)
         jobs = [(name, times) for name in names for times in args.times] + [("", 0.0)] * args.clean
         results = []
         for number, (name, times) in enumerate(jobs):

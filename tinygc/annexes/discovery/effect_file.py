@@ -250,7 +250,8 @@ class _File:
 
     def _imports(self) -> str:
         rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
-        names = [name for name in USED if re.search(rf"\b{name}[(.]", rest) or (name in ("NEIGHBOURS", "Conditions") and name in rest)]
+        bare = ("NEIGHBOURS", "Conditions")
+        names = [name for name in USED if re.search(rf"\b{name}" + (r"\b" if name in bare else "[(.]"), rest)]
         lines = ["from dataclasses import replace\n"] if "replace(" in rest else []
         lines += [
             "import numpy as np\n",
@@ -429,10 +430,13 @@ def _pieces(text: str) -> list[str]:
 
 
 def _array(values: np.ndarray) -> str:
-    """Python of an array, to ``KNOWN`` digits."""
-    text = repr(np.vectorize(lambda value: float(f"{value:.{KNOWN}g}"), otypes=[float])(values).tolist())
-    lines = wrap(text, WIDTH - 8)
-    return f"np.array({text})" if len(text) < WIDTH - 30 else "np.array(\n" + "\n".join(f"    {line}" for line in lines) + "\n)"
+    """Python of an array, to ``KNOWN`` digits, a matrix row by row."""
+    given = np.vectorize(lambda value: float(f"{value:.{KNOWN}g}") + 0.0, otypes=[float])(values).tolist()
+    rows = [repr(row) for row in given] if np.ndim(values) == 2 else []
+    if not rows:
+        return f"np.array({given!r})"
+    lines = [line for row in rows for line in wrap(f"{row},", WIDTH - 8)]
+    return "np.array(\n    [\n" + "\n".join(f"        {line}" for line in lines) + "\n    ]\n)"
 
 
 def _rows(values: np.ndarray) -> str:

@@ -29,6 +29,8 @@ from tinygc.annexes.discovery.search_state import (
     SearchState,
     Unseen,
     alike,
+    chi_square_beyond,
+    correlation,
     differing,
     leaves_something,
     numbers_of,
@@ -36,8 +38,9 @@ from tinygc.annexes.discovery.search_state import (
     refused,
     rivals,
     taken,
+    whole_added,
 )
-from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
 from tinygc.annexes.discovery.unobserved import not_observed, observed
 from tinygc.annexes.discovery.words import constant_of, equation, splits, what
 from tinygc.effects import Effect, catalogue
@@ -55,6 +58,9 @@ from tinygc.noise.twin import Twin, claim_slice
 DECISIVE = STAND_IN / (1 - EQUAL**2)
 #: sigmas, one-sided: a chi-square's root is that far below its mean in one case of twenty, to match ``detection_limits.SURE``
 SURE_SIGMAS = 1.645
+#: correlation of the added rates from which on a form that bends the law by more numbers, and is no more probable, is no alternative:
+#: either explains 95 % of the other's rate
+NEARLY = 0.975
 #: runners-up that are listed
 MOST_RUNNERS_UP = 4
 #: s: a lag is over after three of them; the low-pass of a gyroscope, and the hand that stops, take up to 0.3 s
@@ -101,6 +107,7 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
     progress("rivals")
     assessed = [_assessed(searched, law) for law in searched.laws]
     whole = _on_all(explanation, searched)
+    assessed = [replace(each, others=_near_on_all(searched, each, whole, number)) for number, each in enumerate(assessed)]
     names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
     ids = list[str]()
@@ -214,6 +221,35 @@ def _on_all(explanation: Explanation, searched: SearchState) -> _Whole:
     for number, law in enumerate(laws):
         have, laws[number] = exact(evidence, have, law)
     return _Whole(evidence, have, laws)
+
+
+def _near_on_all(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, number: int) -> list[Rival]:
+    """The law's rivals of another rate that stay near on the whole recording: a law is tested on what the search never saw, and then all of
+    it tells the law from its rivals."""
+    evidence, have, law = whole.evidence, whole.have, whole.laws[number]
+    own, found = whole_added(evidence.twin, have), []
+    for rival in assessed.others:
+        if evidence.exhausted:
+            found.append(rival)
+            continue
+        form = searched.evidence.forms.get(rival.effect.id)
+        other = rival.effect if form is None else evidence.effect_of(form)
+        trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
+        if not believable(trial, have):
+            continue
+        trial, other = (trial, other) if form is None else exact(evidence, trial, other)
+        again = replace(
+            rival,
+            worse=trial.score - have.score,
+            fits_worse=evidence.unpriced(trial) - evidence.unpriced(have),
+            chi_worse=chi_square_beyond(trial, have),
+            correlation=correlation(own, whole_added(evidence.twin, trial)),
+        )
+        bent = form is not None and numbers_of(form)[1] > numbers_of(assessed.form)[1] and again.worse > 0
+        alike_enough = NEARLY if bent else EQUAL
+        if again.nearest < STAND_IN and again.correlation <= alike_enough and not evidence.within.prefers(have, trial):
+            found.append(again)
+    return sorted(found, key=lambda rival: rival.nearest)
 
 
 def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:

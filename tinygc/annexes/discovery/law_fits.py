@@ -207,7 +207,8 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
             between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
-        return "record a second session with other movement, and explain it with the effect file: a law holds whose numbers agree there with the file's"
+        holds = "a law holds whose numbers agree there with the file's"
+        return f"record a second session with other movement, and explain it with the effect file: {holds}"
     faint = min(discovery.laws, key=lambda law: law.gain, default=None)
     if faint is not None and faint.gain < DECISIVE:
         more = ceil(DECISIVE / faint.gain + 0.5)

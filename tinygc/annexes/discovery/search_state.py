@@ -136,8 +136,8 @@ class HeldOut:
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
     """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: the least of -2 log evidence by which it is
-    worse, with the price of descriptions and without, and of chi-square; correlation of its added rate with the law's, beyond a calibration;
-    discriminating_motion: what would distinguish them."""
+    worse, with the price of descriptions and without, and of chi-square; correlation of its added rate with the law's, beyond a
+    calibration; discriminating_motion: what would distinguish them."""
 
     form: LawForm | None
     effect: Effect
@@ -401,7 +401,7 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
     own, found = whole_added(evidence.twin, best), list[Rival]()
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
         other, weighed, hypothesis, correlated, chi = rest[number], guessed[number], None, 0.0, np.inf
-        near = other in asked or (place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
+        near = other in asked or (place - len(asked) < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
         if near and not evidence.exhausted:
             effects = (*(effect for effect in best.effects if effect is not law), other)
             weighed = evidence.of(effects, best)
@@ -412,10 +412,15 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
                 weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
             correlated = correlation(own, whole_added(evidence.twin, hypothesis))
-            r = rewhitened(hypothesis, best.whiten).r
-            chi = float(r @ r - best.fit.r @ best.fit.r)
+            chi = chi_square_beyond(hypothesis, best)
         found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated, chi))
     return sorted(found, key=lambda rival: rival.worse)
+
+
+def chi_square_beyond(hypothesis: Hypothesis, best: Hypothesis) -> float:
+    """Chi-square of a hypothesis less that of another, in the noise of the latter."""
+    r = rewhitened(hypothesis, best.whiten).r
+    return float(r @ r - best.fit.r @ best.fit.r)
 
 
 # Forms that do the same to every turn between stills, whatever they do within it.

@@ -277,7 +277,7 @@ def summary(results: list[dict]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--half", choices=("development", "examination"))
-    parser.add_argument("--only", nargs="+", metavar="NAME")
+    parser.add_argument("--only", nargs="*", metavar="NAME", help="laws; nothing after it: none")
     parser.add_argument("--times", nargs="+", type=float, default=list(TIMES))
     parser.add_argument("--clean", type=int, default=0, help="sessions that hide nothing, beside")
     parser.add_argument("--seed", type=int, default=4100)
@@ -285,7 +285,8 @@ def main() -> None:
     parser.add_argument("--show", action="store_true", help="the tables of a file of results")
     args = parser.parse_args()
     if not args.show:
-        names = args.only or {"development": DEVELOPMENT, "examination": EXAMINATION}.get(args.half, EXAMINATION + DEVELOPMENT)
+        halves = {"development": DEVELOPMENT, "examination": EXAMINATION}
+        names = halves.get(args.half, EXAMINATION + DEVELOPMENT) if args.only is None else args.only
         jobs = [(name, times) for name in names for times in args.times] + [("", 0.0)] * args.clean
         results = []
         for number, (name, times) in enumerate(jobs):

@@ -34,6 +34,7 @@ class Answered:
         self.catalogue = SimpleNamespace(score=catalogue, ids={"gyro.other"})
         self.shapes = SimpleNamespace(score=shapes, ids={"unknown.smooth"})
         self.names, self.laws, self.held_out, self.closes_to_noise = [OTHER], [LAW], list(tests), to_noise
+        self.near = {}
         self.chance_p, self.without = lambda law: chance_p, lambda law: SimpleNamespace(score=without)
         self.held_out_of = lambda law: tests
 
@@ -91,8 +92,8 @@ def test_what_was_put_away_does_not_ask_for_a_further_law():
     assert leaves_something(Answered(unusual=True))
 
 
-def assessed(*others, axes=None, form=FORM, against_gravity=False):
-    return SimpleNamespace(form=form, others=list(others), axes=axes, against_gravity=against_gravity)
+def assessed(*others, axes=None, form=FORM, against_gravity=False, threshold=None):
+    return SimpleNamespace(form=form, others=list(others), axes=axes, against_gravity=against_gravity, threshold=threshold)
 
 
 def test_a_law_is_found_where_nothing_is_undecided():
@@ -116,6 +117,12 @@ def test_a_constant_of_each_axis_is_said():
 def test_a_law_that_gravity_within_the_turns_contradicts_is_no_more_than_a_candidate():
     law = law_of(*LAWS["matrix"])
     assert engine._undecided([assessed(against_gravity=True)], (law,), 1.0).startswith("the turns close with it, and within them gravity")
+
+
+def test_a_threshold_that_no_turn_determines_is_said():
+    law = law_of(LawForm((Factor("rate", "latch", 0.076),)), [1.0, 1.0, 1.0])
+    said = engine._undecided([assessed(form=law.form, threshold=(0.07, 0.081))], (law,), 1.0)
+    assert said.startswith("its threshold (of full scale) may be from 0.07 to 0.081: no turn peaks between them")
 
 
 @pytest.mark.parametrize(("lag_s", "short"), [(0.99 * SETTLED_S, True), (SETTLED_S, False)])
@@ -145,6 +152,7 @@ def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     monkeypatch.setattr(engine, "rivals", lambda *_: [same, unknown, far])
     monkeypatch.setattr(engine, "differing", lambda *_: None)
     monkeypatch.setattr(engine, "alike", lambda *_: [])
+    monkeypatch.setattr(engine, "open_threshold", lambda *_: None)
     searched = Answered()
     searched.evidence.within = SimpleNamespace(prefers=lambda one, other: False)
     searched.round_of, searched.tried = lambda law: None, []

@@ -34,6 +34,7 @@ from tinygc.annexes.discovery.search_state import (
     differing,
     leaves_something,
     numbers_of,
+    open_threshold,
     parted,
     refused,
     rivals,
@@ -70,7 +71,8 @@ SETTLED_S = 0.1
 @dataclass(frozen=True, eq=False)
 class _AssessedLaw:
     """One law of the best hypothesis; others: rivals that add a different rate, same: those that add the same rate; axes: its constants by
-    axis, where these differ; against_gravity: whether gravity during the turns is nearer without it."""
+    axis, where these differ; against_gravity: whether gravity during the turns is nearer without it; threshold: the range of
+    one that the recording leaves open, where it matters."""
 
     law: Effect
     form: LawForm
@@ -82,6 +84,7 @@ class _AssessedLaw:
     same: list[Rival]
     axes: ByAxis | None
     against_gravity: bool
+    threshold: tuple[float, float] | None
 
 
 def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
@@ -132,6 +135,10 @@ def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float
     for each in assessed:
         if each.axes is not None:
             return _by_axis(each.form, each.axes)
+        if each.threshold is not None:
+            word, own = constant_of(each.form, 0)
+            low, high = (f"{value * own:.3g}" for value in each.threshold)
+            return f"its {word} may be from {low} to {high}: no turn peaks between them, and another movement may"
         if each.against_gravity:
             return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
         if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in each.form.factors):
@@ -169,18 +176,22 @@ def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
         [rival for rival in near if rival.correlation > EQUAL],
         differing(searched, law),
         evidence.within.prefers(without, best),
+        open_threshold(searched, law, NEARLY),
     )
 
 
 def _near(searched: SearchState, law: Effect) -> list[Rival]:
     """Rivals that fit about as well, the nearest first, less those that gravity during the turns refutes."""
     evidence, best = searched.evidence, searched.best
-    weighed = sorted(rivals(evidence, best, law, searched.tried, alike(searched, law)), key=lambda rival: rival.nearest)
-    return [
-        rival
-        for rival in weighed
-        if rival.nearest < STAND_IN and (rival.hypothesis is None or not evidence.within.prefers(best, rival.hypothesis))
-    ]
+    key = id(best), law.id  # the evidence keeps every hypothesis
+    if key not in searched.near:
+        weighed = sorted(rivals(evidence, best, law, searched.tried, alike(searched, law)), key=lambda rival: rival.nearest)
+        searched.near[key] = [
+            rival
+            for rival in weighed
+            if rival.nearest < STAND_IN and (rival.hypothesis is None or not evidence.within.prefers(best, rival.hypothesis))
+        ]
+    return searched.near[key]
 
 
 def _plainest(searched: SearchState, law: Effect) -> SearchState:

@@ -12,7 +12,7 @@ from session.detect.stills import Still
 from tinygc.annexes.discovery.constants import ByAxis, by_axis, linear_coefficients
 from tinygc.annexes.discovery.equivalence import added, as_effect
 from tinygc.annexes.discovery.form import LawForm
-from tinygc.annexes.discovery.projections import Projection
+from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.screening import promised_beside
 from tinygc.annexes.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.annexes.discovery.words import equation
@@ -267,7 +267,7 @@ NOISE_P = 0.01
 class SearchState:
     """evidence of the searched data; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with
     unnamed shapes in addition; best: with laws; rounds of the search; entered: each law's id -> the number of the round that added it;
-    forms that were tried; why: the reason to reject a law."""
+    forms that were tried; why: the reason to reject a law; near: rivals of a law of a hypothesis, each computed once."""
 
     evidence: FormEvidence
     unseen: Unseen
@@ -280,6 +280,7 @@ class SearchState:
     entered: dict[str, int]
     forms: list[LawForm]
     why: str = ""
+    near: dict[tuple[int, str], list[Rival]] = field(default_factory=dict)
 
     @property
     def laws(self) -> list[Effect]:
@@ -361,6 +362,50 @@ def differing(searched: SearchState, law: Effect) -> ByAxis | None:
     rates = added(as_effect(form), theta, movements), found.added(movements)
     one, other = (beside_calibration(rate, movements) for rate in rates)
     return None if correlation(one, other) > EQUAL else found
+
+
+# Whether a threshold at which a law decides for a long time is known well enough for another movement.
+#
+# A sign that stays changes at a few moments alone.  All thresholds between the peaks of two turns give the same rate here, and another
+# movement peaks between them.  The same movement at other speeds stands for it.
+
+#: speeds, over the recording's own
+SPEEDS = tuple(np.linspace(0.8, 1.25, 10).tolist())
+#: ratio up to which a threshold is moved either way, and steps of it
+MOVED, MOVES = 1.3, 40
+
+
+def open_threshold(searched: SearchState, law: Effect, enough: float) -> tuple[float, float] | None:
+    """The range of a law's deciding threshold that the recording leaves open, in its unit, where its ends add rates to the movement at other
+    speeds that correlate less than ``enough`` in the mean; else None."""
+    form, movements = searched.evidence.forms[law.id], searched.evidence.twin.movements
+    factors = [factor for factor in form.factors if factor.through.decided]
+    if len(factors) != 1 or len(form.constants) != 1:
+        return None
+    responses, projection = searched.round_of(law).screening.all_responses, searched.projection_without(law)
+    (own,) = form.constants
+
+    def at(value: float) -> LawForm:
+        return form.with_constants((value,))
+
+    def gain(value: float) -> float:
+        return float(np.sum((seen_basis(responses.columns(at(value)), projection).T @ projection.residual) ** 2))
+
+    least, ends = gain(own) - STAND_IN, []
+    for side in (-1.0, 1.0):
+        end = own
+        for step in range(1, MOVES + 1):
+            moved = own * MOVED ** (side * step / MOVES)
+            if gain(moved) < least:
+                break
+            end = moved
+        ends.append(end)
+    theta = linear_coefficients(responses.columns(form), projection)
+    found = []
+    for speed in SPEEDS:  # a faster movement passes a lower threshold alike
+        rates = [added(as_effect(at(end / speed)), theta, movements) for end in ends]
+        found.append(correlation(*(beside_calibration(rate, movements) for rate in rates)))
+    return (ends[0], ends[1]) if np.mean(found) < enough else None
 
 
 # Forms and catalogue effects that could replace the law: by how much they are worse, and whether they add another rate.
@@ -447,11 +492,14 @@ def alike(searched: SearchState, law: Effect) -> list[Effect]:
     if own:
         level = screening.gain[:, own].max(axis=1, keepdims=True)
         near = np.flatnonzero((screening.gain > (1 - LACKS) * level - STAND_IN - MARGIN).any(axis=0))
-        for number in sorted(near.tolist(), key=lambda n: (numbers_of(screening.forms[n]), -screening.gain[:, n].max())):
+        gain = screening.gain.max(axis=0)
+        for number in sorted(near.tolist(), key=lambda n: (numbers_of(screening.forms[n]), -gain[n])):
             other = screening.forms[number]
             if other.shape != form.shape:
                 found.setdefault(other.shape, other)
-    return [evidence.effect_of(other) for other in list(found.values())[:MOST_ALIKE]]
+            if len(found) >= MOST_ALIKE:
+                break
+    return [evidence.effect_of(other) for other in found.values()]
 
 
 def numbers_of(form: LawForm) -> tuple[int, int, float]:

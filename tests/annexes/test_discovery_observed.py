@@ -11,6 +11,7 @@ from tinygc.annexes.discovery.effect_file import Where, written
 from tinygc.annexes.discovery.equivalence import FULL_SCALE, as_effect, some_movement
 from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.search_state import alike, numbers_of
+from tinygc.annexes.discovery.stated_rate import MOST_LACKING, share_lacking
 from tinygc.annexes.discovery.unobserved import OPEN, SIGNIFICANT, in_words, not_observed, observed
 from tinygc.effects import AppliedEffect, StatedNumbers, load_folder, using
 from tinygc.explanation.claims import against_stated
@@ -125,3 +126,22 @@ def test_forms_of_the_laws_gain_are_weighed_the_plainest_first_and_the_law_witho
     assert found == [LawForm((Factor("rate", "size"),)), plain, square]
     assert numbers_of(plain) < numbers_of(late) < numbers_of(LawForm((Factor("rate", "excess", 0.1, 1.0),)))
     assert len(found) <= search_state.MOST_ALIKE
+
+
+@pytest.mark.parametrize(("sigma", "lacks"), [(0.05, False), (0.4, True)])
+def test_numbers_must_be_known_well_enough_for_the_stated_rate(sigma, lacks):
+    """One number for each axis, known to a share: the rate of a draw lacks the mean square of that share."""
+    form = LawForm((Factor("rate", "square"),))
+    covariance = sigma**2 * np.eye(3)
+    found = share_lacking(form, np.array([1.0, -1.0, 1.0]), covariance, None, np.eye(3), [some_movement(3)])
+    assert (found > MOST_LACKING) == lacks
+
+
+def test_a_threshold_that_is_not_known_counts_with_the_coefficients_that_follow_it():
+    form, theta = LawForm((Factor("rate", "signed_beyond", 0.2),)), np.array([1.0, -1.0, 1.0])
+    given = (form, theta, 1e-8 * np.eye(3)), (np.eye(3), [some_movement(3)])
+    sharp, wide = ((np.array([[spread**2]]), np.zeros((3, 1))) for spread in (0.001, 0.5))
+    assert share_lacking(*given[0], sharp, *given[1]) == 0
+    assert share_lacking(*given[0], wide, *given[1]) > 0.5
+    follows = np.array([[0.01]]), np.array([[50.0], [50.0], [50.0]])
+    assert share_lacking(*given[0], follows, *given[1]) > 0.5

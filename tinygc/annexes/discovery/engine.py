@@ -42,6 +42,7 @@ from tinygc.annexes.discovery.search_state import (
     whole_added,
 )
 from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.stated_rate import LACKING, MOST_LACKING, of_constants, share_lacking
 from tinygc.annexes.discovery.unobserved import not_observed, observed
 from tinygc.annexes.discovery.words import constant_of, equation, splits, what
 from tinygc.effects import Effect, catalogue
@@ -143,6 +144,12 @@ def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float
             return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
         if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in each.form.factors):
             return f"a lag below {SETTLED_S:g} s is over before a still is: a filter that settles looks alike"
+    for law in laws:
+        if law.lacking > MOST_LACKING:
+            return (
+                f"its numbers are not known well enough: in {100 * law.lacking:.0f} of 100 of what they may be, its rate differs by more "
+                f"than {100 * LACKING:.0f} % of its variance from the stated one"
+            )
     faint = min(laws, key=lambda law: law.gain)
     if faint.gain < DECISIVE:
         return (
@@ -288,6 +295,7 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
     unobserved = not_observed(theta, covariance)
     beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
+    lacking = share_lacking(form, theta, held[part, part], of_constants(constants, part), beside, whole.evidence.twin.movements, number)
     theta, covariance = beside @ theta, beside @ covariance @ beside.T
     shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
     effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
@@ -306,6 +314,7 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
         tuple(_runner_up(evidence, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
         unobserved,
+        lacking,
     )
 
 

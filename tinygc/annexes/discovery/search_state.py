@@ -153,7 +153,8 @@ class Law:
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
     recording that was held out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
     learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any; unobserved (q, P):
-    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without."""
+    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without; lacking: share
+    of draws of its numbers whose rate differs from the stated one by more than a twentieth of its variance."""
 
     form: LawForm
     effect: Effect
@@ -169,6 +170,7 @@ class Law:
     runners_up: tuple[RunnerUp, ...] = ()
     learnable_from: float | None = None
     unobserved: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    lacking: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,8 +378,8 @@ MOVED, MOVES = 1.3, 40
 
 
 def open_threshold(searched: SearchState, law: Effect, enough: float) -> tuple[float, float] | None:
-    """The range of a law's deciding threshold that the recording leaves open, in its unit, where its ends add rates to the movement at other
-    speeds that correlate less than ``enough`` in the mean; else None."""
+    """The range of a law's deciding threshold that the recording leaves open, in its unit, where its ends add rates to the movement at
+    other speeds that correlate less than ``enough`` in the mean; else None."""
     form, movements = searched.evidence.forms[law.id], searched.evidence.twin.movements
     factors = [factor for factor in form.factors if factor.through.decided]
     if len(factors) != 1 or len(form.constants) != 1:

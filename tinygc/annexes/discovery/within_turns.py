@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.noise.channels import turn_equations
@@ -20,14 +22,14 @@ class WithinTurns:
 
     def __init__(self, twin: Twin):
         self.twin = twin
-        self._left: dict[int, tuple] = {}
+        self._left: dict[int, tuple[np.ndarray, Hypothesis]] = {}
 
     def prefers(self, one: Hypothesis, other: Hypothesis) -> bool:
         """Whether gravity during the turns tells that ``one`` is nearer than ``other``."""
         gains = self._squares(other) - self._squares(one)
         return len(gains) > 1 and bool(gains.any()) and signed_ranks_above(gains) < DECIDES
 
-    def _squares(self, hypothesis: Hypothesis):
+    def _squares(self, hypothesis: Hypothesis) -> np.ndarray:
         key = id(hypothesis)
         if key not in self._left:
             equations = turn_equations(self.twin, hypothesis.fit)

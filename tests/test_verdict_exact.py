@@ -75,8 +75,8 @@ def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_ou
         }
 
 
-def fitted(angles, parameters=12):
-    return SimpleNamespace(held_out=np.asarray(angles, dtype=float), parameters=parameters)
+def fitted(angles, parameters=12, undone=()):
+    return SimpleNamespace(held_out=np.asarray(angles, dtype=float), parameters=parameters, model=SimpleNamespace(undone=undone))
 
 
 def test_raw_is_the_better_of_two_that_fit_nothing():
@@ -112,11 +112,11 @@ def test_a_file_says_whether_its_method_is_worse_than_raw(mine, raw, segments, w
     assert worse_in_table(table, "pso") is None
 
 
-def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None):
+def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None, undone=()):
     """Each method closes all segments alike but for a part in ten thousand, so that Wilcoxon's p is a power of two."""
     parameters = {"raw": 0, "least_squares": 12, "tinygc": 27, "tinygc_denoised": 195, "physics": 15, "pso": 12}
     shape = np.linspace(1, 1.0001, segments)[:, None] * [0.6, 0.8]
-    fits = {name: fitted(tilt * DEG * shape, parameters[name]) for name, tilt in tilts.items()}
+    fits = {name: fitted(tilt * DEG * shape, parameters[name], undone if name == "physics" else ()) for name, tilt in tilts.items()}
     held = {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()}
     return model_to_use(fits, AgainstRaw("raw", raw_deg, held, segments), numbers or {name: list(range(segments)) for name in fits})
 
@@ -177,6 +177,14 @@ def test_the_simplest_model_that_no_other_betters_by_a_hundredth_and_more_than_c
 )
 def test_it_says_why(tilts, segments, says):
     assert used(tilts, segments).why.lower() == says.lower()
+
+
+@pytest.mark.parametrize(("partly_observed", "method"), [(False, "physics"), (True, "least_squares")])
+def test_a_law_of_which_closure_does_not_observe_a_part_is_not_recommended(partly_observed, method):
+    law = SimpleNamespace(effect=SimpleNamespace(partly_observed=partly_observed))
+    found = used({"least_squares": 1.0, "physics": 0.5}, undone=(law,))
+    assert (found.method, found.best) == (method, "physics")
+    assert ("not recommended" in found.why) == partly_observed
 
 
 def test_models_are_compared_on_the_segments_that_both_have():

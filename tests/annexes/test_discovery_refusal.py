@@ -7,8 +7,9 @@ import pytest
 from discovery_answers import DECIDED, LAWS, law_of
 
 from tinygc.annexes.discovery import engine, search_state
-from tinygc.annexes.discovery.engine import DECISIVE
+from tinygc.annexes.discovery.engine import DECISIVE, SETTLED_S
 from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.form import Factor, LawForm
 from tinygc.annexes.discovery.search_state import ALL_OF_IT, CHANCE, EQUAL, HELD_OUT_P, NOISE_P, Rival, leaves_something, refused, taken
 from tinygc.explanation.search import STAND_IN
 
@@ -33,6 +34,7 @@ class Answered:
         self.catalogue = SimpleNamespace(score=catalogue, ids={"gyro.other"})
         self.shapes = SimpleNamespace(score=shapes, ids={"unknown.smooth"})
         self.names, self.laws, self.held_out, self.closes_to_noise = [OTHER], [LAW], list(tests), to_noise
+        self.near = {}
         self.chance_p, self.without = lambda law: chance_p, lambda law: SimpleNamespace(score=without)
         self.held_out_of = lambda law: tests
 
@@ -90,8 +92,8 @@ def test_what_was_put_away_does_not_ask_for_a_further_law():
     assert leaves_something(Answered(unusual=True))
 
 
-def assessed(*others, axes=None):
-    return SimpleNamespace(form=FORM, others=list(others), axes=axes)
+def assessed(*others, axes=None, form=FORM, against_gravity=False, threshold=None):
+    return SimpleNamespace(form=form, others=list(others), axes=axes, against_gravity=against_gravity, threshold=threshold)
 
 
 def test_a_law_is_found_where_nothing_is_undecided():
@@ -108,8 +110,37 @@ def test_a_law_is_found_where_nothing_is_undecided():
 def test_a_constant_of_each_axis_is_said():
     axes = SimpleNamespace(constant=0, values=np.array([0.01, 0.02, 0.04]), more=31.4)
     dead_zone = law_of(*LAWS["dead zone"])
-    said = engine._undecided([SimpleNamespace(form=dead_zone.form, others=[], axes=axes)], (dead_zone,), 1.0)
+    said = engine._undecided([assessed(form=dead_zone.form, axes=axes)], (dead_zone,), 1.0)
     assert said.startswith("its width (of full scale) seems to differ by axis (0.01, 0.02, 0.04; chi-square 31)")
+
+
+def test_a_law_that_gravity_within_the_turns_contradicts_is_no_more_than_a_candidate():
+    law = law_of(*LAWS["matrix"])
+    assert engine._undecided([assessed(against_gravity=True)], (law,), 1.0).startswith("the turns close with it, and within them gravity")
+
+
+def test_a_threshold_that_no_turn_determines_is_said():
+    law = law_of(LawForm((Factor("rate", "latch", 0.076),)), [1.0, 1.0, 1.0])
+    said = engine._undecided([assessed(form=law.form, threshold=(0.07, 0.081))], (law,), 1.0)
+    assert said.startswith("its threshold (of full scale) may be from 0.07 to 0.081: no turn peaks between them")
+
+
+@pytest.mark.parametrize(("lag_s", "short"), [(0.99 * SETTLED_S, True), (SETTLED_S, False)])
+def test_a_lag_that_a_filter_has_too_is_not_found(lag_s, short):
+    law = law_of(LawForm((Factor("rate", "size", None, lag_s),)), [1.0, 1.0, 1.0])
+    assert engine._undecided([assessed(form=law.form)], (law,), 1.0).startswith("a lag below 0.1 s") == short
+
+
+@pytest.mark.parametrize(("refutes", "others"), [(True, 0), (False, 1)])
+def test_gravity_within_the_turns_tells_forms_apart_that_close_alike(monkeypatch, refutes, others):
+    """A form of another rate that fits as well, dearer by its description and its numbers, is a rival unless gravity refutes it."""
+    rival = Rival(OTHER, SimpleNamespace(), 40.0, 20.0, 0.1, chi_worse=STAND_IN - 0.1)
+    monkeypatch.setattr(engine, "rivals", lambda *_: [rival])
+    monkeypatch.setattr(engine, "alike", lambda *_: [])
+    searched = Answered()
+    searched.tried = []
+    searched.evidence.within = SimpleNamespace(prefers=lambda one, other: refutes and one is searched.best)
+    assert len(engine._near(searched, LAW)) == others
 
 
 def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
@@ -120,7 +151,10 @@ def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     )
     monkeypatch.setattr(engine, "rivals", lambda *_: [same, unknown, far])
     monkeypatch.setattr(engine, "differing", lambda *_: None)
+    monkeypatch.setattr(engine, "alike", lambda *_: [])
+    monkeypatch.setattr(engine, "open_threshold", lambda *_: None)
     searched = Answered()
+    searched.evidence.within = SimpleNamespace(prefers=lambda one, other: False)
     searched.round_of, searched.tried = lambda law: None, []
     found = engine._assessed(searched, LAW)
     assert found.others == [unknown]

@@ -22,6 +22,7 @@ from tinygc.effects.effect import (
     PictureData,
     ReferenceConditions,
     Scan,
+    StatedNumbers,
 )
 from tinygc.effects.movement import (
     NEIGHBOURS,
@@ -67,6 +68,7 @@ __all__ = [
     "ReferenceConditions",
     "Scan",
     "StageC",
+    "StatedNumbers",
     "axis_of",
     "before",
     "behind",

@@ -160,6 +160,31 @@ class Scan:
     smooth: bool = False
 
 
+# What a file states of the recording in which its law was found: another recording of the unit must agree.
+
+#: p-value below which two recordings' numbers differ: one of a thousand pairs that agree
+DIFFERENT_P = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class StatedNumbers:
+    """theta (P,) SI and covariance (P, P) of one recording, with all else free; shape: of a scanned shape, its value and sigma, SI."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    shape: tuple[float, float] | None = None
+
+    def against(self, theta: np.ndarray, covariance: np.ndarray, value: float | None = None) -> tuple[float, int]:
+        """Chi-square, and its degrees of freedom, of another recording's theta (P,) with covariance (P, P) and value of the scanned shape,
+        whose sigma is taken to be the stated one."""
+        variance, axes = np.linalg.eigh(self.covariance + covariance)
+        seen = variance > 1e-9 * variance[-1]  # not what a gauge fixes
+        chi_square, freedom = float(np.sum((axes.T @ (theta - self.theta))[seen] ** 2 / variance[seen])), int(seen.sum())
+        if self.shape is None or value is None:
+            return chi_square, freedom
+        return chi_square + (value - self.shape[0]) ** 2 / (2 * self.shape[1] ** 2), freedom + 1
+
+
 # How an effect is plotted: the name of a built-in pair of panels, or a function that draws its own from plain data.
 
 #: pairs of panels: the mismatch in the stills or in the turns, and a second view of it
@@ -263,6 +288,7 @@ class Effect:
     of_readings: the same effect acting on the readings, after the linear errors; ``on_readings``: whether this is that form.
     wider: the same cause with more numbers.  Model selection compares these forms with the effect.
     reference_conditions: full scale and temperature of its constants, where it is tested.
+    stated: the numbers of the recording in which the law was found, which another must agree with.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can store it.
 
     Raises EffectError for an invalid declaration.
@@ -294,6 +320,7 @@ class Effect:
     picture: str | OwnPicture | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
+    stated: StatedNumbers | None = None
     of_readings: Effect | None = None
     wider: Effect | None = None
     reference_conditions: ReferenceConditions = ANYWHERE
@@ -385,6 +412,11 @@ class Effect:
     def of_one_session(self) -> bool:
         """Whether it follows the time of the session that it was fitted to, and so does not apply to any other."""
         return "time" in self.inputs
+
+    @property
+    def partly_observed(self) -> bool:
+        """Whether closure does not observe a part of it, other than a delay: a turn about the vertical, say, so that no yaw is proved."""
+        return isinstance(self.gauge_convention, Convention) and not self.gauge_convention.delays
 
     def at(self, value: float) -> Effect:
         """Return the effect with its scanned shape at a value, SI."""

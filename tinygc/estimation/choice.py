@@ -175,15 +175,25 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
         pair = [fits[name].held_out[[numbers[name].index(number) for number in common]] for name in (usual, other)]
         return less_by_chance(*pair) if common else 1.0
 
-    used, p_value, others = able[0], None, able[1:]
+    proved = [able[0], *(name for name in able[1:] if not _partly_observed(fits[name]))]
+    used, p_value, others = able[0], None, proved[1:]
     for name in others:
         p = chance(used, name)
         if p < BETTER_P / len(others):
             used, p_value = name, p
     best = min(able, key=tilts.__getitem__)
-    if p_value is None and (near := chance(used, best)) < 1:
+    if p_value is None and (near := chance(used, min(proved, key=tilts.__getitem__))) < 1:
         p_value = near
-    return ModelToUse(used, best, p_value, _why(used, p_value, able, tilts))
+    if len(proved) == len(able):
+        return ModelToUse(used, best, p_value, _why(used, p_value, able, tilts))
+    unproved = ", ".join(METHODS[name].title for name in able if name not in proved)
+    why = f"held out {tilts[used]:.4f}°; not recommended, as closure does not observe a part of a law that it has: {unproved}"
+    return ModelToUse(used, best, p_value, why)
+
+
+def _partly_observed(fit: MethodFit) -> bool:
+    """Whether a model corrects an effect of which closure does not observe a part, so that held-out closure does not prove the whole."""
+    return any(claim.effect.partly_observed for claim in fit.model.undone)
 
 
 def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, float]) -> str:

@@ -9,7 +9,9 @@ import numpy as np
 from scipy.special import stdtr
 
 from session.io.units import DEG
+from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
+from tinygc.effects.effect import DIFFERENT_P
 from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
 from tinygc.explanation.search import NamedEffect
@@ -94,13 +96,52 @@ CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each st
 CERTAIN = 0.999
 
 
+@dataclass(frozen=True)
+class AgainstStated:
+    """The numbers fitted here against those that the effect's file states: chi-square of their difference, and its degrees of freedom."""
+
+    chi_square: float
+    freedom: int
+
+    @property
+    def p_value(self) -> float:
+        """Probability of as large a difference of two recordings of one unit and law."""
+        return chi_square_above(self.chi_square, self.freedom)
+
+    @property
+    def words(self) -> str:
+        """Say whether they agree."""
+        if self.p_value >= DIFFERENT_P:
+            return f"the numbers agree with those that its file states (p {p_words(self.p_value)})"
+        return (
+            f"the numbers are not those that its file states (p {p_words(self.p_value)}): the law as stated is contradicted, "
+            "unless this is another unit"
+        )
+
+    def to_json(self) -> dict:
+        """Return ``against_stated`` of an entry of ``effects``."""
+        return {"chi_square": self.chi_square, "freedom": self.freedom, **p_entry("p_value", self.p_value)}
+
+
+def against_stated(claim: AppliedEffect, covariance: np.ndarray) -> AgainstStated | None:
+    """Compare a fitted claim with the numbers of its effect's file, None where it states none; covariance (P, P) of the claim."""
+    effect, stated = claim.effect, claim.effect.stated
+    if stated is None:
+        return None
+    if isinstance(effect.gauge_convention, Convention):
+        slope = effect.gauge_convention.slope(claim.theta)
+        covariance = slope @ covariance @ slope.T
+    value = None if effect.scan is None else effect.shape.get(effect.scan.name)
+    return AgainstStated(*stated.against(claim.theta, covariance, None if value is None else value * effect.scan.si))  # type: ignore[union-attr]
+
+
 @dataclass(frozen=True, eq=False)
 class Claim:
     """One claimed effect: parameters and their std in the units of their JSON names, p-value, and a sentence.
 
     equivalent: ids of effects that fit as well. probability of the effect over all hypotheses evaluated. rivals: probability of each
     competing effect, by id. share of the chi-square beyond noise that it removes, None for what was found outside the fit. p_is_bound: the
-    p-value is the threshold of a detector, an upper bound.
+    p-value is the threshold of a detector, an upper bound.  against_stated: the numbers against those that the effect's file states.
     """
 
     effect: Effect
@@ -113,6 +154,7 @@ class Claim:
     p_is_bound: bool = False
     probability: float = 1.0
     rivals: dict[str, float] = field(default_factory=dict)
+    against_stated: AgainstStated | None = None
 
     def to_json(self) -> dict:
         """Return one entry of ``effects`` of ``tinygc-explain/2``."""
@@ -126,6 +168,7 @@ class Claim:
             "rivals": self.rivals,
             "equivalent": list(self.equivalent),
             "description": self.says,
+            **({} if self.against_stated is None else {"against_stated": self.against_stated.to_json()}),
         }
 
 
@@ -205,8 +248,9 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         claim = fit.state.claims[number]
         theta, parameters, std = readable(claim, fit.theta_covariance(number))
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        says = claim.effect.describe(theta)
+        says, stated = claim.effect.describe(theta), against_stated(claim, fit.theta_covariance(number))
+        says = says if stated is None else f"{says}; {stated.words}"
         claims.append(
-            Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals)
+            Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals, stated)
         )
     return claims

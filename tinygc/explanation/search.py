@@ -134,7 +134,7 @@ def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) ->
 
 def _delays(effect: Effect) -> bool:
     """Whether an effect is a delay, which linear columns rank poorly: they miss the curvature of a long delay and cannot separate two."""
-    return effect.gauge_convention is not None
+    return effect.gauge_convention is not None and bool(effect.gauge_convention.delays)
 
 
 def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:

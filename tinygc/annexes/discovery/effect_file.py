@@ -14,8 +14,9 @@ from session.io.texts import printable
 from session.io.units import DEG
 from tinygc.annexes.discovery.equivalence import FULL_SCALE, columns_of, some_movement
 from tinygc.annexes.discovery.form import LawForm
-from tinygc.annexes.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not
+from tinygc.annexes.discovery.law_code import SESSIONS_OWN, DeviceCode, device_code, law_code, why_not
 from tinygc.annexes.discovery.search_state import HeldOut, Law, RunnerUp
+from tinygc.annexes.discovery.unobserved import in_words as direction_in_words
 from tinygc.annexes.discovery.words import (
     Constant,
     coefficient_unit,
@@ -72,6 +73,10 @@ def docstring(law: Law, where: Where, undoing: str = "") -> str:
         parts[f"Held out{' ' * number}"] = _held_out(each)
     if law.same:
         parts["The same"] = "this recording cannot tell it from " + "; ".join(equation(form) for form in law.same[:MOST])
+    if len(law.unobserved):
+        parts["Not seen"] = "not observed there, and not applied: " + "; ".join(
+            direction_in_words(law.form, each) for each in law.unobserved
+        )
     for number, other in enumerate(law.runners_up[:MOST]):
         parts[f"Else{' ' * number}"] = _runner_up(other)
     if law.learnable_from is not None:
@@ -203,6 +208,10 @@ DIGITS = 2
 PLAUSIBLE = 20.0
 #: factors on the constant found, at which another unit's own constant is searched
 GRID = "0.5, 0.63, 0.8, 1, 1.25, 1.6, 2"
+#: digits of a coefficient and of its covariance
+KNOWN = 6
+#: digits of a weight of a combination of coefficients
+WEIGHTS = 4
 #: columns of a line
 WIDTH = 120
 
@@ -229,6 +238,8 @@ class _File:
         self.passes = passes_of(form, law.theta, self.jumps, full_scale) if counted else PASSES
         in_c = passes_in_c(form, law.theta, full_scale) if not why_not(form) else None
         self.device = device_code(form, constants, name, in_c, self.fixed)
+        if len(law.unobserved):
+            self.device = DeviceCode('NoC("part of it was not observed, and its C would apply that part")')
 
     def text(self, where: Where) -> str:
         """The whole file."""
@@ -239,7 +250,8 @@ class _File:
 
     def _imports(self) -> str:
         rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
-        names = [name for name in USED if re.search(rf"\b{name}[(.]", rest) or (name in ("NEIGHBOURS", "Conditions") and name in rest)]
+        bare = ("NEIGHBOURS", "Conditions")
+        names = [name for name in USED if re.search(rf"\b{name}" + (r"\b" if name in bare else "[(.]"), rest)]
         lines = ["from dataclasses import replace\n"] if "replace(" in rest else []
         lines += [
             "import numpy as np\n",
@@ -256,6 +268,12 @@ class _File:
             unit = constant.unit or "of full scale"
             sigma = "sigma not known" if constant.sigma is None else f"sigma {constant.sigma:.2g}"
             lines += [f"#: {unit}, {sigma}", f"{constant.python} = {constant.source}"]
+        lines += ["#: SI: what that session gave; another of the unit must agree", f"COEFFICIENTS = {_array(self.law.theta)}"]
+        lines += [f"COVARIANCE = {_array(self.law.covariance)}"]
+        if len(self.law.unobserved):
+            lines += ["#: combinations of the coefficients that the session did not observe; the law is without them"]
+            lines += [f"NOT_OBSERVED = np.array({_rows(self.law.unobserved)})"]
+            lines += [f"OBSERVED = np.eye({self.form.size}) - np.linalg.pinv(NOT_OBSERVED) @ NOT_OBSERVED"]
         return "\n".join(lines)
 
     @property
@@ -267,7 +285,10 @@ class _File:
             f"def _columns(m: Movement{self._given}) -> np.ndarray:",
             f'    """(N, 3, {self.form.size}): what one of each coefficient adds."""',
         ]
-        return "\n".join(head) + "\n" + indent("\n".join(self.code.lines), "    ")
+        *lines, last = self.code.lines
+        if len(self.law.unobserved):
+            last = f"return {last.removeprefix('return ')} @ OBSERVED"
+        return "\n".join(head) + "\n" + indent("\n".join([*lines, last]), "    ")
 
     def _correct(self) -> str:
         if not jumps(self.form):
@@ -320,13 +341,18 @@ class _File:
         if jumps(form):
             correct = "_correct" if self.scanned is None else "lambda measured, m, theta: _correct(measured, m, theta)"
             lines += [f"exact_correct={correct},"]
-        lines += [f"regime={_tuple(regime(form))},"]
+        lines += [f"conditions={_tuple(regime(form))},"]
         if self.scanned is not None:
             si = f", si={self.scanned.times.removeprefix(' * ')}" if self.scanned.times else ""
             lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
         if self.fixed:
             given = {"FULL_SCALE_RPS": "fs_rps", "FIRST_TEMP_C": "first_temp_c"}
             lines += [f"reference_conditions=ReferenceConditions({', '.join(f'{given[name]}={name}' for name in self.fixed)}),"]
+        if len(self.law.unobserved):
+            lines += ["gauge_convention=Convention(settle=lambda theta: OBSERVED @ theta, slope=lambda theta: OBSERVED),"]
+        sigma = None if self.scanned is None else self.scanned.sigma
+        shape = "" if self.scanned is None or sigma is None else f", ({self.scanned.python}, {sigma:.3g}{self.scanned.times})"
+        lines += [f"stated=StatedNumbers(COEFFICIENTS, COVARIANCE{shape}),"]
         lines += [f"known_to={share},"] if (share := known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += f"device={self.device.source},".split("\n")
@@ -377,8 +403,8 @@ def at_of(where: Where) -> dict[str, tuple[float, str]]:
 
 #: names of ``tinygc.effects`` that a file may use in addition to ``Effect`` and ``Movement``
 USED = (
-    *("NEIGHBOURS", "Conditions", "Cost", "ReferenceConditions", "NoC", "Parameter", "Reach"),
-    *("Scan", "StageC", "axis_of", "before", "behind", "cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
+    *("NEIGHBOURS", "Conditions", "Convention", "Cost", "ReferenceConditions", "NoC", "Parameter", "Reach", "Scan", "StageC"),
+    *("StatedNumbers", "axis_of", "before", "behind", "cross", "diagonal", "full", "largest", "rows", "signals", "without_vibration"),
 )
 
 
@@ -401,6 +427,21 @@ def _pieces(text: str) -> list[str]:
     """The text as consecutive string literals."""
     lines = wrap(text, WIDTH - 20)
     return [f'"{line}{" " if number < len(lines) - 1 else ""}"' for number, line in enumerate(lines)]
+
+
+def _array(values: np.ndarray) -> str:
+    """Python of an array, to ``KNOWN`` digits, a matrix row by row."""
+    given = np.vectorize(lambda value: float(f"{value:.{KNOWN}g}") + 0.0, otypes=[float])(values).tolist()
+    rows = [repr(row) for row in given] if np.ndim(values) == 2 else []
+    if not rows:
+        return f"np.array({given!r})"
+    lines = [line for row in rows for line in wrap(f"{row},", WIDTH - 8)]
+    return "np.array(\n    [\n" + "\n".join(f"        {line}" for line in lines) + "\n    ]\n)"
+
+
+def _rows(values: np.ndarray) -> str:
+    """Python of a small matrix, to the digits of a weight."""
+    return "[" + ", ".join("[" + ", ".join(f"{value:.{WEIGHTS}f}" for value in row) + "]" for row in values) + "]"
 
 
 def _tuple(names: Sequence[str]) -> str:

@@ -28,14 +28,22 @@ from tinygc.annexes.discovery.search_state import (
     RunnerUp,
     SearchState,
     Unseen,
+    alike,
+    chi_square_beyond,
+    correlation,
     differing,
     leaves_something,
+    numbers_of,
+    open_threshold,
     parted,
     refused,
     rivals,
     taken,
+    whole_added,
 )
-from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
+from tinygc.annexes.discovery.stated_rate import LACKING, MOST_LACKING, of_constants, share_lacking
+from tinygc.annexes.discovery.unobserved import not_observed, observed
 from tinygc.annexes.discovery.words import constant_of, equation, splits, what
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.claims import readable
@@ -52,14 +60,20 @@ from tinygc.noise.twin import Twin, claim_slice
 DECISIVE = STAND_IN / (1 - EQUAL**2)
 #: sigmas, one-sided: a chi-square's root is that far below its mean in one case of twenty, to match ``detection_limits.SURE``
 SURE_SIGMAS = 1.645
+#: correlation of the added rates from which on a form that bends the law by more numbers, and is no more probable, is no alternative:
+#: either explains 95 % of the other's rate
+NEARLY = 0.975
 #: runners-up that are listed
 MOST_RUNNERS_UP = 4
+#: s: a lag is over after three of them; the low-pass of a gyroscope, and the hand that stops, take up to 0.3 s
+SETTLED_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class _AssessedLaw:
     """One law of the best hypothesis; others: rivals that add a different rate, same: those that add the same rate; axes: its constants by
-    axis, where these differ."""
+    axis, where these differ; against_gravity: whether gravity during the turns is nearer without it; threshold: the range of
+    one that the recording leaves open, where it matters."""
 
     law: Effect
     form: LawForm
@@ -70,6 +84,8 @@ class _AssessedLaw:
     others: list[Rival]
     same: list[Rival]
     axes: ByAxis | None
+    against_gravity: bool
+    threshold: tuple[float, float] | None
 
 
 def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
@@ -95,13 +111,14 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
     progress("rivals")
     assessed = [_assessed(searched, law) for law in searched.laws]
     whole = _on_all(explanation, searched)
+    assessed = [replace(each, others=_near_on_all(searched, each, whole, number)) for number, each in enumerate(assessed)]
     names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
     ids = list[str]()
     for each in assessed:
         ids.append(_free_id(each.form, ids))
     laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(assessed))
-    why = _undecided(assessed, laws, share)
+    why = _undecided(assessed, laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
 
 
@@ -119,6 +136,20 @@ def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float
     for each in assessed:
         if each.axes is not None:
             return _by_axis(each.form, each.axes)
+        if each.threshold is not None:
+            word, own = constant_of(each.form, 0)
+            low, high = (f"{value * own:.3g}" for value in each.threshold)
+            return f"its {word} may be from {low} to {high}: no turn peaks between them, and another movement may"
+        if each.against_gravity:
+            return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
+        if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in each.form.factors):
+            return f"a lag below {SETTLED_S:g} s is over before a still is: a filter that settles looks alike"
+    for law in laws:
+        if law.lacking > MOST_LACKING:
+            return (
+                f"its numbers are not known well enough: in {100 * law.lacking:.0f} of 100 of what they may be, its rate differs by more "
+                f"than {100 * LACKING:.0f} % of its variance from the stated one"
+            )
     faint = min(laws, key=lambda law: law.gain)
     if faint.gain < DECISIVE:
         return (
@@ -140,8 +171,7 @@ def _by_axis(form: LawForm, axes: ByAxis) -> str:
 def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
-    weighed = sorted(rivals(evidence, best, law, searched.tried), key=lambda rival: rival.nearest)
-    near = [rival for rival in weighed if rival.nearest < STAND_IN]
+    near = _near(searched, law)
     return _AssessedLaw(
         law,
         evidence.forms[law.id],
@@ -152,7 +182,44 @@ def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
         [rival for rival in near if rival.correlation <= EQUAL],
         [rival for rival in near if rival.correlation > EQUAL],
         differing(searched, law),
+        evidence.within.prefers(without, best),
+        open_threshold(searched, law, NEARLY),
     )
+
+
+def _near(searched: SearchState, law: Effect) -> list[Rival]:
+    """Rivals that fit about as well, the nearest first, less those that gravity during the turns refutes."""
+    evidence, best = searched.evidence, searched.best
+    key = id(best), law.id  # the evidence keeps every hypothesis
+    if key not in searched.near:
+        weighed = sorted(rivals(evidence, best, law, searched.tried, alike(searched, law)), key=lambda rival: rival.nearest)
+        searched.near[key] = [
+            rival
+            for rival in weighed
+            if rival.nearest < STAND_IN and (rival.hypothesis is None or not evidence.within.prefers(best, rival.hypothesis))
+        ]
+    return searched.near[key]
+
+
+def _plainest(searched: SearchState, law: Effect) -> SearchState:
+    """The search with the plainest of the forms that cannot be told apart in a law's place: that of the fewest constants, then numbers.
+
+    One that gravity during the turns prefers comes first.
+    """
+    evidence = searched.evidence
+    for _ in range(MOST_EXCHANGES):
+        if evidence.exhausted:
+            break
+        forms = [rival for rival in _near(searched, law) if rival.effect.id in evidence.forms and rival.hypothesis is not None]
+        preferred = [rival for rival in forms if evidence.within.prefers(rival.hypothesis, searched.best)]
+        plainer = [rival for rival in forms if numbers_of(evidence.forms[rival.effect.id]) < numbers_of(evidence.forms[law.id])]
+        if not preferred and not plainer:
+            break
+        chosen = min(preferred or plainer, key=lambda rival: (*numbers_of(evidence.forms[rival.effect.id]), rival.nearest))
+        assert chosen.hypothesis is not None
+        entered = searched.entered | {chosen.effect.id: searched.entered[law.id]}
+        searched, law = replace(searched, best=chosen.hypothesis, entered=entered), chosen.effect
+    return searched
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +239,35 @@ def _on_all(explanation: Explanation, searched: SearchState) -> _Whole:
     for number, law in enumerate(laws):
         have, laws[number] = exact(evidence, have, law)
     return _Whole(evidence, have, laws)
+
+
+def _near_on_all(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, number: int) -> list[Rival]:
+    """The law's rivals of another rate that stay near on the whole recording: a law is tested on what the search never saw, and then all of
+    it tells the law from its rivals."""
+    evidence, have, law = whole.evidence, whole.have, whole.laws[number]
+    own, found = whole_added(evidence.twin, have), []
+    for rival in assessed.others:
+        if evidence.exhausted:
+            found.append(rival)
+            continue
+        form = searched.evidence.forms.get(rival.effect.id)
+        other = rival.effect if form is None else evidence.effect_of(form)
+        trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
+        if not believable(trial, have):
+            continue
+        trial, other = (trial, other) if form is None else exact(evidence, trial, other)
+        again = replace(
+            rival,
+            worse=trial.score - have.score,
+            fits_worse=evidence.unpriced(trial) - evidence.unpriced(have),
+            chi_worse=chi_square_beyond(trial, have),
+            correlation=correlation(own, whole_added(evidence.twin, trial)),
+        )
+        bent = form is not None and numbers_of(form)[1] > numbers_of(assessed.form)[1] and again.worse > 0
+        alike_enough = NEARLY if bent else EQUAL
+        if again.nearest < STAND_IN and again.correlation <= alike_enough and not evidence.within.prefers(have, trial):
+            found.append(again)
+    return sorted(found, key=lambda rival: rival.nearest)
 
 
 def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
@@ -197,6 +293,10 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
     covariance = (held if constants is None else constants.widened(held))[part, part]
     sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
+    unobserved = not_observed(theta, covariance)
+    beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
+    lacking = share_lacking(form, theta, held[part, part], of_constants(constants, part), beside, whole.evidence.twin.movements, number)
+    theta, covariance = beside @ theta, beside @ covariance @ beside.T
     shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
     effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
     return Law(
@@ -213,6 +313,8 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
         _same(assessed, evidence),
         tuple(_runner_up(evidence, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
+        unobserved,
+        lacking,
     )
 
 
@@ -292,12 +394,15 @@ def discover(
             break
         progress("discover: refitting the constants", step, STEPS)
         further = _exactly(searched, _settled(evidence, tried, found, searched.laws))
+        for law in further.laws:
+            if law not in searched.laws and further.entered[law.id] == len(rounds) - 1:
+                further = _plainest(further, law)
         why = next((why for law in further.laws if (why := refused(further, law))), None)
         if why is not None:
             searched = replace(searched, why=searched.why or why)
             break
         searched = further
-        if not leaves_something(searched):
+        if evidence.exhausted or not leaves_something(searched):
             break
         bases = [searched.best]
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
@@ -323,6 +428,8 @@ def _settled(evidence: FormEvidence, tried: list[Effect], found: SearchRound, be
     have = without_idle(evidence, found.best)
     have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
     for _ in range(MOST_EXCHANGES):
+        if evidence.exhausted:
+            break
         law = next((effect for effect in have.effects if effect.id in evidence.forms and effect not in before), None)
         if law is None:
             break

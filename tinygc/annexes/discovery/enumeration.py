@@ -36,6 +36,8 @@ LINES = tuple(np.arange(0.5, 200.25, 0.5).tolist())
 CLOCKS, FEW_LINES = LINES[1:40], LINES[:40]
 #: cycles in a full turn
 TIMES_A_TURN = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
+#: a temperature at which a law of it vanishes, from the first sample's, over the largest change: beyond, the law is hardly one of it
+POINTS = (0.25, 0.5, 1.0, 2.0)
 #: a register's steps over the largest size: half a step changes the last threshold by no more
 COUNTS = tuple(np.arange(2.0, 32.25, 0.5).tolist())
 
@@ -52,6 +54,8 @@ def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]
         return FEW_CYCLES if few else CYCLES
     if function == "saw":
         return COUNTS
+    if function in ("above_point", "below_point"):
+        return POINTS
     if function in FADING:
         return FEW_FADES if few else FADES
     if function in STEPPED and not few:
@@ -99,6 +103,7 @@ ALONE: dict[str, str] = {
     "force": f"{_POWERS} sign dead_zone {_LIMITS} wave play",
     "acceleration": f"{_POWERS} sign dead_zone {_LIMITS}",
     "acceleration_size": "itself square cube root root_cube excess soft beyond",
+    "speed_slope": "itself size square signed_square cube",
     "jerk": "itself size square signed_square cube root signed_root sign dead_zone excess soft beyond",
     "temperature": f"itself size square signed_square cube root signed_root root_cube {_KINKS} decay soft wave play",
     "temperature_rate": "itself size square signed_square cube root signed_root sign dead_zone beyond",
@@ -116,8 +121,9 @@ TOGETHER: dict[str, str] = {
     "force": "itself size square signed_square sign",
     "acceleration": "itself size square sign",
     "acceleration_size": "itself square",
+    "speed_slope": "itself size",
     "jerk": "itself size",
-    "temperature": "itself square size root beyond excess",
+    "temperature": "itself square size root beyond excess above_point below_point",
     "temperature_rate": "itself size",
     "time": "itself square root decay settle beyond wave",
     "rest": "itself root decay settle beyond",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import isfinite
 
 import numpy as np
@@ -222,7 +223,7 @@ class LawForm:
             factors.append(replace(factor, constant=constant, lag_s=lag_s))
         return replace(self, factors=tuple(factors))
 
-    @property
+    @cached_property
     def shape(self) -> LawForm:
         """The form without its constants: what forms that differ by constants alone have in common."""
         return self.with_constants(np.ones(len(self.constants)))

@@ -148,6 +148,7 @@ WHY_NOT = {
     "world": "it follows the heading, which the device does not know",
     "acceleration": "it needs samples that are yet to come",
     "acceleration_size": "it needs samples that are yet to come",
+    "speed_slope": "it needs samples that are yet to come",
     "jerk": "it needs samples that are yet to come",
     "vibration": "it needs samples that are yet to come",
     "time": "it belongs to the time of that one session",

@@ -32,6 +32,7 @@ SHOWN: dict[str, tuple[float, bool, str, str]] = {
     "rate_size": (1 / DEG, True, "size of the rate", "dps"),
     "acceleration": (1 / DEG, True, "angular acceleration about {i}", "dps/s"),
     "acceleration_size": (1 / DEG, True, "size of the angular acceleration", "dps/s"),
+    "speed_slope": (1 / DEG, True, "rate of change of the size of the rate", "dps/s"),
     "jerk": (1 / DEG, True, "angular jerk about {i}", "dps/s²"),
     "force": (1.0, False, "specific force along {i}", "g"),
     "temperature": (1.0, False, "temperature since the first sample", "°C"),
@@ -206,7 +207,8 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
             between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
-        return "record a second session with other movement, and explain it with the effect file: a law that is named there holds"
+        holds = "a law holds whose numbers agree there with the file's"
+        return f"record a second session with other movement, and explain it with the effect file: {holds}"
     faint = min(discovery.laws, key=lambda law: law.gain, default=None)
     if faint is not None and faint.gain < DECISIVE:
         more = ceil(DECISIVE / faint.gain + 0.5)

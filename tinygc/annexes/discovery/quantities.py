@@ -110,6 +110,8 @@ FUNCTIONS: dict[str, Function] = {
         Function(
             "hinge", "max({x} − {c}, 0)", "how far {x} is above {c}", "np.maximum(x - c, 0.0)", constant="threshold", odd=False, power=1
         ),
+        Function("above_point", "({x} − {c})", "{x}, counted from {c}", "x - c", constant="point", odd=False, power=1),
+        Function("below_point", "({x} + {c})", "{x}, counted from −{c}", "x + c", constant="point", odd=False, power=1),
         Function(
             "band",
             "{x}[|{x}| < {c}]",
@@ -271,6 +273,15 @@ QUANTITIES: dict[str, SignalQuantity] = {
             "np.linalg.norm(signals.angular_acceleration(m), axis=1) / m.fs_rps",
             reach=signals.DERIVATIVE,
             positive=True,
+        ),
+        SignalQuantity(
+            "speed_slope",
+            "|u|′",
+            "the rate of change of the size of the rate, in full scales a second",
+            "1/s",
+            1,
+            "signals.derivative(np.linalg.norm(m.rate, axis=1), m) / m.fs_rps",
+            reach=signals.DERIVATIVE,
         ),
         SignalQuantity(
             "jerk",

@@ -51,7 +51,7 @@ _LAW = Keys(
         "runners_up": ListOf(_RIVAL),
         "learnable_from": Maybe(Number()),
     },
-    {"terms": ListOf(Text())},
+    {"terms": ListOf(Text()), "not_observed": ListOf(Keys({"in_words": Text()}))},
 )
 _DISCOVERY = Keys(
     {
@@ -134,7 +134,7 @@ def section(evidence: ReportData) -> Section | None:
     if short := abbreviated(table):
         html += paragraph(f"In these equations: {escape(short)}.", "soft")
     if table["catalogue_effects"] and table["laws"]:
-        html += paragraph(f"Beside them stand, of the catalogue: {escape(', '.join(each['id'] for each in table['beside']))}.")
+        html += paragraph(f"Beside them stand, of the catalogue: {escape(', '.join(each['id'] for each in table['catalogue_effects']))}.")
     if table["why"]:
         html += paragraph(f"{escape(table['why'])}.")
     if found.picture is not None:

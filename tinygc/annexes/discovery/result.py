@@ -12,6 +12,7 @@ from session.io.units import DEG
 from tinygc.annexes.discovery.law_code import law_code
 from tinygc.annexes.discovery.quantities import QUANTITIES
 from tinygc.annexes.discovery.search_state import NOISE_P, Discovery, HeldOut, Law, RunnerUp
+from tinygc.annexes.discovery.unobserved import in_words as direction_in_words
 from tinygc.annexes.discovery.words import (
     ABBREVIATIONS,
     ARROW,
@@ -70,6 +71,10 @@ def _law(law: Law, file: str | None) -> dict:
         "same_here": [equation(form) for form in law.same],
         "runners_up": [_runner_up(each) for each in law.runners_up],
         "learnable_from": law.learnable_from,
+        "not_observed": [
+            {"in_words": direction_in_words(law.form, each), "direction": each.reshape(law_code(law.form).shape).tolist()}
+            for each in law.unobserved
+        ],
     }
 
 
@@ -184,6 +189,9 @@ def evidence_words(law: dict) -> list[str]:
         f"in noise alone a search finds as much with p {chance}",
         *(held_out_words(each) for each in law["held_out"]),
     ]
+    if law.get("not_observed"):
+        words = "; ".join(each["in_words"] for each in law["not_observed"])
+        found.append(f"not observed in this recording, set to zero and not applied: {words}")
     return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])
 
 

@@ -12,7 +12,7 @@ from session.detect.stills import Still
 from tinygc.annexes.discovery.constants import ByAxis, by_axis, linear_coefficients
 from tinygc.annexes.discovery.equivalence import added, as_effect
 from tinygc.annexes.discovery.form import LawForm
-from tinygc.annexes.discovery.projections import Projection
+from tinygc.annexes.discovery.projections import Projection, seen_basis
 from tinygc.annexes.discovery.screening import promised_beside
 from tinygc.annexes.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.annexes.discovery.words import equation
@@ -135,9 +135,9 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
-    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: -2 log evidence by which it is worse, with
-    the price of descriptions or without, whichever is less; correlation of its added rate with the law's, beyond a calibration;
-    discriminating_motion: what would distinguish them."""
+    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: the least of -2 log evidence by which it is
+    worse, with the price of descriptions and without, and of chi-square; correlation of its added rate with the law's, beyond a
+    calibration; discriminating_motion: what would distinguish them."""
 
     form: LawForm | None
     effect: Effect
@@ -152,7 +152,9 @@ class Law:
     form's constants, in their order; bits: of the form among all; gain: chi-square that it removes; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
     recording that was held out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
-    learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any."""
+    learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any; unobserved (q, P):
+    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without; lacking: share
+    of draws of its numbers whose rate differs from the stated one by more than a twentieth of its variance."""
 
     form: LawForm
     effect: Effect
@@ -167,6 +169,8 @@ class Law:
     same: tuple[LawForm, ...] = ()
     runners_up: tuple[RunnerUp, ...] = ()
     learnable_from: float | None = None
+    unobserved: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    lacking: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +269,7 @@ NOISE_P = 0.01
 class SearchState:
     """evidence of the searched data; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with
     unnamed shapes in addition; best: with laws; rounds of the search; entered: each law's id -> the number of the round that added it;
-    forms that were tried; why: the reason to reject a law."""
+    forms that were tried; why: the reason to reject a law; near: rivals of a law of a hypothesis, each computed once."""
 
     evidence: FormEvidence
     unseen: Unseen
@@ -278,6 +282,7 @@ class SearchState:
     entered: dict[str, int]
     forms: list[LawForm]
     why: str = ""
+    near: dict[tuple[int, str], list[Rival]] = field(default_factory=dict)
 
     @property
     def laws(self) -> list[Effect]:
@@ -361,6 +366,50 @@ def differing(searched: SearchState, law: Effect) -> ByAxis | None:
     return None if correlation(one, other) > EQUAL else found
 
 
+# Whether a threshold at which a law decides for a long time is known well enough for another movement.
+#
+# A sign that stays changes at a few moments alone.  All thresholds between the peaks of two turns give the same rate here, and another
+# movement peaks between them.  The same movement at other speeds stands for it.
+
+#: speeds, over the recording's own
+SPEEDS = tuple(np.linspace(0.8, 1.25, 10).tolist())
+#: ratio up to which a threshold is moved either way, and steps of it
+MOVED, MOVES = 1.3, 40
+
+
+def open_threshold(searched: SearchState, law: Effect, enough: float) -> tuple[float, float] | None:
+    """The range of a law's deciding threshold that the recording leaves open, in its unit, where its ends add rates to the movement at
+    other speeds that correlate less than ``enough`` in the mean; else None."""
+    form, movements = searched.evidence.forms[law.id], searched.evidence.twin.movements
+    factors = [factor for factor in form.factors if factor.through.decided]
+    if len(factors) != 1 or len(form.constants) != 1:
+        return None
+    responses, projection = searched.round_of(law).screening.all_responses, searched.projection_without(law)
+    (own,) = form.constants
+
+    def at(value: float) -> LawForm:
+        return form.with_constants((value,))
+
+    def gain(value: float) -> float:
+        return float(np.sum((seen_basis(responses.columns(at(value)), projection).T @ projection.residual) ** 2))
+
+    least, ends = gain(own) - STAND_IN, []
+    for side in (-1.0, 1.0):
+        end = own
+        for step in range(1, MOVES + 1):
+            moved = own * MOVED ** (side * step / MOVES)
+            if gain(moved) < least:
+                break
+            end = moved
+        ends.append(end)
+    theta = linear_coefficients(responses.columns(form), projection)
+    found = []
+    for speed in SPEEDS:  # a faster movement passes a lower threshold alike
+        rates = [added(as_effect(at(end / speed)), theta, movements) for end in ends]
+        found.append(correlation(*(beside_calibration(rate, movements) for rate in rates)))
+    return (ends[0], ends[1]) if np.mean(found) < enough else None
+
+
 # Forms and catalogue effects that could replace the law: by how much they are worse, and whether they add another rate.
 
 #: -2 log evidence beyond the reported limit within which a rival is refitted exactly: the error of the linear approximation
@@ -372,30 +421,35 @@ MOST_EXACT = 12
 @dataclass(frozen=True, eq=False)
 class Rival:
     """effect in the law's place; hypothesis with it, None where only its linear columns were evaluated; worse: -2 log evidence; fits_worse:
-    the same without the price of descriptions; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
+    the same without the price of descriptions; chi_worse: chi-square alone, in the noise of the law's hypothesis, without a price of
+    coefficients either, inf where it is unknown; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
 
     effect: Effect
     hypothesis: Hypothesis | None
     worse: float
     fits_worse: float
     correlation: float
+    chi_worse: float = np.inf
 
     @property
     def nearest(self) -> float:
-        """The lesser of the two disadvantages: the price of descriptions may guide the search and no more."""
-        return min(self.worse, self.fits_worse)
+        """The least of the disadvantages: prices of descriptions and coefficients may guide the search and no more."""
+        return min(self.worse, self.fits_worse, self.chi_worse)
 
 
-def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
-    """The nearest of the other effects when they take the place of ``law``, the best first."""
-    rest = [other for other in others if other.id != law.id and other.id not in best.ids]
-    fits = evidence.unpriced(best)
+def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect], alike: Sequence[Effect] = ()) -> list[Rival]:
+    """The nearest of the other effects when they take the place of ``law``, the best first; alike: further ones, all refitted exactly."""
+    rest = [other for other in dict.fromkeys([*alike, *others]) if other.id != law.id and other.id not in best.ids]
+    fits, asked = evidence.unpriced(best), set(alike)
     guessed = [evidence.guess(best, without=law, add=other) for other in rest]
-    nearest = [min(guess.score - best.score, evidence.unpriced(guess) - fits) for guess in guessed]
+    nearest = [
+        -np.inf if o in asked else min(g.score - best.score, evidence.unpriced(g) - fits) for o, g in zip(rest, guessed, strict=True)
+    ]
     own, found = whole_added(evidence.twin, best), list[Rival]()
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
-        other, weighed, hypothesis, correlated = rest[number], guessed[number], None, 0.0
-        if place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN:
+        other, weighed, hypothesis, correlated, chi = rest[number], guessed[number], None, 0.0, np.inf
+        near = other in asked or (place - len(asked) < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
+        if near and not evidence.exhausted:
             effects = (*(effect for effect in best.effects if effect is not law), other)
             weighed = evidence.of(effects, best)
             if not believable(weighed, best):
@@ -405,8 +459,54 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
                 weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
             correlated = correlation(own, whole_added(evidence.twin, hypothesis))
-        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated))
+            chi = chi_square_beyond(hypothesis, best)
+        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated, chi))
     return sorted(found, key=lambda rival: rival.worse)
+
+
+def chi_square_beyond(hypothesis: Hypothesis, best: Hypothesis) -> float:
+    """Chi-square of a hypothesis less that of another, in the noise of the latter."""
+    r = rewhitened(hypothesis, best.whiten).r
+    return float(r @ r - best.fit.r @ best.fit.r)
+
+
+# Forms that do the same to every turn between stills, whatever they do within it.
+#
+# What stands still at both ends of a turn is not in its closure: a rate y' + ω x y, y zero in every still, turns the body back.  So forms
+# of quite different rates may fit alike, at any size, and the price of descriptions must not choose between them.
+
+#: share of a law's gain that a form of its gain may lack: the error of the linear columns and of constants on a grid
+LACKS = 0.03
+#: most of them that are refitted exactly, those of the fewest numbers first
+MOST_ALIKE = 6
+
+
+def alike(searched: SearchState, law: Effect) -> list[Effect]:
+    """Effects of other forms that take up about as much by their linear columns in any of the projections, and the law without its lag."""
+    evidence, screening = searched.evidence, searched.round_of(law).screening
+    form = evidence.forms[law.id]
+    own = [number for number, other in enumerate(screening.forms) if other.shape == form.shape]
+    found: dict[LawForm, LawForm] = {}
+    late = any(factor.lag_s is not None for factor in form.factors)
+    if late:
+        plain = LawForm(tuple(replace(factor, lag_s=None) for factor in form.factors), form.pattern)
+        found[plain.shape] = plain
+    if own:
+        level = screening.gain[:, own].max(axis=1, keepdims=True)
+        near = np.flatnonzero((screening.gain > (1 - LACKS) * level - STAND_IN - MARGIN).any(axis=0))
+        gain = screening.gain.max(axis=0)
+        for number in sorted(near.tolist(), key=lambda n: (numbers_of(screening.forms[n]), -gain[n])):
+            other = screening.forms[number]
+            if other.shape != form.shape:
+                found.setdefault(other.shape, other)
+            if len(found) >= MOST_ALIKE:
+                break
+    return [evidence.effect_of(other) for other in found.values()]
+
+
+def numbers_of(form: LawForm) -> tuple[int, int, float]:
+    """How many constants a form has within its functions, how many numbers in all, and how many factors: fewer is plainer."""
+    return len(form.constants), len(form.constants) + form.size, len(form.factors)
 
 
 def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:

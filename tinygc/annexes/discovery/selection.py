@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from tinygc.annexes.discovery.constants import refined
 from tinygc.annexes.discovery.enumeration import bits
-from tinygc.annexes.discovery.equivalence import as_effect
+from tinygc.annexes.discovery.equivalence import as_effect, distorted
 from tinygc.annexes.discovery.form import LawForm
 from tinygc.annexes.discovery.projections import Projection, price
 from tinygc.annexes.discovery.responses import Responses
 from tinygc.annexes.discovery.screening import Screening, screened
+from tinygc.annexes.discovery.within_turns import WithinTurns
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.search import rewhitened
@@ -31,16 +32,23 @@ from tinygc.noise.twin import LINEAR, Twin
 # residuals under the noise.  A constant within a function, such as a width, costs the bits of its grid alone, however precisely it is
 # estimated; so rivals are compared by their fit as well (``rivals``).
 
+#: evaluations of laws over all samples of a recording, after which a search ends with what it has: a law as strong as what it follows takes
+#: many passes to undo, so that refits of it take most of the time (benchmarks/discovery_laws.py: a minute on one core for 40 turns at
+#: 104 Hz).  A count, as the answer must not depend on the computer
+MOST_WORK = 6000.0
 #: prefix of a form's id, which no effect of the catalogue has
 FORM = "discovered."
 
 
 class FormEvidence(Evidence):
-    """Evidence that includes forms, each with an id of its own during the search."""
+    """Evidence that includes forms, each with an id of its own during the search; within: gravity during the turns; spent: evaluations of
+    laws over the recording, of ``MOST_WORK``, which bound the search."""
 
     def __init__(self, twin: Twin):
         self.forms: dict[str, LawForm] = {}
         self._ids: dict[LawForm, Effect] = {}
+        self.within, self.spent = WithinTurns(twin), 0.0
+        self._rows = sum(len(movement.t_s) for movement in twin.movements)
         super().__init__(twin)
 
     def effect_of(self, form: LawForm) -> Effect:
@@ -48,8 +56,18 @@ class FormEvidence(Evidence):
         if form not in self._ids:
             name = f"{FORM}n{len(self._ids)}"
             self.forms[name] = form
-            self._ids[form] = as_effect(form, name, rms_of(form, self.twin.movements), name)
+            effect = as_effect(form, name, rms_of(form, self.twin.movements), name)
+            self._ids[form] = replace(effect, exact_distort=lambda movement, theta: self._distorted(form, movement, theta))
         return self._ids[form]
+
+    def _distorted(self, form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarray:
+        self.spent += len(movement.rate) / self._rows
+        return distorted(form, movement, theta)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the search has done all the work that it may."""
+        return self.spent > MOST_WORK
 
     def price(self, effect: Effect) -> float:
         """As ``Evidence.price``, with a form's bits."""
@@ -155,6 +173,8 @@ class Constants:
 def exact(evidence: FormEvidence, have: Hypothesis, law: Effect) -> tuple[Hypothesis, Effect]:
     """The hypothesis with a law's constants at their optimum, and the law."""
     for _ in range(STEPS if evidence.forms[law.id].constants else 0):
+        if evidence.exhausted:
+            break
         known = Constants.of(evidence.twin, have, law, evidence.forms[law.id])
         if np.all(np.abs(known.step) < ENOUGH * np.sqrt(np.diag(known.covariance))):
             break
@@ -269,10 +289,12 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
             found.append(one_step(evidence, weighed, effect, weighed.score - best)[0])
 
     for score, effect, base in trials[:MOST_TRIED]:
-        if len(found) >= MOST_EXACT or (found and score > trials[0][0] + NEAR):
+        if len(found) >= MOST_EXACT or (found and (evidence.exhausted or score > trials[0][0] + NEAR)):
             break
         refit(effect, base)
     for _, effect, base in sorted(trials, key=lambda trial: -promised[trial[1].id])[:MOST_PROMISED]:
+        if evidence.exhausted:
+            break
         refit(effect, base)
     return found
 

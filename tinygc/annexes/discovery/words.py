@@ -19,6 +19,7 @@ SYMBOLS = {
     "rate_size": "u = ω / FS",
     "acceleration": "u = ω / FS",
     "acceleration_size": "u = ω / FS",
+    "speed_slope": "u = ω / FS",
     "jerk": "u = ω / FS",
     "force": "f in g",
     "temperature": "T in °C",
@@ -37,6 +38,7 @@ SHORT = {
     "rate_size": "the size of the whole rate",
     "acceleration": "the angular acceleration",
     "acceleration_size": "the size of the whole angular acceleration",
+    "speed_slope": "the rate of change of the size of the whole rate",
     "jerk": "the angular jerk",
     "temperature": "the temperature since the session's beginning",
     "time": "the time since the session began",
@@ -47,11 +49,12 @@ PEOPLES = {
     "rate_size": ("", " of full scale", 1.0),
     "acceleration": ("/s", " full scales a second", 1.0),
     "acceleration_size": ("/s", " full scales a second", 1.0),
+    "speed_slope": ("/s", " full scales a second", 1.0),
     "jerk": ("/s²", " full scales a second squared", 1.0),
     "turned": ("°", "°", 57.29577951308232),
 }
 #: a quantity in a name
-NAMES = {"rate_size": "speed", "acceleration_size": "jolt", "temperature_rate": "warming"}
+NAMES = {"rate_size": "speed", "acceleration_size": "jolt", "speed_slope": "speeding", "temperature_rate": "warming"}
 #: a function and a quantity in a name that would be too long
 BRIEF = {
     **{"signed_square": "ssq", "size_cube": "acube", "signed_root": "sroot", "root_cube": "r32", "size_root_cube": "a32"},
@@ -66,6 +69,7 @@ SPLITS = {
     "force": "hold each axis up, down and level, and turn it there",
     "acceleration": "start and stop turns softly and briskly",
     "acceleration_size": "start and stop turns softly and briskly, and look at the axes that do not turn",
+    "speed_slope": "start and stop turns softly and briskly, and look at the axes that do not turn",
     "jerk": "start and stop turns softly and briskly",
     "temperature": "let the sensor warm up, and cool, while you record",
     "temperature_rate": "change the temperature fast, then hold it",
@@ -92,6 +96,7 @@ REGIMES = {
     "jerk": ("angular acceleration", "rad/s²"),
     "acceleration": ("angular acceleration", "rad/s²"),
     "acceleration_size": ("angular acceleration", "rad/s²"),
+    "speed_slope": ("angular acceleration", "rad/s²"),
     "rate_size": ("rate", "dps"),
     "rate": ("rate", "dps"),
 }
@@ -350,10 +355,10 @@ def rounded(form: LawForm, sigmas: Sequence[float] = ()) -> LawForm:
 # Entries of a written file in addition to its sentence: the parameter's name, its meaning, and where it is observable.
 
 #: quantities that are zero at rest, and functions that are not zero there
-OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
+OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
 NOT_AT_ZERO = ("decay", "wave", "clock")
 #: quantities that follow the rate sample by sample
-OF_THE_RATE = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
+OF_THE_RATE = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
 #: uncertainty of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1
 #: a jump: share of a function's range over −3 to 3 by which it changes within one of so many steps

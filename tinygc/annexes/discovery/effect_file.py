@@ -351,8 +351,8 @@ class _File:
         if len(self.law.unobserved):
             lines += ["gauge_convention=Convention(settle=lambda theta: OBSERVED @ theta, slope=lambda theta: OBSERVED),"]
         sigma = None if self.scanned is None else self.scanned.sigma
-        shape = "" if self.scanned is None or sigma is None else f", ({self.scanned.python}, {sigma:.3g}{self.scanned.times})"
-        lines += [f"stated=StatedNumbers(COEFFICIENTS, COVARIANCE{shape}),"]
+        known = "" if self.scanned is None or sigma is None else f", ({self.scanned.python}, {sigma:.3g}{self.scanned.times})"
+        lines += [f"stated=StatedNumbers(COEFFICIENTS, COVARIANCE{known}),"]
         lines += [f"known_to={share},"] if (share := known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += f"device={self.device.source},".split("\n")

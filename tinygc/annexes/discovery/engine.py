@@ -211,7 +211,7 @@ def _plainest(searched: SearchState, law: Effect) -> SearchState:
         if evidence.exhausted:
             break
         forms = [rival for rival in _near(searched, law) if rival.effect.id in evidence.forms and rival.hypothesis is not None]
-        preferred = [rival for rival in forms if evidence.within.prefers(rival.hypothesis, searched.best)]
+        preferred = [rival for rival in forms if rival.hypothesis and evidence.within.prefers(rival.hypothesis, searched.best)]
         plainer = [rival for rival in forms if numbers_of(evidence.forms[rival.effect.id]) < numbers_of(evidence.forms[law.id])]
         if not preferred and not plainer:
             break

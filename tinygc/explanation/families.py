@@ -14,7 +14,7 @@ from tinygc.noise.twin import State, Twin
 
 #: slow motions of the zero-rate offset: id -> what it would be
 SLOW_ZERO = {
-    "gyro.bias_drift": "a steady drift",
+    "gyro.bias_drift": "a steady drift, or a warm-up slower than the session",
     "gyro.bias_step": "a jump",
     "gyro.thermal_bias": "temperature",
     "unknown.warm_up": "warm-up",

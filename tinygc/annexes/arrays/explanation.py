@@ -177,8 +177,15 @@ class ArrayExplanation:
 
     @property
     def statements(self) -> tuple[Statement, ...]:
-        """Return the statements that the verdict follows from: what all units miss by alike, then what they miss by one by one."""
-        return self.parts.common.statement, self.parts.all_own.statement
+        """Return all statements that the verdict follows from: the parts that all units and single units miss by, then the effects."""
+        slow = () if self.slow_zero is None else (self.slow_zero.statement,)
+        return self.parts.common.statement, self.parts.all_own.statement, *slow, *(trait.statement for trait in self.traits)
+
+    @property
+    def evidence(self) -> tuple[Statement, ...]:
+        """Return those with evidence for them; where there is none, the two parts, with what is excluded of them."""
+        there = tuple(statement for statement in self.statements if statement.standing is Standing.FOR)
+        return there or self.statements[:2]
 
     @property
     def verdict(self) -> str:
@@ -188,7 +195,7 @@ class ArrayExplanation:
         at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0 (all of them) and several: not one unit's own
         stated = {trait.scope for trait in self.traits if trait.statement.standing is Standing.FOR}
         moves = self.slow_zero is not None and self.slow_zero.statement.standing is Standing.FOR
-        standings = [statement.standing for statement in self.statements]
+        standings = [statement.standing for statement in self.statements[:2]]
         common = standings[0] is Standing.FOR or bool(stated & {COMMON, ALIKE}) or bool(at_once - {1})
         own = standings[1] is Standing.FOR or bool(stated & {DIFFERS, READINGS}) or 1 in at_once or moves
         if common or own:
@@ -484,19 +491,19 @@ MOST_MOMENTS = 12
 
 
 def array_verdict_line(found: ArrayExplanation) -> Text:
-    """Return one line with the statements that the verdict follows from."""
-    said = "; ".join(statement.words for statement in found.statements)
+    """Return one line: the verdict, and the statements that it follows from."""
+    said = "; ".join(statement.words for statement in found.evidence)
     return one_line(f"{found.fit.array.name}: {found.verdict.replace('_', ' ')}: {said}", "bold")
 
 
 def array_explain_page(found: ArrayExplanation) -> Group:
     """Return the page: the verdict, the parts, what is common at rest, whose each effect is, the events, and each unit's own excess."""
     fit = found.fit
-    parts: list[RenderableType] = [array_verdict_line(found)]
-    parts += [one_line(f"{found.parts.fast.statement.words}.")] if found.parts.fast is not None else []
-    parts += [one_line(f"{each.statement(name).words}; {each.source}.") for name, each in found.rest_noise.items()]
-    parts += [one_line(f"{found.slow_zero.statement.words}.")] if found.slow_zero is not None else []
-    parts += [one_line(f"{trait.words}.") for trait in found.traits]
+    parts: list[RenderableType] = [array_verdict_line(found), ""]
+    stated = [part.statement.words for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None]
+    stated += [f"{each.statement(name).words}; {each.source}" for name, each in found.rest_noise.items()]
+    stated += [] if found.slow_zero is None else [found.slow_zero.statement.words]
+    parts += [one_line(f"{words}.") for words in (*stated, *(trait.words for trait in found.traits))]
     begins = begins_s(fit)
     parts += [one_line(f"{moment.at_s - begins:.2f} s: {moment.words}.", "yellow") for moment in found.moments[:MOST_MOMENTS]]
     if len(found.moments) > MOST_MOMENTS:

@@ -244,10 +244,10 @@ def earth_trait(
     covariance = widened(covariance, len(turned), share)
     p_value = min(1.0, tests * pooled_p(pooled, covariance))
     length = float(np.linalg.norm(pooled))
-    along = pooled / max(length, 1e-300)
-    sigma = float(np.sqrt(along @ covariance @ along))
+    widest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    sigma = float(np.sqrt(pooled @ covariance @ pooled)) / length if length else widest
     p_claimed = float(chdtrc(1, ((length - EARTH_RATE_RPS) / sigma) ** 2))
-    upper = length + upper_limit(0.0, sigma)
+    upper = upper_limit(length, widest)
     standing = standing_of(p_value, p_claimed=p_claimed if p_value < LEVEL else 1.0, upper=upper, matters=EARTH_RATE_RPS)
     per_hour = np.degrees(1) * 3600
     size = f"{measured(length * per_hour, sigma * per_hour)} °/h"

@@ -170,7 +170,7 @@ def _concealed(case, folder: Path, stage: str):
     from tinygc.explanation.claims import offset_claim
     from tinygc.explanation.data_repair import repair
     from tinygc.explanation.decision import decide
-    from tinygc.noise.channels import turn_gravity
+    from tinygc.noise.turn_gravity import turn_gravity
     from tinygc.noise.twin import Twin
     from tinygc.simulation.write import write_files
 

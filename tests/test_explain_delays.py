@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 from simulated_twins import LEVER_M, late, make_twin_of
 
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.noise.channels import in_gauge, turn_gravity
+from tinygc.noise.channels import in_gauge
 from tinygc.noise.refit import refit
+from tinygc.noise.turn_gravity import turn_gravity
 
 pytestmark = pytest.mark.broad
 

@@ -36,6 +36,7 @@ MORE = {
     "detection_limits",
     "within_stills",
     "channels",
+    "checked",
     "turn_gravity",
     "noise",
     "version",

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from session.io.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
 from tinygc.explanation.engine import explain_session
-from tinygc.noise.channels import turn_equations
+from tinygc.noise.turn_gravity import velocity_equations
 from tinygc.noise.twin import READ, Variable, variable_of
 from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.html.sections.explanation import section
@@ -79,7 +79,7 @@ def test_gravitys_misfit_is_least_at_the_offset(explained):
     axes = drawn(explanation, 1)
     before, after = (np.sqrt(np.mean(each.get_xydata()[:, 1] ** 2)) for each in axes.lines)
     assert after < 0.8 * before
-    equations = turn_equations(explanation.twin, explanation.naming.fit)
+    equations = velocity_equations(explanation.twin, explanation.naming.fit)
     assert equations.square_at(explanation.gravity.offset_s).sum() == pytest.approx(equations.left(equations.solve()).sum())
 
 

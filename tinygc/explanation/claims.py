@@ -13,8 +13,8 @@ from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
 from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
 from tinygc.explanation.search import NamedEffect
-from tinygc.noise.channels import TurnGravity
 from tinygc.noise.refit import Refit
+from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.noise.twin import State
 
 # Format a measured number: two digits of its standard deviation, the value to the same digit; and a p-value that may underflow.
@@ -90,8 +90,6 @@ CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each st
 
 #: probability of what the registers, or gravity within a still, show by themselves
 CERTAIN = 0.999
-#: number of fitted parameters: lever arm and offset
-OF_GRAVITY = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,9 +183,9 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     # Effects that delay each axis to first order: the part common to all axes is a delay of the gyro.
     lags = sorted(name for name in names if name in known and (gauge := known[name].gauge_convention) is not None and gauge.delays)
     effect = known["timing.gyro_accel_offset"]
-    sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
+    sigma = gravity.whole_sigma_s
     # The sigma comes from the scatter of these turns, so use Student's t; its likelihood pays the complexity penalty of any effect.
-    freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
+    freedom, t = max(gravity.turns - NUMBERS, 1), gravity.offset_s / gravity.sigma_s
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -24,11 +24,15 @@ from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import Naming, Proof, decide, linear_held_out, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
-from tinygc.noise.channels import TurnGravity, WithinStills, channel_p_values, in_gauge, own_p_values, turn_gravity, within_stills
+from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
+
+if TYPE_CHECKING:
+    from tinygc.explanation.checked import Checked
 
 
 class KnownEffect(Protocol):
@@ -63,7 +67,7 @@ class Explanation:
 
     findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
     p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. of_lot:
-    effects known for this kind of unit.
+    effects known for this kind of unit. checked: the claims on other recordings.
     """
 
     session: Session
@@ -85,6 +89,7 @@ class Explanation:
     within: WithinStills | None = None
     considered: list[Considered] = field(default_factory=list)
     of_lot: Sequence[KnownEffect] = ()
+    checked: Sequence[Checked] = ()
 
     @property
     def whiten(self) -> Whitener:

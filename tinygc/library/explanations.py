@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,9 @@ from session.io.annexes import need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session
+from session.io.siblings import recordings_at, serial_of
+from tinygc.explanation.checked import Checked
+from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.sessions import Progress, nothing, public, session_or_folder
@@ -123,6 +126,11 @@ class Why:
         return self.table["noise"]["components"]
 
     @property
+    def checked(self) -> Sequence[Checked]:
+        """Outcome of each effect in each of the recordings that it was checked on."""
+        return self.explanation.checked
+
+    @property
     def next(self) -> str | None:
         """The movement that would resolve what this recording cannot, or None."""
         return self.table.get("next")
@@ -172,6 +180,7 @@ def explain(
     use_earth: bool = True,
     lot: Any = None,
     discover: bool = False,
+    check_on: Sequence[Session | Path | str] = (),
     progress: Progress | None = None,
 ) -> Why:
     """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
@@ -188,13 +197,15 @@ def explain(
         A production lot, or its file: effects that the unit may have.
     discover : bool, optional
         Search for an equation outside the catalogue (docs/discover.md).
+    check_on : sequence of Session, str or Path, optional
+        Other recordings of the unit, or folders of them, on which each effect is checked with the size that it has here.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
     Returns
     -------
     Why
-        ``verdict``, ``effects``, ``findings``, ``noise``; ``summary()``, ``plot()`` and ``save()``.
+        ``verdict``, ``effects``, ``findings``, ``noise``, ``checked``; ``summary()``, ``plot()`` and ``save()``.
 
     Raises
     ------
@@ -211,6 +222,28 @@ def explain(
     """
     progress = progress or nothing
     where = session_or_folder(session)
+    others = _others(where, check_on)
+    why = _explained(where, seed, use_earth, lot, discover, progress)
+    checked = []
+    for other in others:
+        told = _explained(other, seed, use_earth, None, False, progress).explanation
+        checked.append(check(why.explanation, told, seed))
+    return replace(why, explanation=replace(why.explanation, checked=checked)) if checked else why
+
+
+def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> list[Session | Path]:
+    """The recordings to check on; a folder of sessions stands for those of the same unit."""
+    if isinstance(places, str | Path | Session):
+        places = [places]
+    folder = first.folder if isinstance(first, Session) else first
+    serial = first.config.sensor.serial if isinstance(first, Session) else serial_of(first)
+    found: list[Session | Path] = []
+    for place in map(session_or_folder, places):
+        found += [place] if isinstance(place, Session) else recordings_at(place, folder, serial)
+    return found
+
+
+def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, discover: bool, progress: Progress) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
         if discover:

@@ -1,4 +1,4 @@
-"""Goodness of fit of the twin's channels, scatter within stills, gravity during turns, the common delay."""
+"""Goodness of fit of the twin's channels, scatter within stills, the common delay."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.io.units import NS
-from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.effects import CommonDelay, Convention
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import KNOWN, Refit, prior_sigmas
+from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
@@ -115,142 +113,6 @@ def within_stills(twin: Twin) -> WithinStills:
     return WithinStills(np.array(slopes), np.array(scatters))
 
 
-# Gravity during the turns: the gyro's prediction of the accelerometer, with a fitted lever arm.
-#
-#     f(t) = -g R_bt(t) e_down + [alpha x] r + [omega x]^2 r,   read `offset` later by the accelerometer
-#
-# The difference is linear in lever arm r and offset.  Their sigmas come from the scatter between segments, because the hand shakes the
-# table by far more than the sensors' noise.
-
-#: s, length of a row: at 200 dps gravity rotates by 5 degrees within one
-BLOCK_S = 0.025
-#: samples by which the sensors' filters may delay gyro and accelerometer differently
-FILTERS_PERIODS = 0.5
-#: sigmas with a false-alarm rate of 1e-5 for a sandwich estimate over some 40 segments (Student's tails)
-SIGMAS = 5.0
-#: largest p-value of the held-out improvement, as for every claim
-BORNE_OUT_P = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class TurnGravity:
-    """Fit of gravity during turns.
-
-    lever_m (3,); offset_s, positive if the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s; number of turns;
-    held_out_p: p-value of the offset's improvement of held-out turns (Wilcoxon signed-rank test).
-    """
-
-    lever_m: np.ndarray
-    offset_s: float
-    sigma_s: float
-    before_mps2: float
-    after_mps2: float
-    bar_s: float
-    turns: int
-    held_out_p: float
-
-    @property
-    def is_offset(self) -> bool:
-        """Whether the offset between the two clocks is significant."""
-        return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
-
-
-@dataclass(frozen=True, eq=False)
-class TurnEquations:
-    """Normal equations of lever arm and offset per turn: normal (S, 4, 4), right (S, 4), square (S,) sum of squares, count (S,) values."""
-
-    normal: np.ndarray
-    right: np.ndarray
-    square: np.ndarray
-    count: np.ndarray
-
-    def solve(self) -> np.ndarray:
-        """Solve for lever arm, m, and offset, s, as (4,)."""
-        return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
-
-    def left(self, solution: np.ndarray) -> np.ndarray:
-        """(S,) residual sum of squares of each turn under a solution."""
-        left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
-        return np.maximum(left, 0.0)
-
-    def improvement_p(self) -> float:
-        """P-value of the offset's improvement of each turn, with lever arm and offset fitted to all others."""
-        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
-        arm = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
-        both = np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
-        gains = self._left_each(np.pad(arm, ((0, 0), (0, 1)))) - self._left_each(both)
-        return signed_ranks_above(gains) if len(gains) > 1 else 1.0
-
-    def _left_each(self, solutions: np.ndarray) -> np.ndarray:
-        """(S,) residual sum of squares of each turn under its own solution (S, 4)."""
-        squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
-        return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
-
-    def square_at(self, offset_s: float) -> np.ndarray:
-        """(S,) residual sum of squares with a given offset and the lever arm fitted."""
-        arm = self.normal.sum(axis=0)[:3]
-        lever = np.linalg.solve(arm[:, :3], self.right.sum(axis=0)[:3] - offset_s * arm[:, 3])
-        return self.left(np.append(lever, offset_s))
-
-
-def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
-    """Build the normal equations of lever arm and offset from gravity during the turns."""
-    state = fit.state
-    batch = twin.batch_at(state)
-    padded = twin.padded(twin.rates(state))
-    turn = rotation.matrix(closure.attitudes(batch, padded))
-    normal, right, square, count = [], [], [], []
-    for i, segment in enumerate(twin.segments):
-        samples = twin.seen.logs[segment.log].samples
-        length, dt = segment.stop - segment.start, samples.period_s
-        omega = padded[i, :length] - batch.earth[i, :length]
-        alpha = np.gradient(omega, dt, axis=0)
-        gravity = -state.gravity_mps2 * turn[i, :length, 2, :]
-        arm = _cross_matrix(alpha) + _cross_matrix(omega) @ _cross_matrix(omega)
-        columns = np.concatenate([arm, np.gradient(gravity, dt, axis=0)[:, :, None]], axis=-1)
-        size = max(1, round(BLOCK_S / dt))
-        blocks = length // size
-        columns = columns[: blocks * size].reshape(blocks, size, 3, 4).mean(axis=1).reshape(-1, 4)
-        value = (state.freed(samples.accel[segment.start : segment.stop]) - gravity)[: blocks * size]
-        value = value.reshape(blocks, size, 3).mean(axis=1).ravel()
-        normal.append(columns.T @ columns)
-        right.append(columns.T @ value)
-        square.append(float(value @ value))
-        count.append(len(value))
-    return TurnEquations(np.array(normal), np.array(right), np.array(square), np.array(count))
-
-
-def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
-    """Fit lever arm and offset to all turns."""
-    equations = turn_equations(twin, fit)
-    solution = equations.solve()
-    # Sandwich over the segments, in which the hand shakes independently.
-    score = equations.right - equations.normal @ solution
-    inverse = np.linalg.inv(equations.normal.sum(axis=0))
-    covariance = inverse @ (score.T @ score) @ inverse
-    sigma = float(np.sqrt(covariance[3, 3]))
-    count = equations.count.sum()
-    period = float(np.median([movement.dt_s for movement in twin.movements]))
-    return TurnGravity(
-        lever_m=solution[:3],
-        offset_s=float(solution[3]),
-        sigma_s=sigma,
-        before_mps2=float(np.sqrt(equations.square.sum() / count)),
-        after_mps2=float(np.sqrt(equations.left(solution).sum() / count)),
-        bar_s=max(FILTERS_PERIODS * period, SIGMAS * sigma),
-        turns=len(equations.count),
-        held_out_p=equations.improvement_p(),
-    )
-
-
-def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
-    """Matrices (N, 3, 3) of the vector product: matrix @ r = vector x r."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]
-    return np.stack(rows, axis=1)
-
-
 # A delay common to all axes is not observed by the closure.  It is fixed by convention and by gravity during the turns.
 
 #: grid of a common lag between the estimates from closure and gravity: the cost is a parabola, and the best of nine is within a sixteenth
@@ -343,7 +205,7 @@ def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, ga
     theta, entries = fit.state.claims[number].theta, list(gauge.delays)
     if not gravity.is_offset and (gauge.late * theta[entries]).min() >= 0:
         return fit
-    sigma = np.hypot(gravity.sigma_s, gravity.bar_s / 3)
+    sigma = gravity.whole_sigma_s
     found = []
     for share in np.linspace(0, 1, LAGS):
         moved = _moved(theta, gauge, share * gravity.offset_s)
@@ -360,6 +222,5 @@ def _common_from_gravity(fit: Refit, number: int, gauge: CommonDelay, gravity: T
     change = np.eye(len(fit.covariance))
     change[np.ix_(rows, rows)] -= 1 / 3
     covariance = change @ fit.covariance @ change.T
-    # The relative delay of the filters is within the bar, taken as three sigmas.
-    covariance[np.ix_(rows, rows)] += gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2
+    covariance[np.ix_(rows, rows)] += gravity.whole_sigma_s**2
     return covariance

@@ -33,6 +33,7 @@ from tinygc.explanation.result import (
 from tinygc.explanation.search import in_words, lines_end_hz
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
 from tinygc.noise.twin import Variable
+from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.pictures.canvas import save as save_figure
 from tinygc.reporting.pictures.page import figure_of
 from tinygc.reporting.pictures.truth import figure_of as truth_figure_of
@@ -86,7 +87,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
-    parts += [*_where(e), _proof(e)]
+    parts += [*_where(e), _proof(e), *checked_page(e.checked)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.detection_limits)]
     if with_next and (following := what_next(e)):
@@ -167,7 +168,7 @@ def _gravity(e: Explanation) -> Text:
     return Text(
         f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
         f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
-        + ("" if e.gravity.is_offset else f" (its filters alone may make {1e3 * e.gravity.bar_s:.1f})")
+        + ("" if e.gravity.is_offset else f" ± {1e3 * e.gravity.whole_sigma_s:.2f}, claimed from {1e3 * e.gravity.bar_s:.1f} on")
     )
 
 
@@ -268,7 +269,7 @@ def truth_page(e: TruthExplanation) -> Group:
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    parts += [_evidence(e), Text(CANNOT)]
+    parts += [_evidence(e), *checked_page(e.checked), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 

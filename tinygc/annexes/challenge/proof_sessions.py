@@ -29,9 +29,10 @@ from tinygc.explanation.search import NamedEffect
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.candidates import scanned
-from tinygc.noise.channels import in_gauge, turn_gravity, within_stills
+from tinygc.noise.channels import in_gauge, within_stills
 from tinygc.noise.components import first_noise, known_whitener
 from tinygc.noise.refit import Refit, Replay, refit
+from tinygc.noise.turn_gravity import turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import PRECALIBRATION_MPS2, Whitener
 from tinygc.simulation.movement import MovementPlan, earth_rate_table

@@ -194,7 +194,7 @@ def effects_of(explanation: Explanation) -> dict[str, Weighed]:
         found[name] = _weighed(effect, theta, sigma, chi_square, name in claims, chances.get(name))
     gravity, clocks = explanation.gravity, catalogue().get(CLOCKS)
     if clocks is not None and np.isfinite(gravity.offset_s) and np.isfinite(gravity.sigma_s) and gravity.sigma_s > 0:
-        beyond = np.sign(gravity.offset_s) * max(abs(gravity.offset_s) - gravity.bar_s, 0.0)
+        beyond = np.sign(gravity.offset_s) * max(abs(gravity.offset_s) - gravity.filters_s, 0.0)
         offset, sigma = np.array([beyond]), np.array([gravity.sigma_s])
         named = any(claim.effect.id == CLOCKS for claim in explanation.claimed)
         found[CLOCKS] = _weighed(clocks, offset, sigma, float((offset / sigma)[0] ** 2), named, chances.get(CLOCKS))

@@ -9,6 +9,7 @@ from pathlib import Path
 from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
+from session.io.siblings import others_beside
 from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.extensions import help_if_present
@@ -16,6 +17,8 @@ from tinygc.cli.results import complain, output, print_commands, try_destination
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
+#: recordings of the unit that are offered for a check; each takes as long as the first
+MOST_OFFERED = 3
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -28,6 +31,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
     search = help_if_present("a search beyond the catalogue (--discover)", search)
     command.add_argument("--discover", action="store_true", help=search)
+    on = "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here"
+    command.add_argument("--check-on", type=path_read, nargs="+", metavar="DIR", default=[], help=on)
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
@@ -44,7 +49,15 @@ def run(args: argparse.Namespace) -> int:
     if args.discover:
         _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:
-        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, lot=args.lot, discover=args.discover, progress=progress)
+        why = explain(
+            args.folder,
+            seed=args.seed,
+            use_earth=not args.no_earth,
+            lot=args.lot,
+            discover=args.discover,
+            check_on=args.check_on,
+            progress=progress,
+        )
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
@@ -52,6 +65,9 @@ def run(args: argparse.Namespace) -> int:
         output(args).print(line, soft_wrap=True)
     if why.discovery is not None and why.discovery.laws:
         print_commands(args, "use it in another session:", command_line("explain", "OTHER", "--effects", folder / "effects"))
+    if why.effects and not args.check_on and (others := others_beside(args.folder)):
+        names = [args.folder.parent / other.name for other in others[:MOST_OFFERED]]
+        print_commands(args, "does it hold in this unit's other recordings?", command_line("explain", args.folder, "--check-on", *names))
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0

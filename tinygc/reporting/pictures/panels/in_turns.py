@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG, MG
+from session.io.units import DEG
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
-from tinygc.noise.channels import turn_equations
+from tinygc.noise.turn_gravity import velocity_equations
 from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, value_text
 from tinygc.reporting.pictures.values import axis_laws, closure_by_segment, per_parameter, strongest, theta, variable_for
 
@@ -196,32 +196,32 @@ def _ordinal(number: int) -> str:
     return f"{number}{ {1: 'st', 2: 'nd', 3: 'rd'}.get(number if number < 20 else number % 10, 'th') } sample"
 
 
-# Clocks that differ: gravity's residual in the turns over the assumed offset, and turn by turn.
+# Clocks that differ: the velocity left after turns from rest to rest over the assumed offset, and turn by turn.
 
 
 def misfit_over_offset(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot gravity's residual over the clock offset; the lever arm is refitted for each offset."""
-    equations = turn_equations(e.twin, e.naming.fit)
+    """Plot the velocity that turns from rest to rest seem to leave over the clock offset; the bias is refitted for each offset."""
+    equations = velocity_equations(e.twin, e.naming.fit)
     found = e.gravity.offset_s
     offsets = np.linspace(min(0, found) - abs(found), max(0, found) + abs(found), 121)
-    misfit = np.array([np.sqrt(equations.square_at(offset).sum() / equations.count.sum()) for offset in offsets]) / MG
-    axes.plot(1e3 * offsets, misfit, color=AFTER)
+    misfit = np.array([np.sqrt(equations.square_at(offset).sum() / equations.count.sum()) for offset in offsets])
+    axes.plot(1e3 * offsets, 1e3 * misfit, color=AFTER)
     axes.axvline(0, color=BEFORE, label="one clock")
     axes.axvline(1e3 * found, color=AFTER, label=f"the gyro {1e3 * abs(found):.1f} ms {'late' if found > 0 else 'early'}")
-    axes.axvspan(-1e3 * e.gravity.bar_s, 1e3 * e.gravity.bar_s, color=FLOOR, alpha=0.2, label="what filters may do")
+    axes.axvspan(-1e3 * e.gravity.bar_s, 1e3 * e.gravity.bar_s, color=FLOOR, alpha=0.2, label="not claimed")
     axes.set(
-        xlabel="the gyro is late by (ms)", ylabel="gravity off in the turns (mg rms)", title="Where it lives: gravity during the turns"
+        xlabel="the gyro is late by (ms)", ylabel="velocity after a turn (mm/s rms)", title="Where it lives: velocity from rest to rest"
     )
     axes.legend(fontsize=8)
 
 
 def misfit_by_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Plot each segment's residual with one clock, and with the offset."""
-    equations = turn_equations(e.twin, e.naming.fit)
+    equations = velocity_equations(e.twin, e.naming.fit)
     numbers = [segment.number for segment in e.twin.segments]
     for name, colour, fill, offset in (("one clock", BEFORE, BEFORE, 0.0), ("with the offset", AFTER, "none", e.gravity.offset_s)):
-        misfit = np.sqrt(equations.square_at(offset) / equations.count) / MG
-        axes.plot(numbers, misfit, "o", color=colour, mfc=fill, label=f"{name}, {np.sqrt(np.mean(misfit**2)):.1f} mg rms")
-    axes.set(xlabel="segment", ylabel="gravity off in the turn (mg rms)", title="Gravity predicted from the gyro against the accelerometer")
+        misfit = 1e3 * np.sqrt(equations.square_at(offset) / equations.count)
+        axes.plot(numbers, misfit, "o", color=colour, mfc=fill, label=f"{name}, {np.sqrt(np.mean(misfit**2)):.1f} mm/s rms")
+    axes.set(xlabel="segment", ylabel="velocity after the turn (mm/s)", title="Level velocity that a turn from rest to rest seems to leave")
     axes.set_ylim(bottom=0)
     axes.legend()

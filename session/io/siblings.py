@@ -1,0 +1,51 @@
+"""Other recordings of one unit: the session folders beside one, or in a folder, that name its serial number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from session.io.config import read_config
+from session.io.errors import CalibrationError, DataError
+from session.io.names import is_array, is_session
+
+#: most folders beside a session that are looked at; a fleet's own command reads more
+MOST_LOOKED_AT = 200
+
+
+def others_beside(folder: Path) -> list[Path]:
+    """Return the sessions in the parent folder that name the same unit, in order of their names; none if the session names no serial."""
+    try:
+        serial = serial_of(folder)
+        return [other for other in sessions_of(folder.resolve().parent, serial) if other != folder.resolve()] if serial else []
+    except (CalibrationError, OSError):
+        return []
+
+
+def recordings_at(place: Path, first: Path, serial: str) -> list[Path]:
+    """Return a session folder itself, or the sessions in it of the unit with this serial number, without the session ``first``.
+
+    Raises DataError if there is none.
+    """
+    if is_session(place) or is_array(place):
+        return [place]
+    found = [other for other in sessions_of(place, serial) if other.resolve() != first.resolve()] if place.is_dir() else []
+    if not found:
+        unit = f"of the unit {serial!r} " if serial else ""
+        raise DataError(f"{place}: expected a session folder, or one that holds sessions {unit}other than {first.name}; give one")
+    return found
+
+
+def serial_of(folder: Path) -> str:
+    """Return the serial number that a session names, or ``""``.  Raises what ``read_config`` raises."""
+    return read_config(folder / "session.toml").sensor.serial
+
+
+def sessions_of(place: Path, serial: str) -> Iterator[Path]:
+    """Yield the session folders in a folder that name this serial number; all of them for ``""``.  Folders that cannot be read are none."""
+    for folder in sorted(path for path in place.iterdir() if path.is_dir())[:MOST_LOOKED_AT]:
+        try:
+            if is_session(folder) and not is_array(folder) and (not serial or serial_of(folder) == serial):
+                yield folder
+        except CalibrationError:
+            continue

@@ -1,0 +1,335 @@
+"""Check the effects that one recording shows on another recording, with the numbers of the first (docs/explain.md).
+
+Held-out turns of one session share its drift, its temperature and its reference.  Another session does not.  So every named effect is taken
+there with its size and sigma: the other recording is predicted, and nothing of the effect is fitted to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+import numpy as np
+from scipy.special import chdtrc, logsumexp
+
+from session.io.folder import Session
+from tinygc.effects import AppliedEffect, Effect
+from tinygc.explanation.claims import readable
+from tinygc.explanation.decision import left_out, tilt_rms
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.evidence import Evidence, Hypothesis
+from tinygc.explanation.search import NAMELESS
+from tinygc.explanation.standing import LEVEL, Standing
+from tinygc.explanation.truth_evidence import TruthExplanation, rms
+from tinygc.explanation.truth_names import OFFSET, TruthTwin
+from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.whitening import Whitener
+
+#: 2 ln of the odds that decide: 20 to 1, "strong" (Kass & Raftery 1995), which even odds turn into the 95 % of ``standing``
+STRONG = 2 * float(np.log(20))
+#: probability of such odds below which the other recording could not have decided, and their draws (known to 1.6 %)
+LEAST_POWER, DRAWS = 0.5, 1000
+#: headings tried for an Earth's rate, whose direction depends on how the table stood: a twelfth of its horizontal part apart
+HEADINGS = 72
+#: delays that are measured without the twin, by id
+DELAY = "timing.gyro_accel_offset"
+
+
+class Outcome(StrEnum):
+    """What another recording says of an effect."""
+
+    CONFIRMED = "confirmed"
+    NOT_CONFIRMED = "not confirmed"
+    CONTRADICTED = "contradicted"
+    NO_POWER = "no power"
+    OF_RECORDING = "of one recording"
+    OF_UNIT = "of one unit"
+
+
+STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.CONTRADICTED: Standing.AGAINST}
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that a recording shows: theta (P,) SI and covariance (P, P); lookalikes: ids that fit there as well or nearly."""
+
+    effect: Effect
+    theta: np.ndarray
+    covariance: np.ndarray
+    probability: float
+    lookalikes: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class There:
+    """A named effect in another recording.
+
+    odds: 2 ln of the odds of the named size against none; same_p: of the test that both sizes are one; power: probability of odds that
+    decide if the effect is there as named; there: the effect's own estimate in that recording, None where it cannot be estimated.
+    size, its share of the named size, with sigma; closure_rad: held-out rms there without the effect and with the named numbers.
+    """
+
+    named: Named
+    outcome: Outcome
+    odds: float = 0.0
+    same_p: float = 1.0
+    power: float = 0.0
+    there: Named | None = None
+    size: tuple[float, float] = (np.nan, np.nan)
+    closure_rad: tuple[float, float] | None = None
+
+    @property
+    def standing(self) -> Standing:
+        """Standing of the effect by this recording."""
+        return STANDINGS.get(self.outcome, Standing.UNDECIDED)
+
+    @property
+    def other_size(self) -> bool:
+        """Whether the effect is there, but not at the named size."""
+        return self.outcome is Outcome.CONFIRMED and self.same_p < LEVEL
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A recording on which the effects of another were checked; same_unit: whether it is of the same unit."""
+
+    session: Session
+    same_unit: bool
+    effects: list[There] = field(default_factory=list)
+
+
+# What a recording names, with numbers.
+
+
+def named_in(e: Explanation | TruthExplanation) -> list[Named]:
+    """Return the claimed effects, strongest first, without shapes that have no name."""
+    fit = e.fit if isinstance(e, TruthExplanation) else e.naming.fit
+    numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
+    found = []
+    for claim in e.claimed:
+        name, likes = claim.effect.id, frozenset(claim.equivalent) | claim.rivals.keys()
+        if name.startswith(NAMELESS):
+            continue
+        if (measured := _measured(e, name)) is not None:
+            found.append(Named(claim.effect, *measured, claim.probability, likes))
+        elif name in numbers:
+            applied = fit.state.claims[numbers[name]]
+            covariance = fit.theta_covariance(numbers[name])
+            covariance = covariance + np.diag((applied.effect.known_to * applied.theta) ** 2)
+            found.append(Named(applied.effect, applied.theta, covariance, claim.probability, likes))
+        else:
+            size = claim.effect.parameter.size
+            found.append(Named(claim.effect, np.full(size, np.nan), np.full((size, size), np.nan), claim.probability, likes))
+    return found
+
+
+def _measured(e: Explanation | TruthExplanation, name: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Delay between clocks and its variance, which no channel of the twin shows; None for every other effect."""
+    if name == DELAY and isinstance(e, Explanation):
+        return np.array([e.gravity.offset_s]), np.array([[e.gravity.whole_sigma_s**2]])
+    if name == OFFSET.id and isinstance(e, TruthExplanation):
+        claim = next((claim for claim in e.claimed if claim.effect.id == name), None)
+        value, sigma = e.offset if claim is None or claim.sigma is None else (float(claim.theta[0]), float(claim.sigma[0]))
+        return None if not np.isfinite([value, sigma]).all() else (np.array([value]), np.array([[sigma**2]]))
+    return None
+
+
+def of_recording(effect: Effect) -> bool:
+    """Whether an effect belongs to one recording: a course of time, the motion, moments, or readings at a limit."""
+    return "time" in effect.inputs or effect.kind == "motion" or effect.occurs is not None
+
+
+def of_unit(effect: Effect) -> bool:
+    """Whether an effect belongs to one sensor, and not to what units share: the Earth, the truth, the clocks of a board."""
+    return effect.kind in ("rate", "force") and not effect.id.startswith("timing.")
+
+
+# The check: the other recording is predicted with the named numbers.
+
+
+def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthExplanation, seed: int = 0) -> Checked:
+    """Check the effects named in one recording on another, which was explained by itself; seed: of the draws behind the power."""
+    serials = {e.session.config.sensor.serial for e in (first, other)} - {""}
+    checked = Checked(other.session, len(serials) < 2)
+    evidence: Evidence | None = None
+    for named in named_in(first):
+        if of_recording(named.effect) or not np.isfinite(named.theta).all():
+            checked.effects.append(There(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
+        elif not checked.same_unit and of_unit(named.effect):
+            checked.effects.append(There(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
+        elif named.effect.id in (DELAY, OFFSET.id):
+            measured = _measured(other, named.effect.id)
+            there = None if measured is None else replace(named, theta=measured[0], covariance=measured[1])
+            checked.effects.append(There(named, Outcome.NO_POWER) if there is None else weighed_by(named, there, seed))
+        else:
+            evidence = evidence or Evidence(other.twin if isinstance(other, Explanation) else TruthTwin(other.problem))
+            checked.effects.append(predicted(named, other, evidence, seed))
+    return checked
+
+
+def _same_name(other: Explanation | TruthExplanation, effect: Effect) -> Named | None:
+    """The effect with the same id that the other recording names by itself."""
+    return next((n for n in named_in(other) if n.effect.id == effect.id and np.isfinite(n.theta).all()), None)
+
+
+def weighed_by(named: Named, there: Named, seed: int, odds: float | None = None) -> There:
+    """Decide by the two estimates; odds: 2 ln, where they are known better than from them."""
+    if odds is None:
+        odds = float(odds_of(there.theta, named, there.covariance)[0])
+    together = named.covariance + there.covariance
+    apart = named.theta - there.theta
+    same_p = float(chdtrc(len(apart), apart @ np.linalg.solve(together, apart)))
+    drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(apart))) @ np.linalg.cholesky(together).T + named.theta
+    power = float(np.mean(odds_of(drawn, named, there.covariance) >= STRONG))
+    if odds >= STRONG:
+        outcome = Outcome.CONFIRMED
+    elif odds <= -STRONG and same_p < LEVEL:
+        outcome = Outcome.CONTRADICTED
+    else:
+        outcome = Outcome.NOT_CONFIRMED if power >= LEAST_POWER else Outcome.NO_POWER
+    return There(named, outcome, odds, same_p, power, there, size_of(named, there))
+
+
+def odds_of(estimates: np.ndarray, named: Named, covariance: np.ndarray) -> np.ndarray:
+    """2 ln of the odds, (K,), that estimates (K, P) with a covariance (P, P) give the named size, as uncertain as it is, against zero."""
+    estimates = np.atleast_2d(estimates)
+    found = np.zeros(len(estimates))
+    for sign, mean, spread in ((1, np.zeros_like(named.theta), covariance), (-1, named.theta, covariance + named.covariance)):
+        apart = estimates - mean
+        found += sign * (np.einsum("ki,ki->k", apart, np.linalg.solve(spread, apart.T).T) + np.linalg.slogdet(spread)[1])
+    return found
+
+
+def size_of(named: Named, there: Named) -> tuple[float, float]:
+    """Share of the named size that the other estimate has along it, and its sigma."""
+    weight = np.linalg.solve(named.covariance + there.covariance, named.theta)
+    length = float(weight @ named.theta)
+    return (float(weight @ there.theta) / length, float(np.sqrt(1 / length))) if length > 0 else (np.nan, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Residuals of a hypothesis as linear columns: r (n,) without the effect, J (n, p) of all else in units of its priors, own (n, P) of
+    the effect, all stacked; estimate of the effect; score of the other effects alone, less the part of the residuals."""
+
+    hypothesis: Hypothesis
+    r: np.ndarray
+    J: np.ndarray
+    own: np.ndarray
+    estimate: Named
+    price: float
+
+    def value(self, theta: np.ndarray | None = None, covariance: np.ndarray | None = None) -> float:
+        """-2 log evidence, the noise estimated again: without the effect, or with it at theta (P,), as uncertain as its covariance."""
+        r, J, noise = self.r, self.J, self.hypothesis.noise
+        if theta is not None and covariance is not None:
+            size, axes = np.linalg.eigh(covariance)
+            r, J = r + self.own @ theta, np.concatenate([J, self.own @ (axes * np.sqrt(np.maximum(size, 0)))], axis=1)
+        white = self.hypothesis.whiten(J)
+        moved = np.linalg.solve(white.T @ white + np.eye(J.shape[1]), white.T @ self.hypothesis.whiten(r))
+        return noise.estimated(self.hypothesis.whiten, r - J @ moved, J, noise.s).value + self.price
+
+
+def _look(evidence: Evidence, others: tuple[Effect, ...], named: Named, begin: Hypothesis) -> _Look:
+    # The effect keeps the shape that was named: without a scan it is not fitted again.
+    effect = replace(named.effect, scan=None)
+    found = evidence.of((*others, effect), begin)
+    fit, number = found.fit, len(others)
+    part = claim_slice(fit.state.claims, number)
+    J = found.whiten.back(fit.J)
+    estimate = replace(named, theta=fit.state.claims[number].theta, covariance=fit.theta_covariance(number))
+    r = found.whiten.back(fit.r) - J[:, part] @ estimate.theta
+    rest = np.delete(J * evidence.prior(fit), part, axis=1)
+    return _Look(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
+
+
+def predicted(named: Named, other: Explanation | TruthExplanation, evidence: Evidence, seed: int) -> There:
+    """Predict the other recording with the named numbers, beside what it shows by itself.
+
+    What it names in place of the effect, and shapes without a name, may stand for the effect there: the odds are those of the better of
+    two hypotheses, with these and without.
+    """
+    fit = other.fit if isinstance(other, TruthExplanation) else other.naming.fit
+    own = tuple(claim.effect for claim in fit.state.claims if claim.effect.id != named.effect.id)
+    fewer = tuple(e for e in own if e.id not in named.lookalikes and not e.id.startswith(NAMELESS))
+    begin = evidence.of(own, evidence.nothing)
+    looks = [_look(evidence, others, named, begin) for others in dict.fromkeys((own, fewer))]
+    nothing = looks[0].value()
+    turned = headings(named) if named.effect.kind == "earth" else [named]
+    tried = []
+    for look in looks:
+        odds = np.array([float(odds_of(look.estimate.theta, each, look.estimate.covariance)[0]) for each in turned])
+        best = int(np.argmax(odds))
+        value = look.value(turned[best].theta, turned[best].covariance)
+        # Over all headings, each as probable as the others.
+        value -= 2 * float(logsumexp((odds - odds[best]) / 2) - np.log(len(odds)))
+        tried.append((value, look, turned[best]))
+    value, look, best_named = min(tried, key=lambda each: each[0])
+    there = weighed_by(best_named, look.estimate, seed, nothing - value)
+    before = _closure(evidence.twin, looks[0].hypothesis.whiten, looks[0].r, looks[0].J)
+    after = _closure(evidence.twin, look.hypothesis.whiten, look.r + look.own @ best_named.theta, look.J)
+    return replace(there, named=named, closure_rad=(before, after))
+
+
+def headings(named: Named) -> list[Named]:
+    """The Earth's rate with the table turned to each heading."""
+    found = []
+    for angle in np.arange(HEADINGS) * 2 * np.pi / HEADINGS:
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        found.append(replace(named, theta=turn @ named.theta, covariance=turn @ named.covariance @ turn.T))
+    return found
+
+
+def _closure(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> float:
+    """Held-out closure rms, rad, of stacked residuals r (n,) with columns J (n, p), in units of their priors, fitted to other turns."""
+    white_r, white_J = whiten(r), whiten(J)
+    # ``left_out`` begins at the fit of all rows.
+    moved = np.linalg.solve(white_J.T @ white_J + np.eye(J.shape[1]), white_J.T @ white_r)
+    angles = left_out(twin, whiten, white_r - white_J @ moved, white_J)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
+    return rms(angles) if isinstance(twin, TruthTwin) else tilt_rms(angles)
+
+
+# What several recordings say together.
+
+
+def outcome_of(there: Sequence[There]) -> Outcome:
+    """Outcome of one effect over several recordings: a contradiction anywhere, else a confirmation, else the best that is left."""
+    order = (Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.NOT_CONFIRMED, Outcome.NO_POWER, Outcome.OF_UNIT, Outcome.OF_RECORDING)
+    return min((each.outcome for each in there), key=order.index)
+
+
+def numbers_of(named: Named) -> tuple[dict, dict]:
+    """Parameters of an effect by their JSON names, and their std."""
+    _, parameters, std = readable(AppliedEffect(named.effect, named.theta), named.covariance)
+    return parameters, std
+
+
+def checked_to_json(checked: Sequence[Checked]) -> list[dict]:
+    """Return ``checked`` of ``tinygc-explain/2``."""
+    return [
+        {
+            "session": each.session.name,
+            "same_unit": each.same_unit,
+            "effects": [_entry(there) for there in each.effects],
+        }
+        for each in checked
+    ]
+
+
+def _entry(there: There) -> dict:
+    estimate = None if there.there is None else dict(zip(("parameters", "std"), numbers_of(there.there), strict=True))
+    closure = None if there.closure_rad is None else dict(zip(("before", "after"), np.degrees(there.closure_rad).tolist(), strict=True))
+    weighed = there.outcome not in (Outcome.OF_RECORDING, Outcome.OF_UNIT) and there.there is not None
+    share, sigma = there.size
+    return {
+        "id": there.named.effect.id,
+        "outcome": there.outcome.value.replace(" ", "_"),
+        "standing": there.standing.value,
+        "log_odds": there.odds / 2 if weighed else None,
+        "same_size_p": there.same_p if weighed else None,
+        "power": there.power if weighed else None,
+        "size_share": {"value": share, "std": sigma} if np.isfinite([share, sigma]).all() else None,
+        "there": estimate,
+        "closure_rms_deg": closure,
+    }

@@ -1,0 +1,225 @@
+"""Gravity during the turns: the delay between gyro and accelerometer, and the lever arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.uncertainty import signed_ranks_above
+from tinygc.noise.refit import Refit
+from tinygc.noise.twin import Twin
+
+# The delay follows from the change of velocity between two stills, which is zero, however the hand moved and wherever the sensor sits:
+#
+#     0 = integral of R_tb f + g = (integral of R_tb df/dt) delay + (integral of R_tb) b,      both level components of each turn
+#
+# with b a bias of the accelerometer.  A fit of the specific force itself would take the hand's acceleration, which goes with the turn, for
+# a delay: on ../shared/mikov 11 to 13 ms, where differences of accelerometers on the board give 7.3 to 7.8 (docs/real-recordings.md).
+# The attitude within the turn takes its share of the turn's closure, as of a constant error of the rate.
+
+#: numbers fitted to the turns: bias and delay
+NUMBERS = 4
+#: samples by which the sensors' filters may delay gyro and accelerometer differently
+FILTERS_PERIODS = 0.5
+#: false-alarm rate of a delay beyond them: a fifth of the 0.5 % at which clean sessions may get any name (benchmarks/null_sessions.py)
+ALARMS = 1e-3
+#: share of a turn's greatest rate from which on it moves, and samples before and after.  What is left out shows no delay, and in it an
+#: error of the tilt makes velocity all the same
+MOVING, MARGIN = 0.02, 2
+#: largest p-value of the held-out improvement, as for every claim
+BORNE_OUT_P = 0.05
+#: s, length of a row of the lever arm's fit: at 200 dps gravity rotates by 5 degrees within one
+BLOCK_S = 0.025
+
+
+@dataclass(frozen=True, eq=False)
+class TurnGravity:
+    """Fit of gravity during turns.
+
+    lever_m (3,); offset_s, positive if the gyro is late; sigma_s; rms of the difference between accelerometer and prediction, m/s^2, before
+    and after lever arm and offset; filters_s, what filters alone may make; number of turns; held_out_p: p-value of the offset's improvement
+    of held-out turns (Wilcoxon signed-rank test).
+    """
+
+    lever_m: np.ndarray
+    offset_s: float
+    sigma_s: float
+    before_mps2: float
+    after_mps2: float
+    filters_s: float
+    turns: int
+    held_out_p: float
+
+    @property
+    def bar_s(self) -> float:
+        """Offset from which on it is claimed: more than filters may make, and significant by Student's t of the turns."""
+        return max(self.filters_s, float(stdtrit(max(self.turns - NUMBERS, 1), 1 - ALARMS / 2)) * self.sigma_s)
+
+    @property
+    def whole_sigma_s(self) -> float:
+        """Sigma of the offset between the clocks: the filters' delays differ by ``filters_s`` at most, taken as three sigmas."""
+        return float(np.hypot(self.sigma_s, self.filters_s / 3))
+
+    @property
+    def is_offset(self) -> bool:
+        """Whether the offset between the two clocks is significant."""
+        return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
+
+
+@dataclass(frozen=True, eq=False)
+class TurnEquations:
+    """Normal equations per turn of three numbers and a delay: normal (S, 4, 4), right (S, 4), square (S,) sum of squares, count (S,) of
+    values.  Of ``velocity_equations`` the three are the accelerometer's bias, m/s^2, and the values level velocities, m/s."""
+
+    normal: np.ndarray
+    right: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+
+    def solve(self) -> np.ndarray:
+        """Solve for the three numbers and the delay, s, as (4,)."""
+        return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
+
+    def left(self, solution: np.ndarray) -> np.ndarray:
+        """(S,) residual sum of squares of each turn under a solution."""
+        left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
+        return np.maximum(left, 0.0)
+
+    def sigma_s(self) -> float:
+        """Sigma of the delay: the jackknife over the turns, which err independently (Efron 1982, equation 3.13)."""
+        count = len(self.count)
+        if count < 2:
+            return np.inf
+        without = self._solved_each()[:, 3]
+        return float(np.sqrt((count - 1) / count * np.sum((without - without.mean()) ** 2)))
+
+    def _solved_each(self) -> np.ndarray:
+        """(S, 4) solutions of all turns but one."""
+        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        return np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
+
+    def improvement_p(self) -> float:
+        """P-value of the delay's improvement of each turn, with all four numbers fitted to all others."""
+        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        three = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
+        gains = self._left_each(np.pad(three, ((0, 0), (0, 1)))) - self._left_each(self._solved_each())
+        return signed_ranks_above(gains) if len(gains) > 1 else 1.0
+
+    def _left_each(self, solutions: np.ndarray) -> np.ndarray:
+        """(S,) residual sum of squares of each turn under its own solution (S, 4)."""
+        squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
+        return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
+
+    def square_at(self, offset_s: float) -> np.ndarray:
+        """(S,) residual sum of squares with a given delay and the other three fitted."""
+        return self.left(self.at(offset_s))
+
+    def at(self, offset_s: float) -> np.ndarray:
+        """Solve for the three numbers with a given delay; all four, (4,)."""
+        three = self.normal.sum(axis=0)[:3]
+        return np.append(np.linalg.solve(three[:, :3], self.right.sum(axis=0)[:3] - offset_s * three[:, 3]), offset_s)
+
+
+@dataclass(frozen=True, eq=False)
+class _Turn:
+    """One turn of N samples: attitude R_tb (N, 3, 3), with its share of the closure; rate (N, 3); force (N, 3) as measured; dt_s."""
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+    dt_s: float
+
+
+def _turns(twin: Twin, fit: Refit) -> list[_Turn]:
+    state = fit.state
+    batch = twin.batch_at(state)
+    padded = twin.padded(twin.rates(state))
+    attitudes, ends = rotation.matrix(closure.attitudes(batch, padded)), rotation.matrix(batch.end)
+    found = []
+    for i, segment in enumerate(twin.segments):
+        samples = twin.seen.logs[segment.log].samples
+        turn = attitudes[i, : segment.stop - segment.start]
+        # The rotation in the table's frame that levels the predicted end as the accelerometer does.
+        vertical = turn[-1] @ ends[i, 2]
+        tilt = np.array([vertical[1], -vertical[0], 0.0]) * np.linspace(0, 1, len(turn))[:, None]
+        turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
+        rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
+        force = state.freed(samples.accel[segment.start : segment.stop])
+        found.append(_Turn(turn, rate, force, samples.period_s))
+    return found
+
+
+def velocity_equations(twin: Twin, fit: Refit) -> TurnEquations:
+    """Build the equations of bias and delay from the change of the level velocity in each turn, which begins and ends at rest."""
+    rows = []
+    for turn in _turns(twin, fit):
+        weight = np.zeros(len(turn.force))
+        speed = np.linalg.norm(turn.rate, axis=1)
+        moving = np.flatnonzero(speed > MOVING * speed.max())
+        first, last = max(moving[0] - MARGIN, 0), min(moving[-1] + MARGIN, len(weight) - 1)
+        weight[first : last + 1] = turn.dt_s
+        weight[[first, last]] /= 2
+        level = turn.attitude[:, :2]
+        velocity = np.einsum("t,tij,tj->i", weight, level, turn.force)
+        delayed = np.einsum("t,tij,tj->i", weight, level, np.gradient(turn.force, turn.dt_s, axis=0))
+        rows.append((np.column_stack([np.einsum("t,tij->ij", weight, level), delayed]), velocity))
+    return _equations(rows)
+
+
+def _equations(rows: list[tuple[np.ndarray, np.ndarray]]) -> TurnEquations:
+    """Equations of columns (K, 4) and values (K,) of each turn."""
+    return TurnEquations(
+        np.array([columns.T @ columns for columns, _ in rows]),
+        np.array([columns.T @ value for columns, value in rows]),
+        np.array([float(value @ value) for _, value in rows]),
+        np.array([len(value) for _, value in rows]),
+    )
+
+
+def lever_equations(twin: Twin, fit: Refit) -> TurnEquations:
+    """Build the equations of lever arm, m, and delay from the specific force itself, in rows of ``BLOCK_S``.
+
+    f(t) = -g R_bt e_down + [alpha x] r + [omega x]^2 r, read by the accelerometer later than by the gyro.  Here the hand's own acceleration
+    is noise.
+    """
+    rows = []
+    for turn in _turns(twin, fit):
+        alpha = np.gradient(turn.rate, turn.dt_s, axis=0)
+        gravity = -fit.state.gravity_mps2 * turn.attitude[:, 2]
+        arm = _cross_matrix(alpha) + _cross_matrix(turn.rate) @ _cross_matrix(turn.rate)
+        columns = np.concatenate([arm, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
+        size = max(1, round(BLOCK_S / turn.dt_s))
+        blocks = len(turn.force) // size
+        mean = lambda values: values[: blocks * size].reshape(blocks, size, *values.shape[1:]).mean(axis=1)  # noqa: B023, E731
+        rows.append((mean(columns).reshape(-1, 4), mean(turn.force - gravity).ravel()))
+    return _equations(rows)
+
+
+def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
+    """Estimate the delay from the velocities of all turns, and then the lever arm from the specific force with that delay."""
+    velocities, lever = velocity_equations(twin, fit), lever_equations(twin, fit)
+    offset_s = float(velocities.solve()[3])
+    arm, count = lever.at(offset_s), lever.count.sum()
+    period = float(np.median([movement.dt_s for movement in twin.movements]))
+    return TurnGravity(
+        lever_m=arm[:3],
+        offset_s=offset_s,
+        sigma_s=velocities.sigma_s(),
+        before_mps2=float(np.sqrt(lever.square.sum() / count)),
+        after_mps2=float(np.sqrt(lever.left(arm).sum() / count)),
+        filters_s=FILTERS_PERIODS * period,
+        turns=len(velocities.count),
+        held_out_p=velocities.improvement_p(),
+    )
+
+
+def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
+    """Matrices (N, 3, 3) of the vector product: matrix @ r = vector x r."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]
+    return np.stack(rows, axis=1)

@@ -1,0 +1,87 @@
+"""The check of a recording's effects on other recordings, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from session.io.texts import printable
+from tinygc.explanation.checked import Checked, Outcome, There, numbers_of, outcome_of
+from tinygc.explanation.claims import measured
+from tinygc.reporting.terminal import RenderableType, Table, Text, one_line
+
+#: why a recording says nothing of an effect, or what it says
+REASONS = {
+    Outcome.OF_RECORDING: "a course of time, a motion, or readings of this recording, which no other repeats",
+    Outcome.OF_UNIT: "the sensor's own, and this is another unit",
+    Outcome.NO_POWER: "this recording cannot show it at that size",
+}
+STYLES = {Outcome.CONFIRMED: "green", Outcome.CONTRADICTED: "bold red", Outcome.NOT_CONFIRMED: "yellow"}
+#: odds beyond which only their order is of interest
+MOST_ODDS = 1e6
+
+
+def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
+    """Return a line for each effect over all recordings, and the table of each effect in each recording."""
+    if not checked:
+        return []
+    effects = len(checked[0].effects)
+    if not effects:
+        return [Text("Checked on other recordings: nothing is named here that could be checked.")]
+    parts: list[RenderableType] = [Text("Checked on other recordings, with the numbers of this one:", "bold")]
+    for number in range(effects):
+        there = [each.effects[number] for each in checked]
+        parts.append(_line(there, checked))
+    table = Table(box=None)
+    for column in ("recording", "effect", "", "of its size there", "odds", "closure there: without → with"):
+        table.add_column(column, overflow="fold")
+    for each in checked:
+        for found in each.effects:
+            table.add_row(printable(each.session.name), found.named.effect.id, *_cells(found), style=STYLES.get(found.outcome, ""))
+    return [*parts, table]
+
+
+def _line(there: list[There], checked: Sequence[Checked]) -> Text:
+    outcome = outcome_of(there)
+    counted = [each.outcome for each in there]
+    words = f"{there[0].named.effect.id}: {outcome.value}"
+    if outcome in REASONS:
+        return one_line(f"  {words}: {REASONS[outcome]}")
+    words += f" in {counted.count(outcome)} of {sum(each not in REASONS for each in counted)} recordings that can show it"
+    if differing := [each.session.name for each, found in zip(checked, there, strict=True) if found.other_size]:
+        words += f"; its size differs in {', '.join(map(printable, differing))}"
+    return one_line(f"  {words}", STYLES.get(outcome, ""))
+
+
+def _cells(found: There) -> tuple[str, str, str, str]:
+    size = measured(*found.size) if np.isfinite(found.size).all() else "–"
+    if found.other_size:
+        size += f" (another size, p = {found.same_p:.1g})"
+    if found.outcome in (Outcome.OF_RECORDING, Outcome.OF_UNIT):
+        return found.outcome.value, _numbers(found), "–", "–"
+    if found.there is None:
+        return found.outcome.value, "–", "–", "–"
+    closure = "–" if found.closure_rad is None else " → ".join(f"{value:.4f}°" for value in np.degrees(found.closure_rad))
+    return found.outcome.value, size, odds_words(found.odds), closure
+
+
+def _numbers(found: There) -> str:
+    """Return the largest number of the effect here and there, where the other recording names the effect itself."""
+    if found.there is None or not np.isfinite(found.named.theta).all():
+        return "–"
+    shown = []
+    for named in (found.named, found.there):
+        parameters, std = numbers_of(named)
+        name = next(iter(std))
+        values, spreads = np.ravel(parameters[name]), np.ravel(std[name])
+        at = int(np.argmax(np.abs(values)))
+        shown.append(measured(float(values[at]), float(spreads[at])))
+    return f"here {shown[0]}, there {shown[1]} {found.named.effect.parameter.unit}"
+
+
+def odds_words(log_odds_twice: float) -> str:
+    """Return odds such as ``35 : 1`` or ``1 : 200``, of 2 ln of them."""
+    odds = float(np.exp(min(abs(log_odds_twice) / 2, 50.0)))
+    shown = f"> {MOST_ODDS:.0e}".replace("e+0", "e") if odds > MOST_ODDS else f"{odds:.2g}" if odds < 100 else f"{odds:.0f}"
+    return f"{shown} : 1" if log_odds_twice >= 0 else f"1 : {shown}"

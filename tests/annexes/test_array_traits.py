@@ -155,7 +155,7 @@ def claim(name, p_value=1e-3, probability=0.9, equivalent=()):
 
 
 def gravity(offset_s, sigma_s=1e-3):
-    return SimpleNamespace(offset_s=offset_s, sigma_s=sigma_s, bar_s=0.0)
+    return SimpleNamespace(offset_s=offset_s, whole_sigma_s=sigma_s)
 
 
 def explained(claims, offset_s):

@@ -113,9 +113,9 @@ def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str], named: b
     """Estimate an effect in one unit, beside what its explanation names, without the effects that stand for the same."""
     if effect.id == OFFSET:
         gravity = e.gravity
-        if not np.isfinite(gravity.sigma_s):
+        if not np.isfinite(gravity.whole_sigma_s):
             return None
-        return Estimate(np.array([gravity.offset_s]), np.array([[gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2]]), named)
+        return Estimate(np.array([gravity.offset_s]), np.array([[gravity.whole_sigma_s**2]]), named)
     fit = e.naming.fit
     claims = [claim.effect for claim in fit.state.claims]
     mine = [k for k, claimed in enumerate(claims) if claimed.id in (effect.id, *instead)]

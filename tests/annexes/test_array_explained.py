@@ -9,11 +9,12 @@ from formats_page import strangers
 
 import calibrate
 from session.annexes.arrays.recording import read_array
+from session.io.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.annexes.arrays.explanation import FALSE_READING, KNOCK, ArrayExplanation, explain_array
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
-from tinygc.annexes.arrays.traits import ALIKE, DIFFERS, READINGS
+from tinygc.annexes.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS
 from tinygc.explanation.standing import Standing
 
 
@@ -94,6 +95,25 @@ def test_an_effect_of_all_units_that_some_name_is_no_units_own(tmp_path):
     assert 0 < len(trait.units) < 3
     assert trait.scope == ALIKE
     assert trait.statement.standing is Standing.FOR
+
+
+@pytest.mark.slow
+def test_the_earth_that_one_unit_names_is_one_term_of_all(tmp_path):
+    """Without a latitude the Earth is an effect.  One of three units names it by itself; in the array's axes all three agree on it."""
+    made = simulate_array(SimulationOptions(segments=24, closure_s=0, odr_hz=104, seed=8), ArrayOptions(units=3))
+    folder = write_array(made, tmp_path / "array")
+    config = folder / "session.toml"
+    kept = [line for line in config.read_text(encoding="utf-8").splitlines() if not line.startswith("latitude_deg")]
+    config.write_text("\n".join(kept), encoding="utf-8")
+    found = explain_array(read_array(folder))
+    (trait,) = (trait for trait in found.traits if trait.id == "earth.rotation")
+    assert len(trait.units) == 1
+    assert trait.scope == COMMON
+    assert trait.statement.standing is Standing.FOR
+    rates = np.array([each.theta for each in trait.estimates.values()])
+    sigmas = np.array([each.sigma for each in trait.estimates.values()])
+    assert np.abs((rates - rates.mean(axis=0)) / sigmas).max() < 4
+    assert np.linalg.norm(rates.mean(axis=0)) == pytest.approx(EARTH_RATE_RPS, rel=0.25)
 
 
 def test_options_of_one_session_are_refused_in_a_line(hit, capsys):

@@ -32,6 +32,7 @@ from tinygc.explanation.search import (
     slow_candidates,
     unknown_candidates,
 )
+from tinygc.explanation.standing import LEVEL
 from tinygc.models import linear
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
@@ -213,7 +214,7 @@ WORTH_SAYING = 0.5
 
 
 def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
-    """Claim undersampling if the noise is less probable without it, even with the turns' other noise free."""
+    """Claim undersampling if chance hardly makes the noise as much less probable without it, with the turns' other noise free."""
     twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
     if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
@@ -222,7 +223,8 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
     fewer = noise.without(UNDERSAMPLED)
     gain = fewer.estimated(whiten, whiten.back(fit.r), J, fewer.s).value - noise.value
     probability = float(1 / (1 + np.exp(-np.clip(gain, -700, 700) / 2)))
-    if probability < 0.5:
+    p_value = float(chdtrc(1, max(gain, 0.0)))
+    if p_value >= LEVEL:
         return []
     effect = catalogue()[UNDERSAMPLED]
     sigma = next(float(s) for s, c in zip(noise.sigma, noise.components, strict=True) if c.name == UNDERSAMPLED)
@@ -243,7 +245,7 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
     }
     says = f"{effect.describe(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
-    return [Claim(effect, parameters, std, float(chdtrc(1, max(gain, 0.0))), says, probability=probability)]
+    return [Claim(effect, parameters, std, p_value, says, probability=probability)]
 
 
 # A claim is kept only if it improves held-out data by more than chance, paired by segments.

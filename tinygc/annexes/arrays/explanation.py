@@ -461,10 +461,12 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     others = len(fit.units) - len(spoilt)
     if len(spoilt) > 1:
         return f"{at:.1f} s: {_several_words(spoilt, fit)}"
-    whom = f"the other {others} do not" if others > 1 else "the other does not"
+    tested = f"against the other{'s' * (others > 1)} (F test, p = {event.p_value:.2g})"
     if event.what == OWN_TURN:
-        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}°, {whom}: its own readings; its turn does not count"
-    return f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still, {whom}; its gravity there does not count"
+        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}° {tested}: its own readings; its turn does not count"
+    return (
+        f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still {tested}; its gravity there does not count"
+    )
 
 
 def event_lines(fit: ArrayFit) -> list[str]:

@@ -334,8 +334,6 @@ def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:
 
 #: drop of -2 log likelihood that ``motion beyond the data rate`` needs against an unnamed common part, and against none
 BORNE_OUT = 2.0
-#: family-wise, over all units: an own excess less probable by chance is reported as that unit's
-OWN_P = 0.01
 #: share of the predicted size; below it, a filter passes only a part (predictions hold within a factor of 1.5)
 FILTERED = 1 / 3
 

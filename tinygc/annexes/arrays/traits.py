@@ -22,13 +22,15 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import linear_estimate, without_claim
 from tinygc.explanation.standing import LEVEL, Standing, Statement, alike_p, standing_of, upper_limit
 from tinygc.noise.candidates import candidates
-from tinygc.noise.refit import Replay
+from tinygc.noise.refit import Replay, prior_sigmas
 
 #: whose an effect is: common by nature, alike in all units, different between units, not told, or in single readings of units
 COMMON, ALIKE, DIFFERS, UNDECIDED, READINGS = "common", "alike", "differs", "undecided", "readings"
 #: effects that belong to the body, whichever unit's explanation names them
 EARTH, MOTION, NOT_STILL = "earth.rotation", "motion.undersampled", "reference.not_still"
 OFFSET = "timing.gyro_accel_offset"
+#: sigmas by which a number's prior lets it move the residuals; below it, the prior holds it
+HELD = 0.01
 HOMOGENEITY, POOLED = "chi-square of homogeneity", "chi-square, pooled over units"
 
 
@@ -125,7 +127,10 @@ def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str], named: b
     for number in reversed(mine):  # from the last, so that the columns before it stay where they are
         fit = without_claim(fit, number)
     (columns,) = e.whiten.each([replay.columns(effect).stacked()])
-    theta, covariance = linear_estimate(fit.r, fit.J, columns, effect.parameter.plausible)
+    # A number that its prior holds, such as the Earth's horizontal rate where no latitude is given, takes nothing from the effect.
+    prior = prior_sigmas(e.twin, [claimed for k, claimed in enumerate(claims) if k not in mine])
+    free = fit.J[:, prior * np.linalg.norm(fit.J, axis=0) > HELD]
+    theta, covariance = linear_estimate(fit.r, free, columns, effect.parameter.plausible)
     return Estimate(theta, covariance, named)
 
 

@@ -55,6 +55,12 @@ def test_one_with_nearly_all_of_the_probability_is_named_alone():
     assert alternatives({"unknown.warm_up": 0.94, "gyro.bias_step": 0.04, "gyro.bias_drift": 0.02}) == "most likely warm-up (0.94)"
 
 
+def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():
+    assert not slow_zero(twin_of(thermometer=True), [drift(0.95, warm=0.05)], STATE).is_open
+    assert slow_zero(twin_of(thermometer=True), [drift(0.94, warm=0.06)], STATE).is_open
+    assert slow_zero(twin_of(), [drift(0.95, warm=0.05)], STATE).is_open
+
+
 def test_shares_are_sorted_and_sum_to_one():
     assert list(shares_of({"a": 1.0, "b": 3.0}).items()) == [("b", 0.75), ("a", 0.25)]
 

@@ -36,6 +36,11 @@ class SlowZero:
     thermometer: bool
 
     @property
+    def is_open(self) -> bool:
+        """Whether there are alternatives: several are probable, or no thermometer says what temperature did."""
+        return not self.thermometer or next(iter(self.shares.values())) < NAMED
+
+    @property
     def words(self) -> str:
         """Return one sentence without its full stop."""
         moves = f"the zero-rate offset moves by {self.size_rps / DEG:.2g} dps on {'xyz'[self.axis]} over the session"

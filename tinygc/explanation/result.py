@@ -312,7 +312,7 @@ def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
 def families_of(e: Explanation) -> list[SlowZero]:
     """Statements of families whose members this recording hardly tells apart."""
     slow = slow_zero(e.twin, [*e.claimed, *e.findings], e.naming.fit.state)
-    return [] if slow is None else [slow]
+    return [slow] if slow is not None and slow.is_open else []
 
 
 # An explanation as ``tinygc-explain/2`` (docs/formats.md): effects, location, certainty, and what to record next.

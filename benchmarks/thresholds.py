@@ -45,7 +45,8 @@ WATCHED = {
         "tinygc.noise.reml": "NOTHING",
         DECISION: "SAID INSTEAD MOST_FINDINGS BORNE_OUT_P",
         "tinygc.noise.refit": "MAX_STEPS ENOUGH GRAVITY_SIGMA KNOWN",
-        "tinygc.noise.channels": "BLOCK_S FILTERS_PERIODS SIGMAS LAGS",
+        "tinygc.noise.channels": "LAGS",
+        "tinygc.noise.turn_gravity": "ALARMS BLOCK_S FILTERS_PERIODS MOVING",
         "tinygc.noise.whitening": "ACCEL_INSTABILITY_MPS2 PRECALIBRATION_MPS2",
     },
     "strong": {

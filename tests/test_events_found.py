@@ -22,6 +22,7 @@ from tinygc.explanation.faulty_readings import (
     Glitches,
     Jumps,
     RegisterFault,
+    away_from_blows,
     bridged,
     crossing,
     cubic_across,
@@ -230,6 +231,16 @@ def test_a_possible_loss_is_the_greatest_jump_within_eight_rows():
     jumps = jumps_of([0, 100, 108, 200, 209, 300, 301])
     jumps.size[:, 3] = [1.0, 5.0, 6.0, 5.0, 6.0, 4.0, 4.0]
     assert possible_losses(jumps, 10.0).tolist() == [0, 108, 200, 209, 300, 301]
+
+
+def test_no_loss_is_looked_for_within_a_fifth_of_a_second_of_a_blow():
+    accel = np.tile([0.0, 0.0, 9.8], (200, 1))
+    accel[100:] *= 3  # the greatest jump comes after row 99
+    samples = samples_of(np.zeros((200, 3)), accel)
+    assert samples.period_s == pytest.approx(0.01)
+    rows = np.array([10, 78, 79, 99, 119, 120, 190])
+    assert away_from_blows(samples, rows).tolist() == [10, 78, 120, 190]
+    assert away_from_blows(samples_of(np.zeros((200, 3))), rows).tolist() == rows.tolist()
 
 
 def test_the_step_of_a_register_is_the_smallest_between_readings():

@@ -36,7 +36,6 @@ MORE = {
     "detection_limits",
     "within_stills",
     "channels",
-    "checked",
     "turn_gravity",
     "noise",
     "version",

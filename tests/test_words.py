@@ -167,7 +167,9 @@ def test_quiet_says_nothing_where_a_file_is_the_result(run, folder):
 def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
     def says(*effects):
         goodness = SimpleNamespace(excess=2.0)
-        result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", goodness=goodness, noise=None)
+        result = SimpleNamespace(
+            session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", goodness=goodness, noise=None, allowed=None
+        )
         return next_line(result, SimpleNamespace(passed=True), effects).plain
 
     assert says() == "next:\n  python calibrate.py explain s"

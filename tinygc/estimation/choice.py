@@ -12,7 +12,7 @@ import numpy as np
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.io.units import DEG
 from tinygc.closure.problem import Problem
-from tinygc.estimation.bias import BETTER_P, less_by_chance
+from tinygc.estimation.bias import BETTER_P, SAME, less_by_chance
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 
@@ -140,9 +140,6 @@ def _tilt(fit: MethodFit) -> float:
 # divided by the number of models tried.  The difference must also have a size: models that minimise the same residual differ in the last
 # digit, always in the same direction, which is significant but useless.
 
-#: relative difference below which two closures are equal (as are two floors in the report)
-SAME = 0.01
-
 
 @dataclass(frozen=True)
 class ModelToUse:
@@ -170,7 +167,9 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
         return ModelToUse(None, min(tilts, key=tilts.__getitem__, default=None), None, why)
 
     def chance(usual: str, other: str) -> float:
-        if not tilts[other] < (1 - SAME) * tilts[usual]:
+        # A denoiser smooths and delays as well, so it must close better by more than these turns know a root mean square to.
+        least = SAME if other != "tinygc_denoised" else max(SAME, float(1 / np.sqrt(2 * fits[other].held_out[:, :2].size)))
+        if not tilts[other] < (1 - least) * tilts[usual]:
             return 1.0
         common = sorted(set(numbers[usual]) & set(numbers[other]))
         pair = [fits[name].held_out[[numbers[name].index(number) for number in common]] for name in (usual, other)]

@@ -15,9 +15,10 @@ effect.  What no residual shows, such as a common clock rate, has its own term (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import logsumexp
 
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import Problem
@@ -26,14 +27,21 @@ from tinygc.models.linear import NAMES, LinearModel
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import calibration_columns, prior_sigmas
 
+#: natural logarithm of the odds from which an effect is suspected: with prior odds of 1 to 30, as in ``explain``, it is there with 95 %
+SUSPECTED = float(np.log(30 * 19))
+#: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
+AS_PROBABLE = 3.0
+
 
 @dataclass(frozen=True, eq=False)
 class Systematic:
     """Movements of the 12 parameters (1, rad/s) by one effect that the recording still allows: by_effect: id -> (12, 12) mean of their
-    squares and products.  tilts (S, 2, 12): derivative of the segments' tilt by the parameters."""
+    squares and products.  tilts (S, 2, 12): derivative of the segments' tilt by the parameters.  log_odds: id -> natural logarithm of the
+    odds that the recording gives the effect, alone, against none."""
 
     by_effect: dict[str, np.ndarray]
     tilts: np.ndarray
+    log_odds: dict[str, float] = field(default_factory=dict)
 
     def of(self, slope: np.ndarray) -> np.ndarray:
         """(Q,) the largest movement, by one effect, of quantities with this derivative (Q, 12) by the parameters."""
@@ -53,7 +61,20 @@ class Systematic:
         """Return ``systematic`` of ``tinygc-fit/2``."""
         ids = list(self.by_effect)
         most = np.argmax([np.diag(square) for square in self.by_effect.values()], axis=0)
-        return {"parameters": list(NAMES), "sigma": self.sigma.tolist(), "effects": [ids[number] for number in most]}
+        return {
+            "parameters": list(NAMES),
+            "sigma": self.sigma.tolist(),
+            "effects": [ids[number] for number in most],
+            "suspected": [{"id": name, "log_odds": self.log_odds[name]} for name in self.suspected],
+        }
+
+    @property
+    def suspected(self) -> list[str]:
+        """Effects that are probably missing from the model, the most probable first: ids with odds beyond ``SUSPECTED`` that are within
+        ``AS_PROBABLE`` of the best.  ``explain`` compares them properly."""
+        most = max(self.log_odds.values(), default=-np.inf)
+        near = [name for name, odds in self.log_odds.items() if odds > max(SUSPECTED, most - AS_PROBABLE)]
+        return sorted(near, key=lambda name: -self.log_odds[name])
 
 
 def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, widened: float, still_rates: bool) -> Systematic:
@@ -83,7 +104,8 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
-    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts)
+    log_odds = {name: float(logsumexp([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
+    return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 
 def _mean_by_evidence(values: list[tuple[float, np.ndarray]]) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
-
-if TYPE_CHECKING:
-    from tinygc.explanation.checked import Checked
 
 
 class KnownEffect(Protocol):
@@ -67,7 +64,7 @@ class Explanation:
 
     findings: shapes without a name. channel_p, left: p-values of the channels under one calibration, before and after the claims. own_p:
     p-values of each channel by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. of_lot:
-    effects known for this kind of unit. checked: the claims on other recordings.
+    effects known for this kind of unit.
     """
 
     session: Session
@@ -89,7 +86,6 @@ class Explanation:
     within: WithinStills | None = None
     considered: list[Considered] = field(default_factory=list)
     of_lot: Sequence[KnownEffect] = ()
-    checked: Sequence[Checked] = ()
 
     @property
     def whiten(self) -> Whitener:

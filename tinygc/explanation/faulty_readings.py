@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d
 
 from session.detect import bridging
 from session.detect.bridging import GAP
+from session.detect.events import APART_S, find_impacts
 from session.detect.segments import pace_of
 from session.io.folder import Session
 from session.io.numeric import runs_of, sigma_of
@@ -154,6 +155,16 @@ def register_step(values: np.ndarray) -> float:
     """The smallest step between readings (N,); 0 if there is none."""
     distinct = np.unique(np.abs(np.diff(values[:20000])))
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
+
+
+def away_from_blows(samples: Samples, rows: np.ndarray) -> np.ndarray:
+    """Those of the rows (L,) that are more than ``APART_S`` from every impact.
+
+    A blow jumps between two readings as a loss does, and what the gyro misses of it leaves the turn open as well: closure would take a loss
+    for it.
+    """
+    blows, ring = np.array([each.row for each in find_impacts(samples)], dtype=int), round(APART_S / samples.period_s)
+    return rows[np.all(np.abs(rows[:, None] - blows) > ring, axis=1)]
 
 
 def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
@@ -351,7 +362,7 @@ class RegisterFault:
 
 
 def proposed(session: Session) -> list[RegisterFault]:
-    """False readings of every log, then possible losses once these are bridged."""
+    """False readings of every log, then possible losses once these are bridged, away from blows."""
     events: list[RegisterFault] = []
     for number, log in enumerate(session.logs):
         samples = log.samples
@@ -361,7 +372,7 @@ def proposed(session: Session) -> list[RegisterFault]:
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
         losses = possible_losses(find_jumps(samples), samples.duration_s)
-        events += [RegisterFault(LOST, number, row) for row in losses.tolist()]
+        events += [RegisterFault(LOST, number, row) for row in away_from_blows(samples, losses).tolist()]
     return [event for event in events if not in_bridge(session, event)]
 
 

@@ -15,7 +15,6 @@ from session.io.samples import pieces, start_times
 from session.io.units import DEG, MG, G
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.checked import checked_to_json
 from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
@@ -362,7 +361,6 @@ def to_json(e: Explanation) -> dict:
             for name, size in e.detection_limits.items()
         },
         "warnings": [warning.to_json() for warning in e.warnings],
-        "checked": checked_to_json(e.checked),
         "next": what_next(e),
         "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
@@ -407,7 +405,6 @@ def truth_to_json(e: TruthExplanation) -> dict:
             "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
         },
         "excess": {"before": e.excess[0], "after": e.excess[1]},
-        "checked": checked_to_json(e.checked),
         "next": None,
         "version": VERSION,
     }

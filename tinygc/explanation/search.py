@@ -14,7 +14,7 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
-from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, least_gain, left_of, orthonormal, sharpened
+from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, least_gain, left_of, orthonormal, sharpened, without_claim
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin, claim_slice
@@ -55,7 +55,7 @@ def search(
         if not found:
             break
         found.sort(key=lambda h: h.score)
-        ahead = without_idle(evidence, found[0])
+        ahead = resharpened(evidence, without_idle(evidence, found[0]))
         if ahead.score >= best.score:
             break
         best = ahead
@@ -160,6 +160,19 @@ def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     return best
 
 
+def resharpened(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+    """Search each scanned shape again beside the other effects: found beside fewer, the time of a step bends towards what they explain.
+    Shapes on which an effect depends smoothly are fitted with all else (``refit``)."""
+    for number, effect in enumerate(best.effects):
+        if len(best.effects) < 2 or effect.scan is None or effect.scan.smooth:
+            continue
+        fit = without_claim(best.fit, number)
+        again = sharpened(evidence.twin, best.whiten, fit, effect, Replay(evidence.twin, best.fit))
+        effects = tuple(again if other is effect else other for other in best.effects)
+        best = min(best, evidence.of(effects, best), key=lambda h: h.score)
+    return best
+
+
 def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypothesis:
     """Try to replace each effect by others that fit in its place; an effect named before others were found may thus be removed."""
     for _ in range(MOST_EFFECTS):
@@ -173,7 +186,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
         ahead = min([*trials, best], key=lambda h: h.score)
         if ahead is best:
             break
-        best = without_idle(evidence, ahead)
+        best = resharpened(evidence, without_idle(evidence, ahead))
     return best
 
 

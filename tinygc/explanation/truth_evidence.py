@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from tinygc.explanation.search import NAMELESS
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
-
-if TYPE_CHECKING:
-    from tinygc.explanation.checked import Checked
 
 # Evidence of a truth file: growth of the closure, correlation of neighbours, the accelerometer, the rests.
 
@@ -256,7 +253,7 @@ class TruthExplanation:
     chi-square per degree of freedom, against the stated noise. jumps: log and s of wrong moments. lengths_s (L,), closure_rad (L, 3):
     growth. truth_rad per moment and walk_rad per root second, from the growth. gyro_rad per root second: the gyro's own walk at its
     quietest. neighbours: correlation of neighbouring segments' errors, before and after. alignment: clock and frame of the truth against
-    the gyro. rests; force; warnings of the preparation. checked: the claims on other recordings.
+    the gyro. rests; force; warnings of the preparation.
     """
 
     problem: Problem
@@ -279,7 +276,6 @@ class TruthExplanation:
     rests: Rests | None = None
     force: Force | None = None
     warnings: Sequence[Finding] = ()
-    checked: Sequence[Checked] = ()
 
     @property
     def session(self) -> Session:

@@ -64,11 +64,13 @@ class FoundEffect:
 class Why:
     """Result of ``tinygc.explain``.
 
-    explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested.
+    explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested; checked: outcome
+    of each effect in each of the recordings that it was checked on.
     """
 
     explanation: Any
     discovery: Any = None
+    checked: Sequence[Checked] = ()
 
     def __repr__(self) -> str:
         named = ", ".join(effect.id for effect in self.effects)
@@ -78,8 +80,10 @@ class Why:
     def _report(self) -> ExplanationReport:
         if self.discovery is not None:
             report: ExplanationReport = need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
-            return report
-        return ENGINES[self.explanation.session.config.protocol.reference][1](self.explanation)
+        else:
+            report = ENGINES[self.explanation.session.config.protocol.reference][1](self.explanation)
+        report.checked = self.checked
+        return report
 
     @cached_property
     def table(self) -> dict:
@@ -124,11 +128,6 @@ class Why:
     def noise(self) -> list[dict[str, Any]]:
         """Components of the non-white noise: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
         return self.table["noise"]["components"]
-
-    @property
-    def checked(self) -> Sequence[Checked]:
-        """Outcome of each effect in each of the recordings that it was checked on."""
-        return self.explanation.checked
 
     @property
     def next(self) -> str | None:
@@ -228,7 +227,7 @@ def explain(
     for other in others:
         told = _explained(other, seed, use_earth, None, False, progress).explanation
         checked.append(check(why.explanation, told, seed))
-    return replace(why, explanation=replace(why.explanation, checked=checked)) if checked else why
+    return replace(why, checked=checked)
 
 
 def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> list[Session | Path]:

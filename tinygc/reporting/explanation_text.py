@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from session.io.results import write_whole
 from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
+from tinygc.explanation.checked import Checked, checked_to_json
 from tinygc.explanation.claims import VERDICTS, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
@@ -89,7 +91,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
-    parts += [*_where(e), _proof(e), *checked_page(e.checked)]
+    parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.detection_limits)]
     if with_next and (following := what_next(e)):
@@ -218,11 +220,17 @@ class ExplanationReport:
     #: notes for the user on files that ``save`` kept or removed
     notes: tuple[str, ...] = ()
 
+    #: the claims on other recordings
+    checked: Sequence[Checked] = ()
+
     def __init__(self, explanation: Any):
         self.explanation = explanation
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
+        return self._table() | {"checked": checked_to_json(self.checked)}
+
+    def _table(self) -> dict:
         return to_json(self.explanation)
 
     def line(self) -> Text:
@@ -231,6 +239,9 @@ class ExplanationReport:
 
     def page(self) -> Group:
         """Page for the terminal."""
+        return Group(self._page(), *checked_page(self.checked))
+
+    def _page(self) -> Group:
         return explanation_page(self.explanation)
 
     def picture(self) -> Figure:
@@ -271,7 +282,7 @@ def truth_page(e: TruthExplanation) -> Group:
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    parts += [_evidence(e), *checked_page(e.checked), Text(CANNOT)]
+    parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 
@@ -361,16 +372,14 @@ def _own_noise(e: TruthExplanation) -> str:
 class TruthReport(ExplanationReport):
     """Report of an explanation with a truth file as reference."""
 
-    def to_json(self) -> dict:
-        """``tinygc-explain/2`` (docs/formats.md)."""
+    def _table(self) -> dict:
         return truth_to_json(self.explanation)
 
     def line(self) -> Text:
         """Session, verdict and p-value, in one line."""
         return truth_line(self.explanation)
 
-    def page(self) -> Group:
-        """Page for the terminal."""
+    def _page(self) -> Group:
         return truth_page(self.explanation)
 
     def picture(self) -> Figure:

@@ -101,6 +101,8 @@ def files_line(result: FitResult, folder: Path, decision: Acceptance) -> Text:
     """Name the model's file, and whether to use it."""
     if result.file_to_use is None:
         return one_line(f"files: {folder}; use none of the models: {result.use.why}", "bold red")
+    if missing := missing_of(result):
+        return one_line(f"files: {folder} (the best so far: {result.file_to_use}; an effect is probably missing: {missing})", "bold yellow")
     if decision.answer in ("pass", "doubtful pass"):
         return one_line(f"use {folder / result.file_to_use}", "bold green")
     return one_line(f"files: {folder} (the best model: {result.file_to_use})")
@@ -114,6 +116,17 @@ def next_line(result: FitResult, decision: Acceptance, effects: Sequence[Path] =
             one_line(f"  {command_line('check', folder)}")
         )
     noise = result.noise is not None and result.noise.noise.unusual
+    if missing_of(result):
+        return Text("next:\n").append(one_line(f"  {command_line('fit', folder, '--physics', 'auto', *_given(effects))}"))
     unexplained = result.goodness.excess > 1 or noise or not decision.passed
-    given = [word for path in effects for word in ("--effects", path)]
-    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *given)}"))
+    return Text("next:\n").append(one_line(f"  {command_line('explain' if unexplained else 'report', folder, *_given(effects))}"))
+
+
+def missing_of(result: FitResult) -> str:
+    """Name the effects that the model probably lacks, such as ``gyro.bandwidth or timing.axis_skew``; empty without one, or where named
+    physics were fitted."""
+    return "" if result.allowed is None or result.physics is not None else " or ".join(result.allowed.suspected)
+
+
+def _given(effects: Sequence[Path]) -> list[str | Path]:
+    return [word for path in effects for word in ("--effects", path)]

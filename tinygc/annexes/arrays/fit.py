@@ -40,7 +40,7 @@ from tinygc.closure.floor import BiasInstability
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
-from tinygc.estimation.bias import BETTER_P, less_by_chance
+from tinygc.estimation.bias import closes_better, less_by_chance
 from tinygc.estimation.choice import run_figures
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
@@ -390,7 +390,7 @@ def by_bias(
     both = {name: estimate(units, same, missed, bias=name, use_earth=use_earth, progress=progress) for name in ("ends", "stills")}
     left = {name: np.concatenate([joint.solution.blocks(rows)[1] for rows in joint.where.closure]) for name, joint in both.items()}
     p_value = less_by_chance(left["ends"], left["stills"])
-    chosen = "stills" if p_value < BETTER_P else "ends"
+    chosen = "stills" if closes_better(left["ends"], left["stills"]) else "ends"
     return chosen, p_value, both[chosen]
 
 

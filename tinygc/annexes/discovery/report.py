@@ -149,7 +149,7 @@ class DiscoveryReport(ExplanationReport):
         """``tinygc-explain/2``, with the search's advice on what to do next."""
         return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
 
-    def page(self) -> Group:
+    def _page(self) -> Group:
         """The terminal's page: the explanation, then the search with its advice on what to do next."""
         return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.to_json()))
 

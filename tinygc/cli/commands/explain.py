@@ -9,7 +9,6 @@ from pathlib import Path
 from session.io.annexes import need
 from session.io.errors import CalibrationError
 from session.io.names import is_array
-from session.io.siblings import others_beside
 from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.extensions import help_if_present
@@ -65,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
         output(args).print(line, soft_wrap=True)
     if why.discovery is not None and why.discovery.laws:
         print_commands(args, "use it in another session:", command_line("explain", "OTHER", "--effects", folder / "effects"))
+    from session.io.siblings import others_beside
+
     if why.effects and not args.check_on and (others := others_beside(args.folder)):
         names = [args.folder.parent / other.name for other in others[:MOST_OFFERED]]
         print_commands(args, "does it hold in this unit's other recordings?", command_line("explain", args.folder, "--check-on", *names))

@@ -200,7 +200,7 @@ def test_the_family_is_decided_by_the_evidence_of_all_units():
     assert found.statement.standing is Standing.FOR
     assert found.statement.p_value == pytest.approx(3 * chi2.sf(80.0, 6))
     assert "most likely a steady drift" in found.statement.words
-    assert "or warm-up (0.27)" in found.statement.words
+    assert "or a warm-up within the session (0.27)" in found.statement.words
     assert "temperature was not recorded" in found.statement.words
     assert "not recorded" not in pooled(units, {}, thermometer=True).statement.words
 

@@ -14,10 +14,10 @@ from tinygc.noise.twin import State, Twin
 
 #: slow motions of the zero-rate offset: id -> what it would be
 SLOW_ZERO = {
-    "gyro.bias_drift": "a steady drift, or a warm-up slower than the session",
+    "gyro.bias_drift": "a steady drift or slow warm-up",
     "gyro.bias_step": "a jump",
     "gyro.thermal_bias": "temperature",
-    "unknown.warm_up": "warm-up",
+    "unknown.warm_up": "a warm-up within the session",
     "unknown.curve_over_time": "a smooth curve over time",
 }
 #: share of a family's probability from which on its best member is named alone
@@ -52,7 +52,7 @@ class SlowZero:
 
 
 def alternatives(shares: Mapping[str, float]) -> str:
-    """``most likely warm-up (0.7), or a steady drift (0.3)``; one alone where it has nearly all of the probability."""
+    """``most likely a jump (0.7), or temperature (0.3)``; one alone where it has nearly all of the probability."""
     (first, share), *others = shares.items()
     if share >= NAMED:
         return f"as {SLOW_ZERO[first]} ({share:.2f})"

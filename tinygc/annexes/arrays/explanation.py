@@ -154,8 +154,6 @@ def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
 
 # Explanation of an array: its parts, what its units share, and whose each named effect is.
 
-VERDICTS = ("no_mismatch", "common", "own", "common_and_own", "undecided")
-
 
 @dataclass(frozen=True, eq=False)
 class ArrayExplanation:

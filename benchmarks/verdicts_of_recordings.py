@@ -4,16 +4,14 @@
 
 Sets are those of ``SETS``; recordings of several units are tried unit by unit and as arrays.  ``fit`` and ``report`` fit raw rates and
 least squares.  Prints a row a recording: verdicts with exit codes, held-out closure of ``fit`` and of ``explain`` side by side, and what
-does not agree.  ``wild/broad`` needs h5py.
+does not agree.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import json
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -26,7 +24,7 @@ from check_and_fit import sessions_of, write_sundevil
 from common import in_parallel, markdown
 from real_recordings import SHARED
 
-from session.annexes.public import euroc, mikov, mimu
+from session.annexes.public import broad, euroc, mikov, mimu, repoimu
 from tinygc.estimation.choice import SAME
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,72 +41,15 @@ HEADER = (
     "p",
     "what does not agree",
 )
-TRUTH_TOML = """schema = "tinygc-session/1"
-
-[sensor]
-model = "unknown"
-odr_hz = {odr_hz!r}
-gyro_fs_dps = {gyro_fs_dps}
-accel_fs_g = 16
-
-[protocol]
-segment_s = 5
-reference = "truth"
-"""
 
 
 # The recordings, as session folders.
 
 
-def truth_session(folder: Path, t_s: np.ndarray, gyro: np.ndarray, accel: np.ndarray, q: np.ndarray, gyro_fs_dps: float) -> Path:
-    """A folder of rates rad/s, specific force m/s^2 and true attitudes (N, 4), scalar first, NaN where there is none."""
-    folder.mkdir(parents=True)
-    seen = np.isfinite(q).all(axis=1)
-    for name, header, table in (
-        ("log0001.csv", "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2", np.column_stack([t_s, gyro, accel])),
-        ("truth0001.csv", "t_s,qw,qx,qy,qz", np.column_stack([t_s, q])[seen]),
-    ):
-        rows = [f"{row[0]:.6f}," + ",".join(f"{value:.9g}" for value in row[1:]) for row in table.tolist()]
-        (folder / name).write_text("\n".join([header, *rows, ""]), encoding="utf-8")
-    odr_hz = float(1 / np.median(np.diff(t_s)))
-    (folder / "session.toml").write_text(TRUTH_TOML.format(odr_hz=odr_hz, gyro_fs_dps=gyro_fs_dps), encoding="utf-8")
-    return folder
-
-
-def broad(shared: Path, made: Path) -> Iterator[Path]:
-    """BROAD trials (optical truth); nothing without h5py."""
-    try:
-        import h5py
-    except ModuleNotFoundError:
-        print("wild/broad left out: it needs h5py (pip install h5py)", file=sys.stderr)
-        return
-    for path in sorted((shared / "wild" / "broad").glob("*.hdf5")):
-        with h5py.File(path) as file:
-            gyro, accel, q = (np.array(file[name]) for name in ("imu_gyr", "imu_acc", "opt_quat"))
-            t_s = np.arange(len(gyro)) / float(file.attrs["sampling_rate"])
-        yield truth_session(made / path.stem[:2], t_s, gyro, accel, q, 2000)
-
-
-def repoimu(shared: Path, made: Path) -> Iterator[Path]:
-    """RepoIMU trials (Vicon truth): two header lines, semicolons."""
-    for path in sorted((shared / "wild" / "repoimu").glob("*.csv")):
-        with path.open(encoding="utf-8") as file:
-            rows = [row[:11] for row in csv.reader(file, delimiter=";")][2:]
-        table = np.array([[float(cell) for cell in row] for row in rows if all(row)])
-        yield truth_session(made / path.stem, table[:, 0], table[:, 8:11], table[:, 5:8], table[:, 1:5], 2000)
-
-
 def sundevil_doubled(shared: Path, made: Path) -> Iterator[Path]:
     """The rocket's board with ±500 dps in place of its authors' ±250: their rates are half of the truth."""
     for path in sorted((shared / "wild" / "sundevil").glob("rev2/IMU*.txt")):
-        folder = write_sundevil(path, made / path.stem)
-        head, *rows = (folder / "log0001.csv").read_text(encoding="utf-8").splitlines()
-        cells = [row.split(",") for row in rows]
-        rows = [",".join([*row[:4], *(repr(2 * float(rate)) for rate in row[4:])]) for row in cells]
-        (folder / "log0001.csv").write_text("\n".join([head, *rows, ""]), encoding="utf-8")
-        config = folder / "session.toml"
-        config.write_text(config.read_text(encoding="utf-8").replace("gyro_fs_dps = 250", "gyro_fs_dps = 500"), encoding="utf-8")
-        yield folder
+        yield write_sundevil(path, made / path.stem, factor=2.0)
 
 
 def of_set(name: str) -> Callable[[Path, Path], Iterator[Path]]:
@@ -123,8 +64,8 @@ SETS: dict[str, Callable[[Path, Path], Iterator[Path]]] = {
     "wild/mimu": of_set("wild/mimu"),
     "wild/sundevil": of_set("wild/sundevil"),
     "wild/sundevil doubled": sundevil_doubled,
-    "wild/broad": broad,
-    "wild/repoimu": repoimu,
+    "wild/broad": lambda shared, made: broad.write(shared / "wild" / "broad", made),
+    "wild/repoimu": lambda shared, made: repoimu.write(shared / "wild" / "repoimu", made),
     "euroc windows": lambda shared, made: iter([euroc.write_training_windows(shared / "euroc", made / "training")]),
     "euroc": of_set("euroc"),
     "mikov array": lambda shared, made: mikov.write_array(shared / "mikov", made),

@@ -82,3 +82,24 @@ def tofupilot_text(count=60, seed=0):
         "\t".join([f"{256551281491968 + 505403 * k}", *(f"{v:.9g}" for v in row[:6]), "0", f"{row[6]:.8f}"]) for k, row in enumerate(rows)
     ]
     return "\n".join(["\t".join(names), *lines]) + "\n", rows
+
+
+def broad_arrays(count=25, seed=0):
+    """As BROAD's files hold them, the markers unseen in the first rows."""
+    rng = np.random.default_rng(seed)
+    q = rng.normal(size=(count, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    q[:3] = np.nan
+    gyro, accel = rng.normal(0, 5, (2, count, 3))
+    return {"imu_gyr": gyro, "imu_acc": accel, "opt_quat": q, "movement": np.arange(count, dtype=np.int8) % 2}
+
+
+def repoimu_text(count=25, seed=0):
+    """Two header lines and rows (count, 14) with semicolons; the cameras saw nothing in the second row."""
+    rng = np.random.default_rng(seed)
+    rows = np.round(rng.normal(size=(count, 14)), 5)
+    rows[:, 0] = np.round(2.69 + 0.01 * np.arange(count), 2)
+    rows[:, 1:5] /= np.linalg.norm(rows[:, 1:5], axis=1, keepdims=True)
+    rows[1, 1:5] = 0
+    head = "Time (s);Vicon Orientation;;;;IMU Acceleration;;;IMU Gyroscope;;;IMU Magnetometer;;;\n;W;X;Y;Z;X;Y;Z;X;Y;Z;X;Y;Z;\n"
+    return head + "".join(";".join(f"{value:.8g}" for value in row) + "\n" for row in rows), rows

@@ -14,7 +14,7 @@ from tinygc import CalibrationError
 from tinygc.annexes.lots.fleet_row import empty
 from tinygc.annexes.lots.fleet_run import run_fleet, session_folders
 from tinygc.annexes.lots.fleet_session import Outcome
-from tinygc.annexes.lots.fleet_summary import unit_results, write_csv
+from tinygc.annexes.lots.fleet_summary import to_check, unit_results, write_csv
 from tinygc.annexes.lots.fleet_table import NAME, open_table, read_table
 
 pytestmark = pytest.mark.broad
@@ -195,3 +195,16 @@ def test_csv_has_a_line_for_each_folder(out, fleet):
     assert lines[3]["serial"] == row["serial"]
     assert lines[3]["effects"] == "gyro.bias_step"
     assert "turns" in lines[0]["findings"]
+
+
+def test_a_named_effect_is_offered_to_the_units_other_sessions(tmp_path):
+    """One session of each unit that names something and has others; none of a sensor without a serial number."""
+    named, nothing = '[{"id":"gyro.bias_step"}]', "[]"
+    rows = [("b", "1", named), ("a", "1", nothing), ("c", "1", named), ("d", "2", named), ("e", "3", nothing), ("f", "3", nothing)]
+    rows += [("g", "", named), ("h", "", nothing), ("i", "1", nothing), ("j", "1", nothing)]
+    with open_table(tmp_path) as table:
+        for folder, serial, effects in rows:
+            row = empty() | {"status": "done", "serial": serial, "effects": effects}
+            table.put(Outcome(f"k{folder}", None), row, [tmp_path / folder])
+        found = to_check(table)
+    assert found == [(str(tmp_path / "b"), [str(tmp_path / name) for name in ("a", "c", "i")])]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import io
+import lzma
 from pathlib import Path
 
 import numpy as np
+from hdf5_and_rda import hdf5_bytes, rda_bytes
 
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
 from fuzz_targets.rules import choose, finite, must_hold
+from session.annexes.public import adis16405, broad, imucal, mikov, mimu, repoimu, sundevil, tofupilot, xsens
 from session.annexes.public import euroc as euroc_folders
-from session.annexes.public import imucal, mikov, mimu, tofupilot, xsens
+from session.annexes.public.writing import REST
 from session.io.config import read_config
 from session.io.errors import DataError
 from session.io.folder import read_session
@@ -21,6 +24,10 @@ from session.io.units import DEG, G
 RATES, FORCES = RATES_DPS * DEG, FORCES_G * G
 IMU = "V1_01_easy/mav0/imu0/data.csv"
 TRUTH = "V1_01_easy/mav0/state_groundtruth_estimate0/data.csv"
+BROAD = "data_hdf5/05_undisturbed_slow_rotation_with_breaks_B.hdf5"
+REPOIMU = "TStick/TStick_Test06_Trial1.csv"
+SUNDEVIL = "Rev2_IMU_Data/IMU_Rev2_Data_Short.txt"
+ADIS = "data/adis_16405_imu1.rda"
 EPOCH_NS = 1_403_715_273_262_142_976
 T_NS = EPOCH_NS + 1000 * (T_US - T_US[0])
 #: set, file that the input is, whether the accelerometer is as the authors give it
@@ -36,6 +43,10 @@ MODES = (
     (euroc_folders, "euroc_V1_01_easy.npz", True),
     (imucal, imucal.FILE, True),
     (tofupilot, "imu_raw_data.csv", True),
+    (broad, BROAD, True),
+    (repoimu, REPOIMU, True),
+    (sundevil, SUNDEVIL, True),
+    (adis16405, ADIS, True),
 )
 TOKENS = [
     *["e+00", "nan", "inf", "1e308", "-0", "1e-320", "9223372036854775807", "9223372036854775808", "1_0", "１", "\x1c", "\x85", "\u2028"],
@@ -47,6 +58,7 @@ TOKENS = [
 def _good() -> dict[str, bytes]:
     """A good file of each name."""
     seconds = (T_US - T_US[0]) / 1e6 + 0.01
+    q = np.tile([1.0, 0, 0, 0], (COUNT, 1))
     state = np.column_stack([np.zeros((COUNT, 3)), np.ones(COUNT), np.zeros((COUNT, 12))])
     counts = np.full((COUNT, 3), 32768) + np.arange(COUNT)[:, None]
     names = ["timestamp", *(f"imu.{what}.{axis}" for what in ("gyro", "acc") for axis in "xyz"), "imu.status", "imu.temperature"]
@@ -60,6 +72,10 @@ def _good() -> dict[str, bytes]:
         TRUTH: ("#timestamp\n" + lines(T_NS, state, form="{:.9g}")).encode(),
         imucal.FILE: (",".join(imucal.COLUMNS) + "\n" + lines(np.arange(COUNT), RATES_DPS, FORCES)).encode(),
         "imu_raw_data.csv": ("\t".join(names) + "\n" + board).encode(),
+        BROAD: hdf5_bytes({"imu_gyr": RATES, "imu_acc": FORCES, "opt_quat": q}, {"sampling_rate": 285.714286}, chunk=3),
+        REPOIMU: ("\n".join(repoimu.HEAD) + "\n" + lines(seconds, q, FORCES, RATES, FORCES, separator=";")).encode(),
+        SUNDEVIL: lines(seconds, FORCES, RATES_DPS, np.zeros((COUNT, 5)), np.full(COUNT, 30.5), separator="\t").encode(),
+        ADIS: lzma.compress(rda_bytes(np.column_stack([RATES_DPS, FORCES_G]))),
     }
 
 
@@ -97,8 +113,8 @@ def run(data: bytes, folder: Path) -> None:
         (source / path).write_bytes(content)
     for made in module.write(source, out, given):
         with must_hold(made.name), contextlib.suppress(DataError):  # of a single sample, or of a rest of a few
-            if module is tofupilot:
-                read_rest(made / tofupilot.REST, read_config(made / "session.toml").sensor)
+            if module in (tofupilot, adis16405):
+                read_rest(made / REST, read_config(made / "session.toml").sensor)
                 continue
             (log,) = read_session(made).logs
             finite(log.samples.gyro, log.samples.accel)

@@ -75,12 +75,14 @@ def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
 # Display names of verdicts and channels.
 
 VERDICTS = {
-    "no_mismatch": ("no mismatch: noise explains the residuals", "green"),
+    "no_mismatch": ("no mismatch was found; the detection limits say what would have shown", "green"),
     "explained": ("explained", "green"),
     "ambiguous": ("explained, but this recording cannot decide between lookalikes", "yellow"),
     "partly_explained": ("partly explained: something is left that has no name here", "yellow"),
     "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
 }
+#: verdicts with a misfit that has no name: probabilities then compare the catalogue's effects with one another, and no other cause
+LEFT = ("partly_explained", "unexplained")
 
 
 CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each still", "length": "length of gravity in each still"}

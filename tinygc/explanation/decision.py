@@ -32,7 +32,7 @@ from tinygc.explanation.search import (
     slow_candidates,
     unknown_candidates,
 )
-from tinygc.explanation.standing import LEVEL
+from tinygc.explanation.standing import Standing, standing_of
 from tinygc.models import linear
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
@@ -214,7 +214,7 @@ WORTH_SAYING = 0.5
 
 
 def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
-    """Claim undersampling if chance hardly makes the noise as much less probable without it, with the turns' other noise free."""
+    """Claim undersampling if the noise is less probable without it, even with the turns' other noise free."""
     twin, factor, missed = evidence.twin, noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
     if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
@@ -224,7 +224,7 @@ def undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise: 
     gain = fewer.estimated(whiten, whiten.back(fit.r), J, fewer.s).value - noise.value
     probability = float(1 / (1 + np.exp(-np.clip(gain, -700, 700) / 2)))
     p_value = float(chdtrc(1, max(gain, 0.0)))
-    if p_value >= LEVEL:
+    if standing_of(p_value) is not Standing.FOR:
         return []
     effect = catalogue()[UNDERSAMPLED]
     sigma = next(float(s) for s, c in zip(noise.sigma, noise.components, strict=True) if c.name == UNDERSAMPLED)

@@ -15,7 +15,7 @@ from session.io.samples import pieces, start_times
 from session.io.units import DEG, MG, G
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.claims import CHANNELS, Claim, Considered, measured, p_entry, theta_of
+from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, measured, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.families import SlowZero, slow_zero
@@ -321,7 +321,8 @@ SCHEMA = "tinygc-explain/2"
 
 def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
     """The entries with which every explanation begins, whatever its reference."""
-    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg, "where": place}
+    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg}
+    mismatch |= {"unnamed_part": e.verdict in LEFT, "where": place}
     head = {"schema": SCHEMA, "session": e.session.name, "verdict": e.verdict, "mismatch": mismatch}
     return head | {"effects": [claim.to_json() for claim in claims]}
 

@@ -15,7 +15,7 @@ from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
 from tinygc.explanation.checked import Checked, checked_to_json
-from tinygc.explanation.claims import VERDICTS, Claim, measured, p_words
+from tinygc.explanation.claims import LEFT, VERDICTS, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -56,6 +56,7 @@ MOST_SAID = 6  #: number of segments listed, worst first
 def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
     parts: list = [verdict_line(e), Text("")]
+    among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     parts += [one_line(f"{family.words}\n") for family in families_of(e)]
@@ -64,7 +65,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
             Text.assemble(
                 (f"{claim.effect.id}  ", "bold cyan"),
                 claim.effect.equation,
-                f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
+                f"   probability {chance_words(claim.probability)}{among}, p {p_words(claim.p_value, claim.p_is_bound)}",
             )
         )
         parts.append(one_line(f"  {claim.says}"))
@@ -207,7 +208,9 @@ def _proof(e: Explanation) -> Text:
     before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
     if not e.proof.changed:
         return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
-    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
+    removed = "" if e.proof.removed is None else f"; {100 * e.proof.removed:.1f} % of the excess is gone"
+    if e.proof.removed is not None and e.proof.removed <= 0:
+        removed = "; closure is no better for what is named"
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 

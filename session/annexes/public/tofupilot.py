@@ -5,17 +5,13 @@
 
 from __future__ import annotations
 
-import gzip
 from pathlib import Path
 
-from session.annexes.public.writing import found, placed, text_of
-from session.io.config import read_config
+from session.annexes.public.writing import found, text_of, write_rest_folder
 from session.io.errors import FormatError
-from session.io.rests import read_rest
 
 COLUMNS = ("timestamp", *(f"imu.gyro.{axis}" for axis in "xyz"), *(f"imu.acc.{axis}" for axis in "xyz"), "imu.status", "imu.temperature")
 HEADER = "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c"
-REST = "rest0001.csv.gz"
 TOML = """schema = "tinygc-session/1"
 
 # TofuPilot's IMU thermal calibration example (MIT licence): an IMU at rest while its temperature goes down, up and down.
@@ -47,13 +43,4 @@ def write(source: Path, out: Path, given: bool = True) -> list[Path]:
         if len(values) != len(COLUMNS) - 1 or not all(abs(value) < 1e6 for value in values):
             raise FormatError(f"{path} line {number}: expected {len(COLUMNS)} numbers; download it again")
         rows.append(f"{stamp},{','.join(cells[1:7])},{cells[8].strip()}")
-    text = "\n".join([HEADER, *rows, ""])
-
-    def write_rest(folder: Path) -> None:
-        (folder / REST).write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
-        (folder / "session.toml").write_text(TOML, encoding="utf-8")
-
-    def read(folder: Path) -> None:
-        read_rest(folder / REST, read_config(folder / "session.toml").sensor)
-
-    return [placed(out / "tofupilot", write_rest, True, read)]
+    return [write_rest_folder(out / "tofupilot", TOML, HEADER, rows)]

@@ -11,10 +11,12 @@ import numpy as np
 
 from session.annexes.arrays.recording import read_array
 from session.detect.accelerometer import REMARK, from_stills, with_section
+from session.io.config import read_config
 from session.io.errors import CalibrationError, FormatError, SegmentError
 from session.io.files import MOST_ARCHIVE, MOST_PUBLIC, MOST_TOML, read_bytes, read_npz, read_text, result_folder
 from session.io.folder import read_session
 from session.io.names import log_paths
+from session.io.rests import read_rest
 
 # The authors' files: found in the folder where they were put, or where a clone of the authors' repository has them; and read.
 
@@ -81,21 +83,41 @@ def _finite(cell: str) -> bool:
 
 # A session folder of one recording: its log, its ``session.toml``, and an accelerometer calibrated from its own stills on request.
 
-LOG = "log0001.csv.gz"
+LOG, TRUTH, REST = "log0001.csv.gz", "truth0001.csv.gz", "rest0001.csv.gz"
+#: header and lines of a file beside the log
+Table = tuple[str, Iterable[str]]
 
 
-def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], given: bool = True) -> Path:
-    """``session.toml`` and ``log0001.csv.gz``; the same lines make the same bytes.  given: as in ``placed``, whose errors it raises."""
+def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], given: bool = True, truth: Table | None = None) -> Path:
+    """``session.toml``, ``log0001.csv.gz`` and, with a truth, ``truth0001.csv.gz``; the same lines make the same bytes.
+
+    given: as in ``placed``, whose errors it raises.
+    """
 
     def write(where: Path) -> None:
         _write_log(where / LOG, header, lines)
+        if truth is not None:
+            _write_log(where / TRUTH, *truth)
         (where / "session.toml").write_text(toml, encoding="utf-8")
 
     _refuse_another(folder, {LOG})
     return placed(folder, write, given)
 
 
-def write_array_folder(folder: Path, toml: str, logs: Mapping[str, tuple[str, Iterable[str]]]) -> Path:
+def write_rest_folder(folder: Path, toml: str, header: str, lines: Iterable[str]) -> Path:
+    """``session.toml`` and ``rest0001.csv.gz``, a rest log.  Raises what ``placed`` does."""
+
+    def write(where: Path) -> None:
+        _write_log(where / REST, header, lines)
+        (where / "session.toml").write_text(toml, encoding="utf-8")
+
+    def read(where: Path) -> None:
+        read_rest(where / REST, read_config(where / "session.toml").sensor)
+
+    return placed(folder, write, True, read)
+
+
+def write_array_folder(folder: Path, toml: str, logs: Mapping[str, Table]) -> Path:
     """``session.toml`` and the units' logs, of each its header and its lines.  Raises what ``placed`` does."""
 
     def write(where: Path) -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.io.errors import CalibrationError
+from session.io.texts import command_line
 from tinygc.cli.arguments import STANDARD, count, file_written, folder_written, path_read, positive
-from tinygc.cli.results import complain, output, write_json
+from tinygc.cli.results import complain, output, print_commands, write_json
 
 if TYPE_CHECKING:
     from tinygc.annexes.lots.fleet_run import Tally
@@ -123,7 +124,7 @@ def steps(text: str) -> tuple[str, ...]:
 def run(args: argparse.Namespace) -> int:
     """Compute the missing sessions, then print a summary of the table."""
     from tinygc.annexes.lots.fleet_page import save
-    from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise
+    from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise, to_check
     from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.annexes.lots.page import lot_sections
     from tinygc.annexes.lots.report import save as save_lot
@@ -131,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
 
     tally = _computed(args) if args.folders or args.listed is not None else None
     with read_table(args.out) as table:
-        summary = summarise(table, args.limit)
+        summary, offered = summarise(table, args.limit), to_check(table)
         _write_csv(args, table)
         lot = lot_if_any(table, args.seed)
     page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
@@ -142,6 +143,9 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(fleet_page(summary, tally))
     files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    commands = [command_line("explain", first, "--check-on", *others) for first, others in offered]
+    if commands:
+        print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
     now = {"done": 0, "failed": 0, "reused": 0} if tally is None else {name: getattr(tally, name) for name in ("done", "failed", "reused")}
     write_json(args.json, {"schema": "tinygc-fleet/1", "run": now, **summary.to_json()})
     failed = summary.failed + summary.died + summary.unreadable

@@ -109,6 +109,8 @@ def write_csv(table: Table, file: TextIO) -> int:
 
 #: length limit of lists, so that a page of a hundred thousand sessions stays small
 MOST_LISTED, MOST_SLOWEST, MOST_REASONS = 200, 10, 20
+#: commands that are offered to check names on a unit's other sessions, and sessions in each
+MOST_OFFERED = 3
 BINS = 40
 #: SQL text for a value that is unknown, for conversion to an array
 INFINITE = "9e999"
@@ -235,6 +237,22 @@ def _effects(table: Table) -> dict[str, int]:
         with read_as_written(table, folder):
             found.update({effect["id"] for effect in told_by(text)})
     return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
+
+
+def to_check(table: Table) -> list[tuple[str, list[str]]]:
+    """Sessions that name an effect, one of each unit that has other sessions, and these: ``explain --check-on`` tells whether it holds
+    there.  At most ``MOST_OFFERED`` of each."""
+    units: dict[str, list[tuple[str, bool]]] = {}
+    for folder, serial, text in table.each(f"SELECT folder, serial, effects FROM {EACH} WHERE serial <> '' AND effects IS NOT NULL"):
+        with read_as_written(table, folder):
+            units.setdefault(serial, []).append((folder, bool(told_by(text))))
+    found = []
+    for _, sessions in sorted(units.items()):
+        first = next((folder for folder, names in sorted(sessions) if names), None)
+        others = [folder for folder, _ in sorted(sessions) if folder != first]
+        if first is not None and others:
+            found.append((first, others[:MOST_OFFERED]))
+    return found[:MOST_OFFERED]
 
 
 def reason_of(line: str) -> str:

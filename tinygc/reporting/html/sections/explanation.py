@@ -10,7 +10,7 @@ from session.io.texts import fixed, significant
 from session.io.units import DEG
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
 from tinygc.estimation.choice import tilt_rms
-from tinygc.explanation.claims import VERDICTS, Claim
+from tinygc.explanation.claims import LEFT, VERDICTS, Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
     HEADING,
@@ -63,6 +63,7 @@ def section(evidence: ReportData) -> Section | None:
         e=e,
         verdict=VERDICTS[e.verdict][0],
         words=WORDS,
+        among=" among the catalogue's effects" if e.verdict in LEFT else "",
         place=_place(e),
         heading=HEADING,
         header=header,

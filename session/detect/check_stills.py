@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +10,24 @@ import numpy as np
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Correction, Finding, xyz_text
+from session.detect.rest_noise import RestSpectrum, rest_spectrum
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
 from session.io.config import Config, Sensor
 from session.io.errors import CalibrationError
 from session.io.logfile import Log
 from session.io.rests import RestLog, read_rest
+from session.io.samples import Samples
 from session.io.sensors.profile import Profile
 from session.io.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 
 # Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
 
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
+#: share of the noise's power that lines must hold, or the other sensor follow, before they are a reason: 5 % of its size
+VIBRATION = 0.1
+#: findings on the noise at rest
+GYRO_NOISE, ACCEL_NOISE = "gyro noise", "accelerometer noise"
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
 GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
 MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
@@ -97,19 +103,25 @@ def check_leaps(parts: Sequence[LogSegments]) -> list[Finding]:
     return [Finding("warning", where, MOVEMENT, f"turn {s.number}: {s.problem}", do) for where, s in gone]
 
 
-def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:
+def check_noise(
+    where: str, noise: Noise | None, sensor: Sensor, samples: Samples | None = None, stills: Sequence[Still] = ()
+) -> list[Finding]:
     """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
-    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it; what raises it is vibration of the table, and
-    then the stills are no longer still.
+    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, its spectrum in the stills
+    tells what it is like.  Vibration is suggested only where lines show it, or where gyro and accelerometer move together.
     """
     if noise is None:
         return []
     gyro, accel = _gyro_yardstick(sensor), _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
+
+    def spectrum(accelerometer: bool) -> RestSpectrum | None:
+        return None if samples is None else rest_spectrum(samples, stills, accelerometer)
+
     return [
-        _noise_finding(where, "gyro noise", xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz"),
-        _noise_finding(where, "accelerometer noise", xyz_text(ug, 0) + " ug/√Hz", ug, accel, ""),
+        _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz", spectrum),
+        _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " ug/√Hz", ug, accel, "", spectrum),
     ]
 
 
@@ -125,14 +137,33 @@ def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
     return typical and (f"the {typical[0]} has", typical[1])
 
 
-def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, do_unknown: str) -> Finding:
+def _noise_finding(
+    where: str,
+    what: str,
+    says: str,
+    found: np.ndarray,
+    yardstick: tuple[str, float] | None,
+    do_unknown: str,
+    spectrum: Callable[[bool], RestSpectrum | None],
+) -> Finding:
     if yardstick is None:
         return Finding("note", where, what, f"{says}; what this sensor should have is not known", do_unknown)
     who, expected = yardstick
     ratio, says = found.max() / expected, f"{says}, {who} {expected:g}"
     if ratio > NOISE_RATIO:
-        do = "not the sensor's noise: does the table, the floor or a fan vibrate? or wrong units"
-        return Finding("warning", where, what, f"{says}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})", do)
+        says = f"{says}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
+        like = spectrum(what == ACCEL_NOISE)
+        if like is None:
+            return Finding("warning", where, what, says, "the stills are too short to tell vibration from the sensor's own noise")
+        other, axis = ("gyro" if what == ACCEL_NOISE else "accelerometer"), int(found.argmax())
+        says += f"; {like.words(other, axis)}"
+        if like.follows > VIBRATION:
+            do = "gyro and accelerometer move together: does the table, the floor or a fan vibrate?"
+        elif like.in_lines(axis) > VIBRATION:
+            do = f"lines that the {other} does not follow: interference in the sensor, or a vibration that the {other} does not feel"
+        else:
+            do = "no vibration shows: this unit's noise, its filter, or wrong units"
+        return Finding("warning", where, what, says, do)
     if found.min() < expected / NOISE_RATIO:
         return Finding("note", where, what, f"{says}: less than it can be; averaged before logging, or wrong units?", "")
     return Finding("ok", where, what, says, "")

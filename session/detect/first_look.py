@@ -124,7 +124,7 @@ def first_look(
     return [
         *findings,
         *check_repeated_gravity(log, noise),
-        *check_noise(where, noise, config.sensor),
+        *check_noise(where, noise, config.sensor, log.samples, good),
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures, raw=log.raw),
         *_axes_below(ceiling, turns, turns.log.samples.with_accel(force), config),

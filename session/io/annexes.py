@@ -17,7 +17,7 @@ SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
     "a lot as prior (--lot)": "tinygc.annexes.lots.fit",
     "what a lot knows of one unit (--lot)": "tinygc.annexes.lots.explanation",
-    "checks of arrays": "tinygc.annexes.arrays.explanation",
+    "checks of arrays": "tinygc.annexes.arrays.checks",
     "a search beyond the catalogue (--discover)": "tinygc.annexes.discovery.engine",
     "reports of a discovery": "tinygc.annexes.discovery.report",
     "discoveries in a calibration report": "tinygc.annexes.discovery.report_section",

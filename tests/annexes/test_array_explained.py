@@ -1,7 +1,6 @@
-"""What is whose in an array: a false reading is in one unit, a knock in all; an effect in one unit is that unit's own physics."""
+"""What is whose in an array: a false reading is in one unit, a knock in all; units differ where a test of their difference says so."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,20 +9,13 @@ from formats_page import strangers
 
 import calibrate
 from session.annexes.arrays.recording import read_array
+from session.io.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
-from tinygc.annexes.arrays.explanation import (
-    ALIKE,
-    FALSE_READING,
-    KNOCK,
-    OWN,
-    SOME,
-    ArrayExplanation,
-    _traits,
-    explain_array,
-)
-from tinygc.annexes.arrays.joint import OWN_P
+from tinygc.annexes.arrays.explanation import FALSE_READING, KNOCK, ArrayExplanation, explain_array
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
+from tinygc.annexes.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS
+from tinygc.explanation.standing import Standing
 
 
 @pytest.fixture(scope="module")
@@ -58,57 +50,70 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys
     assert all(moment["at_s"] == pytest.approx((start + stop) / 2, abs=0.1) for moment in knocks)
     assert [(event["what"], event["unit"]) for event in written["events"]] == [("turn", 2)]
     (trait,) = (trait for trait in written["traits"] if trait["id"] == "data.glitches")
-    assert (trait["scope"], trait["units"]) == (OWN, [2])
+    assert (trait["scope"], trait["units"]) == (READINGS, [2])
+    assert [statement["standing"] for statement in written["statements"]]
+    assert "own physics" not in said
     for unit in written["units"]:
         assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
 
 
+#: share of it at which two of three sessions name it by themselves
+WEAK = 0.08
+MATRIX = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
+
+
+def follows_gravity(share):
+    return lambda t_s, rate, force, temp_c: rate + force @ (share * MATRIX).T
+
+
 @pytest.mark.slow
-def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
-    """Unit 1's bias follows gravity: it is named there, and in no other; the others stay as they are."""
-    matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
-
-    def follows_gravity(t_s, rate, force, temp_c):
-        return rate + force @ matrix.T
-
+def test_an_effect_in_one_unit_differs_between_units_and_that_unit_is_said(tmp_path):
+    """Unit 1's bias follows gravity: equality is rejected, unit 1 is the odd one, and the others have a limit."""
     options = SimulationOptions(segments=16, closure_s=0, odr_hz=104, seed=8)
-    made = simulate_array(options, ArrayOptions(units=3), distort={1: follows_gravity})
+    made = simulate_array(options, ArrayOptions(units=3), distort={1: follows_gravity(1.0)})
     found = explain_array(read_array(write_array(made, tmp_path / "array")))
     assert isinstance(found, ArrayExplanation)
     (trait,) = (trait for trait in found.traits if trait.id == "gyro.g_sensitivity")
-    assert trait.whose == OWN
-    assert trait.units == (1,)
-    assert "unit 1 alone" in trait.words
-    own = [unit.own_rad[0] for unit in found.fit.units]
+    assert trait.scope == DIFFERS
+    assert trait.units == trait.apart == (1,)
+    assert "in the others" in trait.words
+    np.testing.assert_allclose(trait.estimates[1].theta.reshape(3, 3), 9.80665 * MATRIX, atol=5e-3 * DEG)
+    assert np.abs(trait.estimates[0].theta).max() < 5e-3 * DEG
+    own = [part.size_rad for part in found.parts.own]
     assert own[1] > 3 * max(own[0], own[2])
     assert found.verdict in ("own", "common_and_own")
-    assert np.flatnonzero(found.fit.split.own_p < OWN_P).tolist() == [1]
-    assert found.fit.split.common < own[1] / 3
+    assert found.parts.own[1].standing is Standing.FOR
 
 
-@pytest.mark.parametrize(
-    ("p_value", "own_p", "verdict"),
-    [
-        (0.011, 0.011, "no_mismatch"),
-        (0.009, 0.011, "common"),
-        (0.011, 0.009, "own"),
-        (0.009, 0.009, "common_and_own"),
-    ],
-)
-def test_a_part_is_stated_below_one_in_a_hundred(p_value, own_p, verdict):
-    split = SimpleNamespace(p_value=p_value, own_p=np.array([1.0, own_p]))
-    fit = SimpleNamespace(split=split, joint=SimpleNamespace(events=()))
-    assert ArrayExplanation(fit, {}, {}, (), ()).verdict == verdict
+@pytest.mark.slow
+def test_an_effect_of_all_units_that_some_name_is_no_units_own(tmp_path):
+    """All three follow gravity alike, by so little that not every unit's own explanation names it: together they do."""
+    options = SimulationOptions(segments=16, closure_s=0, odr_hz=104, seed=8)
+    made = simulate_array(options, ArrayOptions(units=3, mounting_deg=0.0), distort=dict.fromkeys(range(3), follows_gravity(WEAK)))
+    found = explain_array(read_array(write_array(made, tmp_path / "array")))
+    (trait,) = (trait for trait in found.traits if trait.id == "gyro.g_sensitivity")
+    assert 0 < len(trait.units) < 3
+    assert trait.scope == ALIKE
+    assert trait.statement.standing is Standing.FOR
 
 
-def test_nothing_is_in_all_units_where_one_could_not_be_explained():
-    claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a", equivalent=("unknown.warm_up",))
-    explained = {number: SimpleNamespace(claimed=[claim]) for number in (0, 1)}
-    (whole,), (part,) = _traits(explained, ()), _traits(explained, (3,))
-    assert whole.whose == ALIKE
-    assert part.whose == SOME
-    assert part.words.startswith("gyro.thermal_bias or unknown.warm_up in units 0, 1")
-    assert part.words.endswith("; unit 3 could not be explained, and may have it too")
+@pytest.mark.slow
+def test_the_earth_that_one_unit_names_is_one_term_of_all(tmp_path):
+    """Without a latitude the Earth is an effect.  One of three units names it by itself; in the array's axes all three agree on it."""
+    made = simulate_array(SimulationOptions(segments=24, closure_s=0, odr_hz=104, seed=8), ArrayOptions(units=3))
+    folder = write_array(made, tmp_path / "array")
+    config = folder / "session.toml"
+    kept = [line for line in config.read_text(encoding="utf-8").splitlines() if not line.startswith("latitude_deg")]
+    config.write_text("\n".join(kept), encoding="utf-8")
+    found = explain_array(read_array(folder))
+    (trait,) = (trait for trait in found.traits if trait.id == "earth.rotation")
+    assert len(trait.units) == 1
+    assert trait.scope == COMMON
+    assert trait.statement.standing is Standing.FOR
+    rates = np.array([each.theta for each in trait.estimates.values()])
+    sigmas = np.array([each.sigma for each in trait.estimates.values()])
+    assert np.abs((rates - rates.mean(axis=0)) / sigmas).max() < 4
+    assert np.linalg.norm(rates.mean(axis=0)) == pytest.approx(EARTH_RATE_RPS, rel=0.25)
 
 
 def test_options_of_one_session_are_refused_in_a_line(hit, capsys):

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from tinygc.annexes.arrays.model import load_array_model
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.annexes.arrays.system import MOUNTING
+from tinygc.explanation.standing import Standing
 
 
 @pytest.fixture(scope="module")
@@ -144,8 +146,10 @@ def test_units_that_stand_out_together_are_not_blamed(made):
         return dataclasses.replace(fit, joint=dataclasses.replace(fit.joint, events=events))
 
     (alone,), (both,) = event_lines(with_events(one)), event_lines(with_events(one, other))
-    assert "unit 2 misses this turn by 0.5°, the other 2 do not: its own readings" in alone
+    assert "unit 2 misses this turn by 0.5° against the others (F test, p = 1e-09): its own readings" in alone
     assert "2 of 3 units stand out in this turn, each in its own way (unit 0 by 2°, unit 2 by 0.5°)" in both
     assert "its own readings" not in both
-    verdicts = [ArrayExplanation(with_events(*events), {}, {}, (), ()).verdict for events in ((one,), (one, other))]
+    bounded = SimpleNamespace(statement=SimpleNamespace(standing=Standing.BOUNDED))
+    parts = SimpleNamespace(common=bounded, all_own=bounded)
+    verdicts = [ArrayExplanation(with_events(*events), {}, {}, parts, (), None, {}, ()).verdict for events in ((one,), (one, other))]
     assert verdicts == ["own", "common"]

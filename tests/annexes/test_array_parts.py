@@ -344,6 +344,8 @@ def test_the_split_in_json_has_degrees_and_mg():
     row = split_to_json(split)
     assert row["common_rms_deg"] == pytest.approx(5.0)
     assert row["common_p_value"] == split.p_value
+    assert row["common_upper95_deg"] is None
+    assert split_to_json(replace(split, common_upper=np.radians(6.0)))["common_upper95_deg"] == pytest.approx(6.0)
     assert row["equal_in_all_turns_deg"] == pytest.approx({"size": 3.0, "sigma": 0.5})
     assert row["undersampled_deg"] == {"size": pytest.approx(4.0), "sigma": None, "predicted": pytest.approx(2.0)}
     assert row["level_acceleration_mg"] == pytest.approx({"size": 2.0, "sigma": 1.0})

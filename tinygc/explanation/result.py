@@ -18,6 +18,7 @@ from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
 from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, measured, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
+from tinygc.explanation.families import SlowZero, slow_zero
 from tinygc.explanation.faulty_readings import LOST
 from tinygc.explanation.search import lines_end_hz
 from tinygc.explanation.truth_evidence import TruthExplanation
@@ -307,6 +308,12 @@ def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
     return [(c["name"], f"{measured(c['size'], c['sigma'])} {c['unit']}", c["description"]) for c in e.noise.to_json()]
 
 
+def families_of(e: Explanation) -> list[SlowZero]:
+    """Statements of families whose members this recording hardly tells apart."""
+    slow = slow_zero(e.twin, [*e.claimed, *e.findings], e.naming.fit.state)
+    return [slow] if slow is not None and slow.is_open else []
+
+
 # An explanation as ``tinygc-explain/2`` (docs/formats.md): effects, location, certainty, and what to record next.
 
 SCHEMA = "tinygc-explain/2"
@@ -325,6 +332,7 @@ def to_json(e: Explanation) -> dict:
     assert e.within is not None  # an explanation that is reported is complete
     return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
         "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
+        "families": [family.to_json() for family in families_of(e)],
         "considered": [each.to_json() for each in e.considered],
         "lot_effects": [each.to_json() for each in e.of_lot],
         "lines_end_hz": lines_end_hz(e.twin),

@@ -23,6 +23,7 @@ from tinygc.explanation.result import (
     chance_words,
     considered_lines,
     equivalent_words,
+    families_of,
     is_refitted,
     noise_rows,
     residual_table,
@@ -58,6 +59,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
+    parts += [one_line(f"{family.words}\n") for family in families_of(e)]
     for claim in e.claimed:
         parts.append(
             Text.assemble(

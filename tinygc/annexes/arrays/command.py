@@ -105,7 +105,7 @@ def explain(args: argparse.Namespace) -> int:
     output(args).print(f"written: {folder}", soft_wrap=True)
     verdict(args, array_verdict_line(found.result))
     write_json(args.json, found.to_json())
-    return 1 if args.strict and found.result.verdict != "no_mismatch" else 0
+    return 1 if args.strict and found.result.verdict not in ("no_mismatch", "undecided") else 0
 
 
 def apply(args: argparse.Namespace, out: Path) -> int:

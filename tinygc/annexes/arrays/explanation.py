@@ -1,4 +1,4 @@
-"""``check`` and ``explain`` of an array, and their text in the terminal."""
+"""``explain`` of an array, and its text in the terminal."""
 
 from __future__ import annotations
 
@@ -11,73 +11,27 @@ from scipy.spatial.transform import Rotation
 
 from session import VERSION
 from session.annexes.arrays.recording import ArraySession
-from session.detect.check_references import with_own_accelerometer
 from session.detect.events import find_impacts
-from session.detect.findings import Finding, worst
-from session.detect.first_look import check_session
-from session.detect.stills import SessionStills
 from session.io.errors import CalibrationError
 from session.io.files import result_folder
-from session.io.folder import Session
 from session.io.results import write_whole
 from session.io.texts import printable
 from session.io.units import DEG, NS, G
-from tinygc.annexes.arrays.clocks import ClockFit
-from tinygc.annexes.arrays.extrinsics import clock_fits
 from tinygc.annexes.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
-from tinygc.annexes.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_P, OWN_TURN, ArrayEvent
+from tinygc.annexes.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.annexes.arrays.model import ArrayModel
+from tinygc.annexes.arrays.rest_noise import SharedNoise, shared_noise
+from tinygc.annexes.arrays.slow_zero import PooledSlowZero, slow_zero_of
+from tinygc.annexes.arrays.standings import Part, Parts, parts_of
+from tinygc.annexes.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
+from tinygc.effects import Effect
 from tinygc.estimation.choice import run_figures
 from tinygc.explanation.engine import Explanation, explain_session
+from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.faulty_readings import FALSE, bridged, proposed
 from tinygc.explanation.result import to_json
+from tinygc.explanation.standing import Standing, Statement
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
-
-# ``check`` and ``explain`` of an array: each unit by itself, and by comparison with the others.
-
-# Check of an array: each unit as a session of its own, then whether all units are on one body.
-
-WHAT = "one body"
-PPM = 1e6
-
-
-def check_array(array: ArraySession, further: Callable[[Session, SessionStills], list[Finding]]) -> list[Finding]:
-    """Return the findings of every unit, ``where`` beginning with its number, and of the array.
-
-    further: a check of a unit's whole session and its stills, run where the unit has no error so far.
-    """
-    findings: list[Finding] = []
-    for number, unit in zip(array.numbers, array.units, strict=True):
-        session, own = with_own_accelerometer(unit)
-        found = SessionStills(session)
-        mine = own + check_session(session, found)
-        if worst(mine) != "error":
-            mine += further(session, found)
-        findings += [replace(finding, where=f"unit {number}: {finding.where}") for finding in mine]
-    return findings + check_one_body(array)
-
-
-def check_one_body(array: ArraySession) -> list[Finding]:
-    """Check that all units felt the same motion, and report their clocks."""
-    try:
-        fits = clock_fits(array)
-    except CalibrationError as error:
-        return [Finding("error", array.name, WHAT, str(error), "")]
-    return [
-        Finding("ok", f"unit {number}", WHAT, _said(fit, array.numbers[0]), "")
-        for number, fit in list(zip(array.numbers, fits, strict=True))[1:]
-    ]
-
-
-def _said(fit: ClockFit, first: int) -> str:
-    clock = fit.clock
-    way = "slow" if clock.rate > 0 else "fast"
-    rate = f"{abs(clock.rate) * PPM:.1f} ± {clock.rate_sigma * PPM:.1f} ppm {way}"
-    return (
-        f"its rates follow unit {first}'s by {fit.agreement:.4f} of 1; against it its clock is {clock.offset_s * 1e3:+.2f} ± "
-        f"{clock.offset_sigma_s * 1e3:.2f} ms and " + (rate if clock.rate else "as fast")
-    )
-
 
 # Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.
 
@@ -198,80 +152,53 @@ def _impacts(fit: ArrayFit, leaps: list[Moment]) -> list[Moment]:
     return moments
 
 
-# Explanation of an array: each unit by itself, and by comparison with the others.
-#
-# An effect in one unit only is that unit's own. An effect in all units is not a sensor error: it comes from the motion, the table or the
-# reference.
-
-OWN, SOME, COMMON, ALIKE = "own", "some", "common", "alike"
-#: effects of motion and of stills, which belong to the body and not to a sensor
-OF_THE_BODY = ("motion", "still", "reference", "earth")
-
-
-@dataclass(frozen=True)
-class Trait:
-    """A reported effect and the units it is in.
-
-    whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in all; says: a description for each unit, in
-    order; unknown: units that could not be explained.
-    """
-
-    id: str
-    units: tuple[int, ...]
-    whose: str
-    says: tuple[str, ...]
-    unknown: tuple[int, ...] = ()
-    instead: tuple[str, ...] = ()  #: equivalent effects, which a unit's own data cannot separate from it
-
-    @property
-    def words(self) -> str:
-        """Return a sentence that states which units have it."""
-        if self.unknown:
-            plural = "s" * (len(self.unknown) != 1)
-            return f"{self._whose}; unit{plural} {', '.join(map(str, self.unknown))} could not be explained, and may have it too"
-        return self._whose
-
-    @property
-    def _whose(self) -> str:
-        named = ", ".join(map(str, self.units))
-        if self.instead and self.whose in (OWN, SOME):
-            where = f"unit {named} alone" if self.whose == OWN else f"units {named}, not in the others"
-            either = " or ".join((self.id, *self.instead))
-            return f"{either} in {where}: something of their own, and which of these the recording does not tell"
-        if self.whose == OWN:
-            whose = "readings" if self.id.startswith(("data.", "timing.")) else "physics"
-            return f"{self.id} in unit {named} alone: that unit's own {whose} ({self.says[0]})"
-        if self.whose == SOME:
-            return f"{self.id} in units {named}, not in the others: these units' own physics"
-        if self.whose == COMMON:
-            return f"{self.id} in all units: what they have in common (motion, table, reference), no unit's sensor"
-        return f"{self.id} in all units: what they share (motion, table, reference, temperature), or what sensors of this kind have"
+# Explanation of an array: its parts, what its units share, and whose each named effect is.
 
 
 @dataclass(frozen=True, eq=False)
 class ArrayExplanation:
     """Explanation of an array.
 
-    fit; explanations of the units by number; not_explained: the reason why a unit has none, by number; traits; moments.
+    fit; explanations of the units by number; not_explained: the reason why a unit has none, by number; parts; traits; slow_zero: the family
+    of slow motions of the zero-rate offsets, None where no unit names a member; rest_noise: what the units' noise at rest has in common, by
+    sensor; moments.
     """
 
     fit: ArrayFit
     explanations: dict[int, Explanation]
     not_explained: dict[int, str]
+    parts: Parts
     traits: tuple[Trait, ...]
+    slow_zero: PooledSlowZero | None
+    rest_noise: dict[str, SharedNoise]
     moments: tuple[Moment, ...]
 
     @property
+    def statements(self) -> tuple[Statement, ...]:
+        """Return all statements that the verdict follows from: the parts that all units and single units miss by, then the effects."""
+        slow = () if self.slow_zero is None else (self.slow_zero.statement,)
+        return self.parts.common.statement, self.parts.all_own.statement, *slow, *(trait.statement for trait in self.traits)
+
+    @property
+    def evidence(self) -> tuple[Statement, ...]:
+        """Return those with evidence for them; where there is none, the two parts, with what is excluded of them."""
+        there = tuple(statement for statement in self.statements if statement.standing is Standing.FOR)
+        return there or self.statements[:2]
+
+    @property
     def verdict(self) -> str:
-        """Return ``no_mismatch``, or where the effects are: ``common``, ``own``, or ``common_and_own``."""
+        """Return where the evidence is: ``common``, ``own`` or ``common_and_own``; ``no_mismatch`` where both parts are bounded, else
+        ``undecided``."""
         events = self.fit.joint.events
         at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0 (all of them) and several: not one unit's own
-        common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits) or bool(at_once - {1})
-        own = any(trait.whose in (OWN, SOME) for trait in self.traits) or 1 in at_once
-        own = own or bool((self.fit.split.own_p < OWN_P).any())
-        if common and own:
-            return "common_and_own"
-        return "common" if common else "own" if own else "no_mismatch"
+        stated = {trait.scope for trait in self.traits if trait.statement.standing is Standing.FOR}
+        moves = self.slow_zero is not None and self.slow_zero.statement.standing is Standing.FOR
+        standings = [statement.standing for statement in self.statements[:2]]
+        common = standings[0] is Standing.FOR or bool(stated & {COMMON, ALIKE}) or bool(at_once - {1})
+        own = standings[1] is Standing.FOR or bool(stated & {DIFFERS, READINGS}) or 1 in at_once or moves
+        if common or own:
+            return "common_and_own" if common and own else "common" if common else "own"
+        return "no_mismatch" if all(standing is Standing.BOUNDED for standing in standings) else "undecided"
 
 
 def explain_array(
@@ -281,7 +208,7 @@ def explain_array(
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> ArrayExplanation:
-    """Fit the array, explain each unit as a session of its own, and attribute each effect to one unit or to all.
+    """Fit the array, explain each unit as a session of its own, and state of each effect whether units share it, by tests.
 
     Raises the errors of ``fit_array``; a unit that cannot be explained alone is reported, and does not stop the others.
     """
@@ -294,27 +221,32 @@ def explain_array(
             explanations[unit.number] = explain_session(unit.session, seed=seed, use_earth=use_earth)
         except CalibrationError as error:
             failed[unit.number] = printable(str(error))
-    return ArrayExplanation(fit, explanations, failed, _traits(explanations, tuple(failed)), tuple(moments_of(fit)))
+    progress("what is common", 0, 1)
+    parts = parts_of(fit.joint, fit.split, np.array([unit.floor_rad for unit in fit.units]), fit.numbers)
+    rest_noise = noise_of_fit(fit)
+    slow = slow_zero_of(explanations, lambda unit: progress(f"slow motions of the zero-rate offset, unit {unit}", 0, 1))
+
+    def shared(effect: Effect) -> float:
+        of_turns, at_rest = _common_share(fit, parts), rest_noise.get("gyro")
+        of_stills = 0.0 if at_rest is None else max(at_rest.value, 0.0)
+        return max([of_turns] * ("turn" in effect.observable_in) + [of_stills] * ("still" in effect.observable_in) + [0.0])
+
+    traits = traits_of(explanations, fit, shared, tuple(failed), set(SLOW_ZERO))
+    return ArrayExplanation(fit, explanations, failed, parts, traits, slow, rest_noise, tuple(moments_of(fit)))
 
 
-def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> tuple[Trait, ...]:
-    """Attribute the effects to units; while any unit is unknown (could not be explained), no effect is reported as in all."""
-    named: dict[str, dict[int, str]] = {}
-    kinds: dict[str, str] = {}
-    instead: dict[str, dict[str, None]] = {}
-    for number, e in explanations.items():
-        for claim in e.claimed:
-            named.setdefault(claim.effect.id, {})[number] = claim.says
-            kinds[claim.effect.id] = claim.effect.kind
-            instead.setdefault(claim.effect.id, {}).update(dict.fromkeys(claim.equivalent))
-    found = []
-    for name, by_unit in named.items():
-        if len(by_unit) == len(explanations) and len(by_unit) > 1 and not unknown:
-            whose = COMMON if kinds[name] in OF_THE_BODY or name.split(".")[0] in OF_THE_BODY else ALIKE
-        else:
-            whose = OWN if len(by_unit) == 1 else SOME
-        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values()), unknown, tuple(instead[name])))
-    return tuple(found)
+def _common_share(fit: ArrayFit, parts: Parts) -> float:
+    """Return the share of the variance of the units' closure that they have in common."""
+    single = np.mean([unit.floor_rad**2 + part.size_rad**2 for unit, part in zip(fit.units, parts.own, strict=True)])
+    return float(parts.common.size_rad**2 / (parts.common.size_rad**2 + single))
+
+
+def noise_of_fit(fit: ArrayFit) -> dict[str, SharedNoise]:
+    """Return what the noise at rest of the units has in common, by sensor; empty where the stills are too short."""
+    sessions, clocks = [unit.session for unit in fit.units], [unit.place.clock for unit in fit.units]
+    maps = {"gyro": [u.place.mounting @ u.model.E for u in fit.units], "accelerometer": [u.place.mounting for u in fit.units]}
+    found = {name: shared_noise(sessions, clocks, each, name == "accelerometer") for name, each in maps.items()}
+    return {name: each for name, each in found.items() if each is not None}
 
 
 # An array's explanation as ``tinygc-array-explain/2`` (docs/formats.md).
@@ -330,6 +262,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
         "schema": SCHEMA,
         "array": fit.array.name,
         "verdict": found.verdict,
+        "statements": [_part(part) for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None],
         "split": split_to_json(fit.split),
         "units": [
             {
@@ -339,19 +272,49 @@ def explained_to_json(found: ArrayExplanation) -> dict:
                 "own_rms_deg": unit.own_rad[0] / DEG,
                 "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
                 "own_p_value": float(p),
+                "own_upper95_deg": _or_none(part.upper_rad / DEG),
+                "own_standing": part.standing.value,
                 "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
             }
-            for unit, p in zip(fit.units, fit.split.own_p, strict=True)
+            for unit, p, part in zip(fit.units, fit.split.own_p, found.parts.own, strict=True)
         ],
-        "traits": [
-            {"id": trait.id, "units": list(trait.units), "scope": trait.whose, "description": trait.words, "of_units": list(trait.says)}
-            for trait in found.traits
-        ],
+        "traits": [_trait(trait) for trait in found.traits],
+        "slow_zero": None if found.slow_zero is None else _slow_zero(found.slow_zero),
+        "rest_noise": {name: _rest_noise(name, shared) for name, shared in found.rest_noise.items()},
         "events": [event_to_json(event, fit) for event in fit.joint.events],
         "moments": [_moment(moment, begins_s(fit)) for moment in found.moments],
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "version": VERSION,
     }
+
+
+def _part(part: Part) -> dict:
+    sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": _or_none(part.upper_rad / DEG)}
+    return {"what": part.statement.what, **part.statement.to_json(), **sizes}
+
+
+def _trait(trait: Trait) -> dict:
+    by_unit = [
+        {"number": number, "named": each.named, "value": each.theta.tolist(), "std": each.sigma.tolist()}
+        for number, each in (trait.estimates or {}).items()
+    ]
+    stated = trait.statement.to_json() | {"description": trait.words}
+    scope = {"scope": trait.scope, "apart": list(trait.apart), "equivalent": list(trait.instead)}
+    return {"id": trait.id, "units": list(trait.units), **scope, **stated, "of_units": list(trait.says), "by_unit": by_unit}
+
+
+def _slow_zero(slow: PooledSlowZero) -> dict:
+    sizes = [{"number": n, "size_dps": rps / DEG, "named": list(slow.named[n])} for n, rps in slow.sizes_rps.items()]
+    return {**slow.statement.to_json(), "shares": slow.shares, "by_unit": sizes}
+
+
+def _rest_noise(name: str, shared: SharedNoise) -> dict:
+    correlation = {"correlation": shared.value, "correlation_sigma": shared.sigma, "source": shared.source}
+    return {**shared.statement(name).to_json(), **correlation}
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def _moment(moment: Moment, begins: float) -> dict:
@@ -496,10 +459,12 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     others = len(fit.units) - len(spoilt)
     if len(spoilt) > 1:
         return f"{at:.1f} s: {_several_words(spoilt, fit)}"
-    whom = f"the other {others} do not" if others > 1 else "the other does not"
+    tested = f"against the other{'s' * (others > 1)} (F test, p = {event.p_value:.2g})"
     if event.what == OWN_TURN:
-        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}°, {whom}: its own readings; its turn does not count"
-    return f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still, {whom}; its gravity there does not count"
+        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}° {tested}: its own readings; its turn does not count"
+    return (
+        f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still {tested}; its gravity there does not count"
+    )
 
 
 def event_lines(fit: ArrayFit) -> list[str]:
@@ -521,39 +486,39 @@ def _several_words(events: tuple[ArrayEvent, ...], fit: ArrayFit) -> str:
 
 # Terminal output of an array's explanation.
 
-VERDICTS = {
-    "no_mismatch": "no mismatch: every unit turns as its calibration says",
-    "common": "what turns miss by is common to all units: none of the sensors",
-    "own": "what turns miss by is the units' own",
-    "common_and_own": "part of what turns miss by is common to all units, part is some units' own",
-}
 #: most events listed one by one
 MOST_MOMENTS = 12
 
 
 def array_verdict_line(found: ArrayExplanation) -> Text:
-    """Return one line with the array's verdict."""
-    return one_line(f"{found.fit.array.name}: {VERDICTS[found.verdict]}", "bold")
+    """Return one line: the verdict, and the statements that it follows from."""
+    said = "; ".join(statement.words for statement in found.evidence)
+    return one_line(f"{found.fit.array.name}: {found.verdict.replace('_', ' ')}: {said}", "bold")
 
 
 def array_explain_page(found: ArrayExplanation) -> Group:
-    """Return the page: the verdict, the common part, the units of each effect, the events, and each unit's own verdict."""
+    """Return the page: the verdict, the parts, what is common at rest, whose each effect is, the events, and each unit's own excess."""
     fit = found.fit
-    parts: list[RenderableType] = [array_verdict_line(found), one_line(f"Common: {fit.split.words}.")]
-    parts += [one_line(f"{trait.words}.") for trait in found.traits]
+    parts: list[RenderableType] = [array_verdict_line(found), ""]
+    stated = [part.statement.words for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None]
+    stated += [f"{each.statement(name).words}; {each.source}" for name, each in found.rest_noise.items()]
+    stated += [] if found.slow_zero is None else [found.slow_zero.statement.words]
+    parts += [one_line(f"{words}.") for words in (*stated, *(trait.words for trait in found.traits))]
     begins = begins_s(fit)
     parts += [one_line(f"{moment.at_s - begins:.2f} s: {moment.words}.", "yellow") for moment in found.moments[:MOST_MOMENTS]]
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
     parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
-    table = Table(title="Each unit by itself", title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "own excess, deg", "verdict alone", "named"):
-        table.add_column(column, justify="left" if column in ("verdict alone", "named") else "right", overflow="fold")
-    for unit in fit.units:
+    table = Table(title="Beyond the common part, by unit", title_justify="left", box=None, padding=(0, 1))
+    for column in ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session"):
+        table.add_column(column, justify="left" if column in ("standing", "named in its own session") else "right", overflow="fold")
+    for unit, part in zip(fit.units, found.parts.own, strict=True):
         explanation = found.explanations.get(unit.number)
-        named = ", ".join(claim.effect.id for claim in explanation.claimed) if explanation else found.not_explained[unit.number]
-        own, sigma = (part / DEG for part in unit.own_rad)
-        table.add_row(str(unit.number), f"{own:.4f} ± {sigma:.4f}", explanation.verdict if explanation else "not explained", named or "–")
+        claims = [] if explanation is None else [*explanation.claimed, *explanation.findings]
+        named = ", ".join(claim.effect.id for claim in claims) if explanation else found.not_explained[unit.number]
+        statement = part.statement
+        sizes = f"{part.size_rad / DEG:.4f}", f"{part.upper_rad / DEG:.4f}", f"{statement.p_value:.2g}"
+        table.add_row(str(unit.number), *sizes, statement.standing.value, named or "–")
     parts += ["", table]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)

@@ -511,6 +511,7 @@ def split_to_json(split: VarianceSplit) -> dict:
     return {
         "common_rms_deg": split.common / DEG,
         "common_p_value": split.p_value,
+        "common_upper95_deg": _or_none(split.common_upper / DEG),
         "equal_in_all_turns_deg": {"size": split.turn[0] / DEG, "sigma": _or_none(split.turn[1] / DEG)},
         "undersampled_deg": {
             "size": split.fast[0] / DEG,

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from session.io.numeric import sigma_of
 from session.io.units import DEG, NS
+from tinygc.annexes.arrays.profile_limits import upper_component
 from tinygc.annexes.arrays.system import (
     GYROSCOPE,
     PER_UNIT,
@@ -30,6 +31,7 @@ from tinygc.annexes.arrays.units import ArrayUnit, SameStills
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
+from tinygc.explanation.standing import LEVEL
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Events beyond an array's usual errors: a reading of one unit that the others contradict, a turn that all miss alike.
@@ -332,8 +334,6 @@ def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:
 
 #: drop of -2 log likelihood that ``motion beyond the data rate`` needs against an unnamed common part, and against none
 BORNE_OUT = 2.0
-#: family-wise, over all units: an own excess less probable by chance is reported as that unit's
-OWN_P = 0.01
 #: share of the predicted size; below it, a filter passes only a part (predictions hold within a factor of 1.5)
 FILTERED = 1 / 3
 
@@ -361,7 +361,7 @@ class VarianceSplit:
     own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, over all units; turn (2,): the common part
     that is equal in all turns; fast (2,): the part proportional to the prediction for motion beyond the data rate, and its sigma;
     predicted: that prediction; level_mps2 (2,); gains: drop of -2 log likelihood with a common part that is equal in all turns, and with
-    one that follows the prediction; minus_mean_rad: unit minus mean; turns.
+    one that follows the prediction; minus_mean_rad: unit minus mean; turns; common_upper: upper 95 % limit of the common part.
     """
 
     own: np.ndarray
@@ -374,6 +374,7 @@ class VarianceSplit:
     minus_mean_rad: float
     minus_mean_of: np.ndarray
     turns: tuple[TurnSplit, ...]
+    common_upper: float = np.inf
 
     @property
     def common(self) -> float:
@@ -389,13 +390,15 @@ class VarianceSplit:
     @property
     def is_fast_motion(self) -> bool:
         """Return whether the common part varies between turns as predicted for motion beyond the data rate."""
-        return self.p_value < 0.01 and self.gains["undersampled"] > self.gains["turn"] + BORNE_OUT
+        return self.p_value < LEVEL and self.gains["undersampled"] > self.gains["turn"] + BORNE_OUT
 
     @property
     def words(self) -> str:
         """Describe the common part in one sentence."""
-        if self.p_value > 0.01:
-            return "nothing in common beyond noise: what turns miss by is each unit's own"
+        if self.p_value >= LEVEL:
+            limit = f", below {self.common_upper / DEG:.2g}° with 95 %" if np.isfinite(self.common_upper) else ""
+            size = f"{self.common / DEG:.2g}° rms a turn{limit} (p = {self.p_value:.2g})"
+            return f"undecided whether turns have more than noise in common: {size}"
         size = f"{self.common / DEG:.2g}° rms a turn in common, which no unit's sensor has made"
         if self.is_fast_motion:
             factor, sigma = (part / self.predicted for part in self.fast)
@@ -425,7 +428,19 @@ def split_of(joint: Joint) -> VarianceSplit:
         minus,
         of_unit,
         _turns(joint),
+        common_upper_of(joint, predicted),
     )
+
+
+def common_upper_of(joint: Joint, predicted: float) -> float:
+    """Return the upper 95 % limit of the whole common part, rad rms a turn: the larger one of the two shapes that it may have."""
+    solution, sigmas = joint.solution, joint.sigmas
+    turn, fast = len(solution.t) - 3, len(solution.t) - 2
+    limits = [np.sqrt(2 * upper_component(solution, turn, sigmas[turn], (fast,)))]
+    if predicted > 0:
+        limits.append(predicted * np.sqrt(upper_component(solution, fast, sigmas[fast], (turn,))))
+    found = np.hypot(np.sqrt(2 * solution.t[turn]), predicted * np.sqrt(solution.t[fast]))
+    return float(max(*limits, found))
 
 
 def own_p_values(joint: Joint) -> np.ndarray:

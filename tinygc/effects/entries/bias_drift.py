@@ -1,4 +1,4 @@
-"""The gyro's zero-rate offset wanders with time, not with temperature; to first order, steadily over the session."""
+"""The gyro's zero-rate offset wanders with time; to first order, steadily over the session."""
 
 from session.io.units import DEG
 from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest
@@ -11,8 +11,7 @@ EFFECT = Effect(
     columns=lambda movement: diagonal(movement.t_s / movement.duration_s),
     describe=lambda theta: (
         f"the gyro's zero-rate offset "
-        f"drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session, whatever the temperature: "
-        "take the bias afresh before each use"
+        f"drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session: take the bias afresh before each use"
     ),
     discriminating_motion="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
     inputs=("time",),

@@ -18,7 +18,7 @@ from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearMo
 from tinygc.noise.components import REFERENCE, TURN, SessionNoise, estimate, first_noise
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Whitener
 
 # The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #
@@ -27,8 +27,6 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, 
 
 #: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/fit_speed.py)
 MOST_SEGMENTS = 400
-#: m/s^2: prior of accelerometer parameters estimated from the same stills, far above their uncertainty
-OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
 #: those of the 12 ``precalibration_columns`` that gravity's length in stills determines: the bias, and the matrix' upper triangle
 FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indices(3), strict=True))])
 

@@ -211,7 +211,8 @@ def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
         size = max(1, round(BLOCK_S / dt))
         blocks = length // size
         columns = columns[: blocks * size].reshape(blocks, size, 3, 4).mean(axis=1).reshape(-1, 4)
-        value = (state.freed(samples.accel[segment.start : segment.stop]) - gravity)[: blocks * size]
+        force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
+        value = (force - gravity)[: blocks * size]
         value = value.reshape(blocks, size, 3).mean(axis=1).ravel()
         normal.append(columns.T @ columns)
         right.append(columns.T @ value)

@@ -84,7 +84,8 @@ def small(turns=24, stated=False, noise=1.0, bad=0.0, one_axis=False, site_mps2=
     segments.insert(2, replace(segments[1], problem="left out"))
     parts = [[stills[0], creeping, *stills[1 : turns // 2 + 1]], [*stills[turns // 2 + 1 :], creeping]]
     rows = [density[0], density[-1]]
-    logs = [StillSet(None, part, Noise(none, row), np.zeros((len(part), 4)), none) for part, row in zip(parts, rows, strict=True)]
+    lasts = SimpleNamespace(duration_s=turns + 5.0)
+    logs = [StillSet(lasts, part, Noise(none, row), np.zeros((len(part), 4)), none) for part, row in zip(parts, rows, strict=True)]
     own_floor = np.tile(np.diag(np.append(SIGMA_RAD**2, [1e-8] * stated)), (turns, 1, 1))
     floor = Floor(own_floor, np.zeros((turns - 1, *[2 + stated] * 2)), 7.0)  # the excess is estimated anew
     made = config()
@@ -249,7 +250,7 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
 
 @pytest.mark.parametrize(("p", "refuted"), [(0.99e-4, True), (1.01e-4, False)])
 def test_a_given_calibration_is_refuted_below_one_in_ten_thousand(monkeypatch, p, refuted):
-    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words"))
+    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words", drift=None))
     monkeypatch.setattr(prepared, "recalibrated", lambda problem, joint: problem)
     session = session_of(Table().tumble(8, rest_s=1.2, turn_s=1.0).samples())
     session = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
@@ -265,7 +266,7 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     asked = []
     later = SimpleNamespace(samples=lambda: ["a later", "b later"])
     found = SimpleNamespace(samples=lambda: [a, b], recalibrated=lambda session: asked.append(session) or later)
-    a, b = object(), object()
+    a, b = SimpleNamespace(duration_s=9.0), SimpleNamespace(duration_s=9.0)
     logs = [replace(log, samples=samples) for log, samples in zip(problem.logs, (a, b), strict=True)]
     rates = StillRates(np.tile(-problem.first.B / np.diag(problem.first.E), (13, 1)), np.zeros((13, 3)), np.full((13, 3), 1e-3))
     joint = fit_joint(problem, "fit")

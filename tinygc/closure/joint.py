@@ -63,9 +63,7 @@ BAR_SIGMAS = 2.0
 SETTLED_MPS2 = 1e-3 * MG
 
 
-def fit_joint(
-    problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True, drifts: bool = True
-) -> JointFit | None:
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True, drifts: bool = True) -> JointFit | None:
     """Estimate accelerometer and gyroscope together, in a problem whose reference is gravity.
 
     mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with

@@ -186,7 +186,9 @@ def accelerometer_fit(
     if joint.mode == "fit":  # before that, it was the first estimate from the lengths
         moved = joint.share[:, None] * joint.drift.mps2 if joint.drift is not None and joint.drift.fitted else 0.0
         before = np.linalg.norm(calibration.measured(joint.force) + moved, axis=1) - gravity_mps2
-    return AccelerometerFit(joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x, joint.drift)
+    return AccelerometerFit(
+        joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x, joint.drift
+    )
 
 
 def of_lengths(found: LengthFit) -> AccelerometerFit:

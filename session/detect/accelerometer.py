@@ -206,9 +206,9 @@ def fit_lengths(
 ) -> LengthFit:
     """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length, known to a sigma.
 
-    white_mps2: what white noise alone scatters a still's mean by; counts where few stills are to spare.  middle_s (S,): the stills' times in
-    a session of duration_s; with them a significant drift of the zero is among the fitted numbers.  A few stills that are none hardly
-    count.  Where the attitudes fix no number, the fit is ``before``.
+    white_mps2: what white noise alone scatters a still's mean by; counts where few stills are to spare.  middle_s (S,): the stills'
+    times in a session of duration_s; with them a significant drift of the zero is among the fitted numbers.  A few stills that are none
+    hardly count.  Where the attitudes fix no number, the fit is ``before``.
     """
     before = before or Accelerometer(source="none")
     attitudes = attitudes_of(force)

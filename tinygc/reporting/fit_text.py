@@ -148,7 +148,10 @@ def _denoiser_words(figures: dict) -> str:
 
 
 def _physics_words(physics: PhysicsFit) -> str:
-    fitted = [claim.effect.describe(claim.theta) for claim in physics.fit.state.claims]
+    from tinygc.explanation.claims import described  # with the search for effects, which a plain fit does not need
+
+    claims = enumerate(physics.fit.state.claims)
+    fitted = [described(claim.effect, claim.theta, physics.fit.theta_covariance(number)) for number, claim in claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:
         explain = command_line("explain")

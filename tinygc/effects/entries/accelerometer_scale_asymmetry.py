@@ -7,7 +7,7 @@ from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothin
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW
 
-PPM = 1e-6 * G  #: m/s^2 at one g
+PPM = 1e-6
 
 EFFECT = Effect(
     id="accelerometer.scale_asymmetry",
@@ -16,7 +16,7 @@ EFFECT = Effect(
     observable_in=("reference",),
     kind="force",
     columns=nothing(3),
-    bends=lambda movement: diagonal(np.abs(movement.force_g)),
+    bends=lambda movement: diagonal(np.abs(movement.force_g) * G),
     describe=lambda theta: (
         f"the accelerometer's sensitivity differs by {2 * abs(largest(theta)) / PPM:.0f} ppm between up and down on {axis_of(theta)}: "
         "keep one sensitivity for each sign"

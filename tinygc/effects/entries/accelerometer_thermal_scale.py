@@ -5,7 +5,7 @@ from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothin
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW
 
-PPM = 1e-6 * G  #: m/s^2 at one g
+PPM = 1e-6
 
 EFFECT = Effect(
     id="accelerometer.thermal_scale",
@@ -14,7 +14,7 @@ EFFECT = Effect(
     observable_in=("reference",),
     kind="force",
     columns=nothing(3),
-    bends=lambda movement: diagonal((movement.temp_c - movement.first_temp_c)[:, None] * movement.force_g),
+    bends=lambda movement: diagonal((movement.temp_c - movement.first_temp_c)[:, None] * movement.force_g * G),
     describe=lambda theta: (
         f"the accelerometer's sensitivity moves {abs(largest(theta)) / PPM:.0f} ppm per °C on {axis_of(theta)}: "
         "let it warm up, or calibrate it over temperature"

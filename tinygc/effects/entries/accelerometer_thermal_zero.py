@@ -17,7 +17,7 @@ EFFECT = Effect(
         f"the accelerometer's zero moves {abs(largest(theta)) / MG:.2f} mg per °C on {axis_of(theta)}: "
         "let it warm up, or calibrate it over temperature"
     ),
-    discriminating_motion="come back to the first attitudes warm, and again after it has cooled: temperature's part comes back, a drift does not",
+    discriminating_motion="come back to the first attitudes warm and after it has cooled: temperature's part comes back, a drift stays",
     inputs=("temperature",),
     conditions=("temperature", "°C"),
     picture=GRAVITY_LAW,

@@ -23,7 +23,7 @@ from tinygc.closure.build import tilt_excess
 from tinygc.closure.floor import Floor
 from tinygc.closure.joint import fit_joint, recalibrated
 from tinygc.closure.least_squares import StillRates
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import Problem, bent
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
 
@@ -256,6 +256,52 @@ def test_a_given_calibration_is_refuted_below_one_in_ten_thousand(monkeypatch, p
     session = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
     found = prepared.prepare(session, accelerometer="prior")
     assert any("no longer agrees with the data" in finding.says for finding in found.findings) == refuted
+
+
+def drifting(turns=30, drift_mg=(8.0, -5.0, 6.0), off=OFF):
+    """A problem whose zero drifts by so much over its session; the drift, m/s^2; forces (Q, 3) and shares (Q,) of its stills."""
+    problem, force, _ = small(turns, off=off)
+    duration_s, second = 2 * (turns + 5.0), np.arange(turns + 1) > turns // 2
+    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    middle_s = np.array([still.start_s + still.duration_s / 2 for still in stills]) + second * (turns + 5.0)
+    share, drift = middle_s / duration_s - 0.5, np.array(drift_mg) * MG
+    moved = {id(still): replace(still, accel_mean=still.accel_mean + part * drift) for still, part in zip(stills, share, strict=True)}
+    logs = [replace(log, stills=[moved.get(id(still), still) for still in log.stills]) for log in problem.logs]
+    segments = [replace(s, first=moved[id(s.first)], last=moved[id(s.last)]) for s in problem.segments]
+    return replace(problem, logs=logs, segments=segments), drift, force + share[:, None] * drift, share
+
+
+def test_a_drift_of_the_zero_is_estimated_with_the_rest():
+    problem, drift, force, share = drifting()
+    found = fit_joint(problem, "fit")
+    system, count = found.system, len(problem.batch)
+    assert found.drift.fitted
+    assert system.design.shape[1] == len(system.prior) == 25
+    np.testing.assert_allclose(system.prior[22:], 20 * MG)
+    rows = lambda at: residuals(problem, force - share[:, None] * at[22:])(at[:22])  # noqa: E731
+    at = np.append(centre_of(problem), np.zeros(3)) + system.x
+    step = np.append(STEP, [1e-4] * 3)
+    jacobian = numeric_jacobian(lambda steps: rows(at + step * steps), np.zeros(25), 1.0) / step
+    assert (np.abs(system.design - jacobian).max(axis=0) / np.abs(jacobian).max(axis=0))[[*range(9), *range(21, 25)]].max() < 3e-4
+    np.testing.assert_allclose(system.values, rows(at), atol=2e-8)
+    assert np.abs((found.drift.mps2 - drift) / found.drift.sigma_mps2).max() < 4
+    np.testing.assert_allclose(found.drift.covariance, system.covariance[22:, 22:])
+    assert np.abs((found.x - OFF) / np.sqrt(np.diag(found.covariance))).max() < 4
+    unnamed = fit_joint(problem, "fit", drifts=False)
+    assert len(unnamed.system.x) == 22
+    assert not np.abs((unnamed.x - OFF) / np.sqrt(np.diag(unnamed.covariance))).max() < 4
+    np.testing.assert_allclose(found.force, by_hand(found.x, force - share[:, None] * system.x[22:]))
+    np.testing.assert_allclose(found.moved(force, share), found.force)
+    assert found.beforehand.shape == (12, 13)
+    # Left out with the others' drift: what no segment is left out of does not move.
+    nothing = np.zeros(count, dtype=bool)
+    np.testing.assert_allclose(found.without(nothing, problem.batch).end, bent(problem.batch, found.first, found.last, found.force).end)
+
+
+def test_a_given_calibration_whose_zero_drifts_is_not_refuted():
+    problem, *_ = drifting(off=np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0]))
+    assert fit_joint(problem, "prior", 0.3).p_value > 1e-3
+    assert fit_joint(problem, "prior", 0.3, drifts=False).p_value < 1e-4
 
 
 def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weights():

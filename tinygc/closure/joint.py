@@ -113,7 +113,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
         unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
-        p_value=None if mode == "fit" or not judged else _improbable(problem, prior),
+        p_value=None if mode == "fit" or not judged else _improbable(problem, prior, drifts),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,
         last=last,
@@ -182,12 +182,12 @@ def _weighed(
     return system
 
 
-def _improbable(problem: Problem, prior: np.ndarray) -> float:
+def _improbable(problem: Problem, prior: np.ndarray, drifts: bool) -> float:
     """P-value of the given calibration: how probable so large a correction is if its errors have the prior's sigmas (P,).
 
     The weights come from the residuals under the fitted calibration: under a wrong one its error would count as noise.
     """
-    free = fit_joint(problem, "fit")
+    free = fit_joint(problem, "fit", drifts=drifts)
     assert free is not None  # the same problem was fitted before
     system = replace(free.system, prior=prior)
     scaled = system.design * system.root[:, None] * system.prior

@@ -1,4 +1,4 @@
-"""Effects of the accelerometer: their equations by hand, undone exactly, beside nine numbers of the same stills; a drifting zero in a fit."""
+"""Effects of the accelerometer: equations by hand, undone exactly, seen beside nine numbers of the same stills; a zero that drifts."""
 
 from types import SimpleNamespace
 
@@ -138,7 +138,6 @@ def test_drifts_lie_within_their_sigmas_and_none_is_seldom_found(count):
     assert 0.56 < np.mean(np.abs(errors) < 1) < 0.76
     nulls = [found.drift.p_value for found, *_ in (drifting(count, seed, 0.0) for seed in range(300)) if found.drift is not None]
     assert np.mean(np.array(nulls) < DRIFT_P) < 0.01 + 4 * np.sqrt(0.01 / 300)
-
 
 
 @pytest.mark.parametrize("seed", [5, broad(6)])

@@ -73,6 +73,7 @@ def test_nine_numbers_of_the_same_stills_take_up_a_part_of_an_effect():
         now = corrected(x, force)
         twin = SimpleNamespace(own_accelerometer=True, force=now, rests=at_rest(now / G, t_s, 1000.0), problem=SimpleNamespace(joint=None))
         twin._taken_up = lambda effect, twin=twin: Twin._taken_up(twin, effect)
+        twin.segments, twin.batch, twin._known_taken_up = [], SimpleNamespace(angles=2), {}
         left = np.linalg.norm(now, axis=1) - G
         says = np.einsum("qi,qi->q", up, Twin.bent(twin, effect, twin.rests) @ theta)
         np.testing.assert_allclose(says, left, atol=0.02 * np.abs(left).max())

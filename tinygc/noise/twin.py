@@ -13,7 +13,7 @@ from session.detect.stills import Still
 from session.io.units import DEG, G
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.problem import ACCELEROMETER, Problem, conditions
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.models import linear
@@ -108,6 +108,7 @@ class Twin:
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
+        self._known_taken_up: dict[Effect, np.ndarray] = {}
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
@@ -150,8 +151,8 @@ class Twin:
     def bent(self, effect: Effect, movement: Movement) -> np.ndarray:
         """(N, 3, P) m/s^2 that each parameter of an effect of kind "force" adds to a movement's specific force.
 
-        An accelerometer that was calibrated by these very stills has taken up a part of the effect in its nine parameters, as least
-        squares of gravity's length does.  Naming the effect takes that part back.
+        An accelerometer that was calibrated by these very stills has taken up a part of the effect in its nine parameters.  Naming the
+        effect takes that part back.
         """
         own = effect.bent(movement)
         if not self.own_accelerometer or not len(self.force):
@@ -166,17 +167,21 @@ class Twin:
 
     def _taken_up(self, effect: Effect) -> np.ndarray:
         """(9, P): what one unit of each parameter of an effect leaves in an accelerometer's nine parameters."""
-        joint = self.problem.joint
-        root = np.ones(len(self.force))
-        if joint is not None and len(joint.force) == len(root):  # as the joint fit weighed the lengths
-            root = joint.system.root[-len(root) :]
-        down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
-        nine, own = (
-            np.einsum("qi,qip->qp", down, columns) * root[:, None]
-            for columns in (force_columns(IDENTITY, self.force), effect.bent(self.rests))
-        )
-        scale = units(G)
-        return scale[:, None] * np.linalg.lstsq(nine * scale, own, rcond=1e-6)[0]
+        if effect in self._known_taken_up:
+            return self._known_taken_up[effect]
+        joint, own = self.problem.joint, effect.bent(self.rests)
+        closure_rows = len(self.segments) * self.batch.angles
+        if joint is not None and joint.system.design.shape[0] == closure_rows + len(self.force):
+            start = self.start()
+            moved = self._bending(start, self.rates(start), np.moveaxis(own, 2, 0))
+            rows = np.concatenate([moved.closure.reshape(closure_rows, -1), moved.length])
+            found = joint.system.response[ACCELEROMETER] @ rows
+        else:  # from the lengths alone
+            down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+            nine, own = (np.einsum("qi,qip->qp", down, columns) for columns in (force_columns(IDENTITY, self.force), own))
+            found = units(G)[:, None] * np.linalg.lstsq(nine * units(G), own, rcond=1e-6)[0]
+        self._known_taken_up[effect] = found
+        return found
 
     def rows(self, log: int, rows: slice) -> slice:
         """Position of a turn's rows among the rows passed to effects."""

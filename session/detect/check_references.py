@@ -347,8 +347,8 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
 
 
 def drift_finding(drift: ZeroDrift | None) -> list[Finding]:
-    """What to say of a drift that is among the fitted numbers; nothing of one that is not."""
-    if drift is None or not drift.fitted:
+    """What to say of a significant drift; nothing of another."""
+    if drift is None or not drift.significant:
         return []
     do = "it is fitted with the rest, which else would take it for nonorthogonality; let the sensor warm up before the first still"
     return [Finding("warning", SESSION_FILE, ZERO_DRIFT, drift.words, do)]

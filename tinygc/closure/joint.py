@@ -43,16 +43,16 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 # The parameters are nine of the accelerometer (``session/detect/accelerometer.py``), twelve of the gyroscope and, with a given calibration,
 # the length of gravity.  A change df of a still's specific force tilts its attitude by R df / g about the horizontal, and with it the ends
 # of the adjoining turns; so turns observe what the lengths do not.  The residual sigmas of lengths and turns are estimated as well; single
-# outliers (a knock, a still in motion) get little weight.  Where the stills' lengths show a drift of the accelerometer's zero within the
-# session (``fit_lengths``), its three numbers are among the parameters: unnamed it would be taken for nonorthogonality.
+# outliers (a knock, a still in motion) get little weight.  Where enough stills are to spare (``fit_lengths``), a drift of the
+# accelerometer's zero within the session is among the parameters: unnamed it would be taken for nonorthogonality.
 
 #: sigma of a given calibration, at zero g and at one g, where session.toml states none
 GIVEN_SIGMA_MG = 0.1
 #: sigmas without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
-#: sigma of a drift of the zero within a session: 1 mg/degC (docs/sensor.md) over a warm-up of 20 degC
-DRIFT_MPS2 = 20 * MG
+#: sigma of a drift of the zero within a session: 1 mg/degC over a warm-up of 10 degC; MPU-9150 drift by 1 to 5 mg within 500 s
+DRIFT_MPS2 = 10 * MG
 #: sigma of gravity's length at the site, with a given calibration, which has a scale of its own
 GRAVITY_SIGMA_MPS2 = 20 * MG
 KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2
@@ -68,7 +68,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
 
     mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with
     sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.  drifts:
-    whether the zero may drift within the session, where gravity's lengths show it.
+    whether the zero may drift within the session, where enough stills are to spare.
     Returns None for a truth-file reference, or without stills or used segments.
     """
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
@@ -83,7 +83,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     middle_s, duration_s = times_of([references(log.stills) for log in problem.logs], [log.samples for log in problem.logs])
     share = shares(middle_s, duration_s)
     lengths = fit_lengths(force, gravity, None, 0.0, float(np.sqrt(np.mean(white**2))), middle_s, duration_s)
-    drifts = drifts and lengths.drift is not None and lengths.drift.fitted
+    drifts = drifts and lengths.drift is not None
     spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
     site = problem.session.config.site
     length = max(site.gravity_sigma_mps2, KNOWN_MPS2) if mode == "fit" else GRAVITY_SIGMA_MPS2
@@ -149,7 +149,8 @@ def _weighed(
     design = np.zeros((rows + len(force), len(at)))
     design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
     starts, ends = tilt_columns(batch.start, number, force[first]), tilt_columns(batch.end, number, force[last])
-    design[:rows, ACCELEROMETER] = (starts - ends)[:, :d].reshape(rows, -1)
+    tilted = starts - ends
+    design[:rows, ACCELEROMETER] = tilted[:, :d].reshape(rows, -1)
     design[rows:, ACCELEROMETER] = length_columns(number, force)
     if len(at) > COUNT:  # a drift moves the bias of each still by its share
         starts, ends = starts[:, :, BIAS] * share[first][:, None, None], ends[:, :, BIAS] * share[last][:, None, None]

@@ -207,7 +207,7 @@ def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Pr
     if joint is None:
         return Prepared(findings, problem)
     said = [_joint_finding(f, joint) if f in own and f.what == ACCELEROMETER else f for f in findings if f.what != ZERO_DRIFT]
-    if joint.drift is None or not joint.drift.fitted:
+    if joint.drift is None:
         return Prepared(said, recalibrated(problem, joint))
     constant = fit_joint(problem, "fit", drifts=False)
     assert constant is not None  # the same problem was fitted before

@@ -104,7 +104,7 @@ class JointFit:
     mode: ``fit`` or ``prior``; accelerometer: the new calibration; x (9,): its correction of the previous one; unobserved: names of the
     parameters observed by neither lengths nor turns; p_value: of the given calibration, None if it was not computed; system; first, last
     (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2: length errors.
-    drift: of the accelerometer's zero, a bound where it is not fitted, None where the stills do not show it; share (Q,): the stills' times
+    drift: of the accelerometer's zero, None where it was not fitted; share (Q,): the stills' times
     as shares of the session from its middle.
     """
 

@@ -132,7 +132,7 @@ def drift_json(drift: ZeroDrift) -> dict:
         "mg_per_1000s": (drift.mps2 * per_1000s).tolist(),
         "sigma": (drift.sigma_mps2 * per_1000s).tolist(),
         "p_value": drift.p_value,
-        "fitted": drift.fitted,
+        "significant": drift.significant,
     }
 
 
@@ -184,7 +184,7 @@ def accelerometer_fit(
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
     before = joint.before
     if joint.mode == "fit":  # before that, it was the first estimate from the lengths
-        moved = joint.share[:, None] * joint.drift.mps2 if joint.drift is not None and joint.drift.fitted else 0.0
+        moved = 0.0 if joint.drift is None else joint.share[:, None] * joint.drift.mps2
         before = np.linalg.norm(calibration.measured(joint.force) + moved, axis=1) - gravity_mps2
     return AccelerometerFit(
         joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x, joint.drift

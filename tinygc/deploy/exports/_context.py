@@ -89,7 +89,7 @@ class Context:
     def effects_of_force(self) -> tuple[str, ...]:
         """Ids of the accelerometer's effects that the fit found: no format has them."""
         known = self.fit.get("accelerometer") or {}
-        drift = ["accelerometer.zero_drift"] if (known.get("zero_drift") or {}).get("fitted") else []
+        drift = ["accelerometer.zero_drift"] if (known.get("zero_drift") or {}).get("significant") else []
         return tuple(dict.fromkeys([*drift, *(each["id"] for each in known.get("effects") or ())]))
 
     @property

@@ -277,7 +277,7 @@ def test_a_drift_of_the_zero_is_estimated_with_the_rest():
     system, count = found.system, len(problem.batch)
     assert found.drift.significant
     assert system.design.shape[1] == len(system.prior) == 25
-    np.testing.assert_allclose(system.prior[22:], 10 * MG)
+    np.testing.assert_allclose(system.prior[22:], 60 * MG)
     rows = lambda at: residuals(problem, force - share[:, None] * at[22:])(at[:22])  # noqa: E731
     at = np.append(centre_of(problem), np.zeros(3)) + system.x
     step = np.append(STEP, [1e-4] * 3)

@@ -51,8 +51,9 @@ GIVEN_SIGMA_MG = 0.1
 #: sigmas without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
-#: sigma of a drift of the zero within a session: 1 mg/degC over a warm-up of 10 degC; MPU-9150 drift by 1 to 5 mg within 500 s
-DRIFT_MPS2 = 10 * MG
+#: sigma of a drift of the zero within a session: that of the zero itself.  MPU-9150 drift by 1 to 5 mg within 500 s, known to 0.5 to 1 mg:
+#: what is not known to a tenth of its prior stays at its centre
+DRIFT_MPS2 = 60 * MG
 #: sigma of gravity's length at the site, with a given calibration, which has a scale of its own
 GRAVITY_SIGMA_MPS2 = 20 * MG
 KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2

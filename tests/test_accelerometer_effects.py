@@ -10,7 +10,9 @@ from known_effects import movement
 from session.detect.accelerometer import DRIFT_P, IDENTITY, LengthFit, corrected, fit_lengths, length_columns
 from session.io.config import Accelerometer
 from session.io.units import MG, G
+from tinygc.closure.prepared import prepare
 from tinygc.effects import Movement, catalogue
+from tinygc.estimation.accelerometer import accelerometer_fit
 from tinygc.noise.twin import Twin
 
 FORCE = np.array([0.5, -0.8, 0.3])  #: g
@@ -141,6 +143,33 @@ def test_drifts_lie_within_their_sigmas_and_none_is_seldom_found(count):
     assert 0.56 < np.mean(np.abs(errors) < 1) < 0.76
     nulls = [found.drift.p_value for found, *_ in (drifting(count, seed, 0.0) for seed in range(300)) if found.drift is not None]
     assert np.mean(np.array(nulls) < DRIFT_P) < 0.01 + 4 * np.sqrt(0.01 / 300)
+
+
+@pytest.mark.slow
+def test_eight_sensors_on_one_board_drift_and_keep_their_axes(shared, tmp_path):
+    """mimu, its seventh day: every zero falls, gravity's length then fits, and nonorthogonality is that of the fifth day."""
+    from session.annexes.public import mimu
+
+    if not (source := shared / "wild" / "mimu").exists():
+        pytest.skip("no ../shared/wild/mimu: recordings of eight MPU-9150")
+    folders = {folder.name: folder for folder in mimu.write(source, tmp_path)}
+    apart = {"with": [], "without": []}
+    for unit in range(8):
+        days = [prepare(folders[f"e{day}u{unit}"]) for day in (5, 7)]
+        drift = days[1].problem.joint.drift
+        size, sigma = drift.mps2 / MG * 500 / drift.duration_s, drift.sigma_mps2 / MG * 500 / drift.duration_s
+        axis = int(np.argmax(np.abs(size) / sigma))
+        assert -6 < size[axis] < -1
+        assert size[axis] < -2.5 * sigma[axis]
+        with_it, without = (np.std(each.joint.after[:-1]) for each in (days[1].problem, days[1].given))
+        assert with_it < 0.7 * without
+        for name, problems in (("with", [day.problem for day in days]), ("without", [day.given for day in days])):
+            apart[name].append(np.subtract(*(_values(problem) for problem in problems)))
+    assert np.std(apart["with"]) < 0.4 * np.std(apart["without"])
+
+
+def _values(problem) -> np.ndarray:
+    return accelerometer_fit(problem.session.config.accelerometer, problem.joint, None, GRAVITY).values[SHEARS]
 
 
 @pytest.mark.parametrize("seed", [5, broad(6)])

@@ -12,8 +12,9 @@ from session.io.config import Accelerometer
 from session.io.units import MG, G
 from tinygc.closure.prepared import prepare
 from tinygc.effects import Movement, catalogue
-from tinygc.estimation.accelerometer import accelerometer_fit
+from tinygc.estimation.accelerometer import accelerometer_fit, of_lengths
 from tinygc.noise.twin import Twin
+from tinygc.reporting.fit_text import accelerometer_table
 
 FORCE = np.array([0.5, -0.8, 0.3])  #: g
 #: one of each number (1, 2, 3, …) in its unit, at 250 s of 1000 s and 5 degC above the first temperature; mg that it adds to x, y, z
@@ -120,6 +121,18 @@ def test_a_constant_zero_is_bounded_and_widens_the_sigmas():
     assert plain.drift is None
     assert drifting(14, 2, 4.0)[0].drift is None  # five stills to spare
     assert drifting(15, 2, 4.0)[0].drift is not None
+
+
+def test_a_fit_states_the_drift_in_mg_per_1000_s():
+    found, *_ = drifting(24, 1, 4.0)
+    said, per_1000s = of_lengths(found).to_json()["zero_drift"], 1000 / 720 / MG
+    np.testing.assert_allclose(said["mg_per_1000s"], found.drift.mps2 * per_1000s)
+    np.testing.assert_allclose(said["sigma"], found.drift.sigma_mps2 * per_1000s)
+    assert (said["significant"], said["p_value"]) == (True, found.drift.p_value)
+    table = accelerometer_table(of_lengths(found), "title")
+    row = [list(column.cells)[-1] for column in table.columns]
+    assert row[0] == "drift of the bias, mg/1000s"
+    assert row[1].startswith(f"{said['mg_per_1000s'][0]:.2f} ± ")
 
 
 def test_a_drift_is_in_the_axes_of_the_sensor():

@@ -86,7 +86,7 @@ def test_an_accelerometer_of_a_fit_is_told_with_what_it_knew_before():
     force = np.array([[1.0, 2, 9], [-3, 9, 1], [8, 4, -4]])
     joint = SimpleNamespace(
         mode="prior", accelerometer=made, x=X, prior=np.ones(9), unobserved=(), p_value=0.3, covariance=np.eye(9), force=force,
-        before=np.array([1.0, 2.0]), after=np.array([0.5, 0.1]),
+        before=np.array([1.0, 2.0]), after=np.array([0.5, 0.1]), drift=None,
     )  # fmt: skip
     own, joined = accelerometer_fit(made, joint, None, GRAVITY), accelerometer_fit(made, joint, np.diag(np.arange(21.0)), GRAVITY)
     assert own.misses_mps2[0] is joint.before

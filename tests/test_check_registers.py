@@ -102,6 +102,37 @@ def test_a_plateau_below_the_full_scale_is_clipping(good, lsb):
     assert "x stands" not in finding.says
 
 
+def quantised(session, step_g):
+    """The session's force in whole steps of ``step_g``, coarser than its noise."""
+    step = step_g * G
+    return np.rint(session.logs[0].samples.accel / step) * step
+
+
+def test_readings_that_repeat_at_rest_are_no_clipping(good):
+    """A register of 30 mg stands still in each still, also where that is an axis's extreme."""
+    accel = quantised(good, 30e-3)
+    assert max(stop - start for stop, start in runs_at_extremes(accel)) > 200
+    assert of(look(good, accel=accel), "accelerometer clipping").level == "ok"
+
+
+def runs_at_extremes(values):
+    for axis in values.T:
+        for level in (axis.min(), axis.max()):
+            edges = np.flatnonzero(np.diff(np.r_[False, axis == level, False].astype(int)))
+            yield from zip(edges[1::2], edges[::2], strict=True)
+
+
+@pytest.mark.parametrize(("level_g", "clips"), [(1.1, False), (1.5, True)])
+def test_no_accelerometer_clips_below_gravity(good, level_g, clips):
+    """Half a second at one level while the body turns: within gravity and a zero it is a rest, beyond it is a range that ends."""
+    accel, rate_hz = good.logs[0].samples.accel.copy(), 1 / good.logs[0].samples.period_s
+    turn = int(np.argmax(np.abs(good.logs[0].samples.gyro).max(axis=1)))
+    accel[turn : turn + round(rate_hz / 2), 1] = level_g * G
+    finding = of(look(good, accel=accel), "accelerometer clipping")
+    assert (finding.level == "warning") == clips
+    assert (f"y stands at {level_g:g} g" in finding.says) == clips
+
+
 def test_a_single_reading_at_the_registers_end_is_clipping(good):
     gyro, accel = good.logs[0].samples.gyro.copy(), good.logs[0].samples.accel.copy()
     gyro[500, 2] = -32768 * 0.0175 * DEG

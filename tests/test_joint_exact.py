@@ -23,7 +23,7 @@ from tinygc.closure.build import tilt_excess
 from tinygc.closure.floor import Floor
 from tinygc.closure.joint import fit_joint, recalibrated
 from tinygc.closure.least_squares import StillRates
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import Problem, bent
 from tinygc.closure.stills import StillSet
 from tinygc.models.linear import LinearModel
 
@@ -84,7 +84,8 @@ def small(turns=24, stated=False, noise=1.0, bad=0.0, one_axis=False, site_mps2=
     segments.insert(2, replace(segments[1], problem="left out"))
     parts = [[stills[0], creeping, *stills[1 : turns // 2 + 1]], [*stills[turns // 2 + 1 :], creeping]]
     rows = [density[0], density[-1]]
-    logs = [StillSet(None, part, Noise(none, row), np.zeros((len(part), 4)), none) for part, row in zip(parts, rows, strict=True)]
+    lasts = SimpleNamespace(duration_s=turns + 5.0)
+    logs = [StillSet(lasts, part, Noise(none, row), np.zeros((len(part), 4)), none) for part, row in zip(parts, rows, strict=True)]
     own_floor = np.tile(np.diag(np.append(SIGMA_RAD**2, [1e-8] * stated)), (turns, 1, 1))
     floor = Floor(own_floor, np.zeros((turns - 1, *[2 + stated] * 2)), 7.0)  # the excess is estimated anew
     made = config()
@@ -118,7 +119,7 @@ KINDS = {"plain": {}, "bad": {"bad": 30.0}, "stated": {"stated": True, "seed": 4
 def test_the_estimate_weighs_lengths_closures_and_what_is_known_beforehand(kind, mode):
     """Its rows are the numeric derivatives, its point the least sum of squares with the stated weights, its covariance (J'WJ + P^-1)^-1."""
     problem, force, _ = small(off=OFF if mode == "fit" else NEARLY, **KINDS[kind])
-    found = fit_joint(problem, mode, 0.3)
+    found = fit_joint(problem, mode, 0.3, drifts=False)
     gravity, length = (9.80665, 0.02) if kind == "nowhere" else (GRAVITY, 1e-9 * 20 * MG)
     units = np.where(np.arange(9) < 6, 1 / gravity, 1.0)
     prior = np.append(SPREAD, length) if mode == "fit" else np.concatenate([0.3 * MG * units, SPREAD[9:], [20 * MG]])
@@ -202,7 +203,7 @@ def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, of
     """The nine numbers by generalised least squares, all else having its prior: normal under the given ones with their covariance and the
     sigmas that were stated, in as many directions as the data see."""
     problem, _, _ = small(one_axis=one_axis, off=off)
-    free = fit_joint(problem, "fit")
+    free = fit_joint(problem, "fit", drifts=False)
     system, stated = free.system, np.concatenate([sigma_mg * MG * UNITS, SPREAD[9:], [20 * MG]])
     rest = system.design[:, 9:] * stated[9:]
     data = system.values - system.design @ system.x
@@ -214,9 +215,9 @@ def test_the_p_value_of_a_given_calibration_is_that_of_a_dense_test(one_axis, of
     estimate = np.linalg.solve(axes.T @ told @ axes, axes.T @ own.T @ np.linalg.solve(scatter, -data))
     covariance = np.linalg.inv(axes.T @ told @ axes) + np.eye(len(estimate))
     expected = chi2.sf(estimate @ np.linalg.solve(covariance, estimate), len(estimate))
-    found = fit_joint(problem, "prior", sigma_mg)
+    found = fit_joint(problem, "prior", sigma_mg, drifts=False)
     assert found.p_value == pytest.approx(expected, rel=1e-5, abs=1e-300)
-    unjudged = fit_joint(problem, "prior", judged=False)
+    unjudged = fit_joint(problem, "prior", judged=False, drifts=False)
     assert unjudged.p_value is None
     np.testing.assert_allclose(unjudged.system.prior[:9], 0.1 * MG * UNITS)
     assert free.p_value is None
@@ -249,12 +250,58 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
 
 @pytest.mark.parametrize(("p", "refuted"), [(0.99e-4, True), (1.01e-4, False)])
 def test_a_given_calibration_is_refuted_below_one_in_ten_thousand(monkeypatch, p, refuted):
-    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words"))
+    monkeypatch.setattr(prepared, "fit_joint", lambda *_, **known: SimpleNamespace(p_value=p, words="words", drift=None))
     monkeypatch.setattr(prepared, "recalibrated", lambda problem, joint: problem)
     session = session_of(Table().tumble(8, rest_s=1.2, turn_s=1.0).samples())
     session = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
     found = prepared.prepare(session, accelerometer="prior")
     assert any("no longer agrees with the data" in finding.says for finding in found.findings) == refuted
+
+
+def drifting(turns=30, drift_mg=(8.0, -5.0, 6.0), off=OFF):
+    """A problem whose zero drifts by so much over its session; the drift, m/s^2; forces (Q, 3) and shares (Q,) of its stills."""
+    problem, force, _ = small(turns, off=off)
+    duration_s, second = 2 * (turns + 5.0), np.arange(turns + 1) > turns // 2
+    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    middle_s = np.array([still.start_s + still.duration_s / 2 for still in stills]) + second * (turns + 5.0)
+    share, drift = middle_s / duration_s - 0.5, np.array(drift_mg) * MG
+    moved = {id(still): replace(still, accel_mean=still.accel_mean + part * drift) for still, part in zip(stills, share, strict=True)}
+    logs = [replace(log, stills=[moved.get(id(still), still) for still in log.stills]) for log in problem.logs]
+    segments = [replace(s, first=moved[id(s.first)], last=moved[id(s.last)]) for s in problem.segments]
+    return replace(problem, logs=logs, segments=segments), drift, force + share[:, None] * drift, share
+
+
+def test_a_drift_of_the_zero_is_estimated_with_the_rest():
+    problem, drift, force, share = drifting()
+    found = fit_joint(problem, "fit")
+    system, count = found.system, len(problem.batch)
+    assert found.drift.significant
+    assert system.design.shape[1] == len(system.prior) == 25
+    np.testing.assert_allclose(system.prior[22:], 60 * MG)
+    rows = lambda at: residuals(problem, force - share[:, None] * at[22:])(at[:22])  # noqa: E731
+    at = np.append(centre_of(problem), np.zeros(3)) + system.x
+    step = np.append(STEP, [1e-4] * 3)
+    jacobian = numeric_jacobian(lambda steps: rows(at + step * steps), np.zeros(25), 1.0) / step
+    assert (np.abs(system.design - jacobian).max(axis=0) / np.abs(jacobian).max(axis=0))[[*range(9), *range(21, 25)]].max() < 3e-4
+    np.testing.assert_allclose(system.values, rows(at), atol=2e-8)
+    assert np.abs((found.drift.mps2 - drift) / found.drift.sigma_mps2).max() < 4
+    np.testing.assert_allclose(found.drift.covariance, system.covariance[22:, 22:])
+    assert np.abs((found.x - OFF) / np.sqrt(np.diag(found.covariance))).max() < 4
+    unnamed = fit_joint(problem, "fit", drifts=False)
+    assert len(unnamed.system.x) == 22
+    assert not np.abs((unnamed.x - OFF) / np.sqrt(np.diag(unnamed.covariance))).max() < 4
+    np.testing.assert_allclose(found.force, by_hand(found.x, force - share[:, None] * system.x[22:]))
+    np.testing.assert_allclose(found.moved(force, share), found.force)
+    assert found.beforehand.shape == (12, 13)
+    # Left out with the others' drift: what no segment is left out of does not move.
+    nothing = np.zeros(count, dtype=bool)
+    np.testing.assert_allclose(found.without(nothing, problem.batch).end, bent(problem.batch, found.first, found.last, found.force).end)
+
+
+def test_a_given_calibration_whose_zero_drifts_is_not_refuted():
+    problem, *_ = drifting(off=np.array([1.0, 0, 0, 1, 0, 1, 0, 0, 0]))
+    assert fit_joint(problem, "prior", 0.3).p_value > 1e-3
+    assert fit_joint(problem, "prior", 0.3, drifts=False).p_value < 1e-4
 
 
 def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weights():
@@ -265,7 +312,7 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     asked = []
     later = SimpleNamespace(samples=lambda: ["a later", "b later"])
     found = SimpleNamespace(samples=lambda: [a, b], recalibrated=lambda session: asked.append(session) or later)
-    a, b = object(), object()
+    a, b = SimpleNamespace(duration_s=17.0), SimpleNamespace(duration_s=17.0)
     logs = [replace(log, samples=samples) for log, samples in zip(problem.logs, (a, b), strict=True)]
     rates = StillRates(np.tile(-problem.first.B / np.diag(problem.first.E), (13, 1)), np.zeros((13, 3)), np.full((13, 3), 1e-3))
     joint = fit_joint(problem, "fit")
@@ -273,7 +320,8 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     assert (now.found, now.joint, now.first, [log.samples for log in now.logs]) == (later, joint, joint.model, ["a later", "b later"])
     assert asked == [now.session]
     assert now.session.config.accelerometer is joint.accelerometer
-    moved = by_hand(joint.x, force)
+    moved = joint.moved(force, joint.share)
+    assert np.abs(moved - by_hand(joint.x, force)).max() > 1e-3  # a drift of the zero is among what was fitted
     np.testing.assert_allclose([still.accel_mean for log in now.logs for still in log.stills if still.problem is None], moved)
     assert [s.first.accel_mean @ s.last.accel_mean for s in now.used] == pytest.approx(np.sum(moved[:-1] * moved[1:], axis=1))
     np.testing.assert_allclose(np.abs(np.sum(now.batch.start * levelled(problem.batch.start, moved[:-1]), axis=1)), 1, atol=1e-12)

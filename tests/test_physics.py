@@ -116,4 +116,4 @@ def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
 def test_an_id_that_is_none_is_one_line_before_anything_is_read(tmp_path, capsys, words):
     assert calibrate.main(["fit", str(tmp_path / "nowhere"), f"--physics={words}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "is no effect; give auto, or of data.glitches, " in line
+    assert "is no effect; give auto, or of accelerometer.cross_coupling, " in line

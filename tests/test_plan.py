@@ -85,7 +85,7 @@ def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(
 
 
 def test_an_accelerometer_that_nobody_calibrated_counts_as_it_is_known(short, tmp_path):
-    """Without [accelerometer] the same log knows less, and the plan says so."""
+    """Without [accelerometer] the same log knows less in all, and the plan says so."""
     bare = shutil.copytree(short, tmp_path / "bare")
     head, rest = (bare / "session.toml").read_text().split("[accelerometer]")
     (bare / "session.toml").write_text(head + "[" + rest.split("\n[", 1)[1])
@@ -93,7 +93,7 @@ def test_an_accelerometer_that_nobody_calibrated_counts_as_it_is_known(short, tm
     assert own.with_gravity
     assert not given.with_gravity
     shears = [i for i, name in enumerate(NAMES) if "nonorthogonality" in name]
-    assert (np.diag(own.covariance)[shears] > np.diag(given.covariance)[shears]).all()
+    assert np.diag(own.covariance)[shears].sum() > 1.2 * np.diag(given.covariance)[shears].sum()
 
 
 @pytest.mark.parametrize("with_gravity", [True, False])

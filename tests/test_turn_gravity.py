@@ -70,6 +70,7 @@ def pushed(twin, fit, size):
         push -= (moving**2 / max(np.sum(moving**2), 1e-30))[:, None] * push.sum(axis=0)  # the velocity ends at zero
         logs[segment.log][segment.start : segment.stop] += size * np.einsum("tji,tj->ti", turn, push)
     made = copy.copy(twin)
+    made.__dict__.pop("movements", None)
     samples = [replace(log.samples, accel=accel) for log, accel in zip(twin.seen.logs, logs, strict=True)]
     made.seen = replace(twin.seen, logs=[replace(log, samples=each) for log, each in zip(twin.seen.logs, samples, strict=True)])
     return made

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from session.io.config import Accelerometer
 from session.io.errors import FormatError, SegmentError
 from session.io.files import MOST_TOML, naming, read_text, result_folder
 from session.io.numeric import sigma_of
-from session.io.samples import Samples
+from session.io.samples import Samples, start_times
 from session.io.toml import parse_toml
 from session.io.units import DEG, MG, STANDARD_GRAVITY_MPS2
 
@@ -122,11 +122,63 @@ SMALLEST_STEP = 1e-10
 WANDERS_MPS2 = 0.05 * MG
 
 
+# A drift of the accelerometer's zero within the session.
+#
+# The nine numbers are constants.  Stills lie in one attitude after the other, so a zero that moves with time passes for another matrix,
+# nonorthogonality above all.  To first order it moves steadily: f = M (m - b - d s), s the share of the session from its middle, -1/2 to
+# 1/2, so that b is the zero at the middle.  Its three numbers are fitted wherever stills are to spare, significant or not: what is not
+# significant may still be there, and belongs into the sigmas of the nine.  Between six days of eight MPU-9150, nonorthogonalities differ
+# by 0.9 of their sigmas so, by 2.3 without (benchmarks/accelerometer_drift.py).
+
+#: p-value at which a constant zero is rejected, as a fit is by its residuals (``tinygc/estimation/verdict.py``)
+DRIFT_P = 0.01
+DRIFTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroDrift:
+    """mps2 (3,): how far the zero moves over a session of duration_s, in the sensor's axes; covariance (3, 3); p_value of a constant zero
+    (Fisher's F)."""
+
+    mps2: np.ndarray
+    covariance: np.ndarray
+    p_value: float
+    duration_s: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether the recording shows it; else it is a bound."""
+        return self.p_value < DRIFT_P
+
+    @property
+    def sigma_mps2(self) -> np.ndarray:
+        """(3,) m/s^2 over the session."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def words(self) -> str:
+        """``the zero drifts by -4.6 ± 0.4 mg on z within 600 s (p = 1e-05)``: the most significant axis."""
+        axis = int(np.argmax(np.abs(self.mps2) / self.sigma_mps2))
+        size = f"{self.mps2[axis] / MG:+.2f} ± {self.sigma_mps2[axis] / MG:.2f} mg on {'xyz'[axis]}"
+        return f"the zero drifts by {size} within {self.duration_s:.0f} s (p = {self.p_value:.1g})"
+
+    def turned(self, before: Accelerometer) -> ZeroDrift:
+        """The drift of what was measured, from that of the force which a calibration makes of it."""
+        back = np.linalg.inv(before.matrix)
+        return replace(self, mps2=back @ self.mps2, covariance=back @ self.covariance @ back.T)
+
+
+def shares(middle_s: np.ndarray, duration_s: float) -> np.ndarray:
+    """(S,) of moments (S,) s of a session: their share of it, from its middle."""
+    return middle_s / duration_s - 0.5
+
+
 @dataclass(frozen=True, eq=False)
 class LengthFit:
     """accelerometer, from what was measured; x (9,): the correction that it is of the one before; covariance (9, 9) of x, SI; rung: which
     numbers were fitted, None where the attitudes fix none; attitudes that lie apart; weight (S,) of each still, 1 for a good one;
-    before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still."""
+    before, after (S,) m/s^2: by how much each length misses gravity's; sigma_mps2 of one still; drift of the zero, where the stills' times
+    are given and enough stills are to spare."""
 
     accelerometer: Accelerometer
     x: np.ndarray
@@ -137,6 +189,7 @@ class LengthFit:
     before: np.ndarray
     after: np.ndarray
     sigma_mps2: float
+    drift: ZeroDrift | None = None
 
     @property
     def unobserved(self) -> tuple[str, ...]:
@@ -150,11 +203,14 @@ def fit_lengths(
     before: Accelerometer | None = None,
     gravity_sigma_mps2: float = 0.0,
     white_mps2: float = 0.0,
+    middle_s: np.ndarray | None = None,
+    duration_s: float = 0.0,
 ) -> LengthFit:
     """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length, known to a sigma.
 
-    white_mps2: what white noise alone scatters a still's mean by; counts where few stills are to spare.  A few stills that are none hardly
-    count.  Where the attitudes fix no number, the fit is ``before``.
+    white_mps2: what white noise alone scatters a still's mean by; counts where few stills are to spare.  middle_s (S,): the stills'
+    times in a session of duration_s; with them a drift of the zero is among the fitted numbers.  A few stills that are none
+    hardly count.  Where the attitudes fix no number, the fit is ``before``.
     """
     before = before or Accelerometer(source="none")
     attitudes = attitudes_of(force)
@@ -162,20 +218,23 @@ def fit_lengths(
     for rung in RUNGS:
         if attitudes < rung.count:
             continue
-        x, bar = _robust(rung, force, gravity_mps2)
-        if not np.isfinite(x).all() or min(x[[0, 3, 5]]) <= 0:
+        fitted = _fitted(rung, force, gravity_mps2, white_mps2)
+        if fitted is None:
             continue
-        scaled = rung.directions * (units(gravity_mps2) @ np.abs(rung.directions))
-        design = length_columns(x, force) @ scaled
-        if _gain(design) > WORST_GAIN:
-            continue
-        left = _miss(x, force, gravity_mps2)
-        weight, sigma = _weight(left, bar), _sigma(left, bar, rung.count, white_mps2)
-        covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
+        (x, left, weight, sigma, covariance), bar = fitted
+        drift = None
+        if middle_s is not None and len(force) - rung.count >= 2 * DRIFTS:
+            moving = _with_drift(rung, x, bar, force, gravity_mps2, shares(middle_s, duration_s))
+            if moving is not None:
+                found, p_value = moving
+                drift = ZeroDrift(found[0][PARAMETERS:], found[-1][PARAMETERS:, PARAMETERS:], p_value, duration_s)
+                x, left, weight, sigma, covariance = found
+                drift = drift.turned(before)
+        x, covariance = x[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
         # All lengths in common: the matrix as a whole, and nothing else.
         common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
         covariance = covariance + np.outer(common, common)
-        return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma)
+        return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma, drift)
     zero = np.zeros((PARAMETERS, PARAMETERS))
     return LengthFit(before, IDENTITY.copy(), zero, None, attitudes, np.ones(len(force)), misses, misses, 0.0)
 
@@ -188,6 +247,81 @@ def attitudes_of(force: np.ndarray) -> int:
         if length and (not len(kept) or np.max(kept @ row) < length * np.cos(APART_RAD)):
             kept = np.concatenate([kept, [row / length]])
     return len(kept)
+
+
+def _drifting(rung: Ladder) -> Ladder:
+    """The same numbers and a drift of the zero: directions (12, K + 3)."""
+    directions = np.zeros((PARAMETERS + DRIFTS, rung.count + DRIFTS))
+    directions[:PARAMETERS, : rung.count], directions[PARAMETERS:, rung.count :] = rung.directions, np.eye(DRIFTS)
+    return replace(rung, directions=directions)
+
+
+#: x (9,), or (12,) with a drift; misses and weights (S,); sigma of one still; covariance of x
+_Fitted = tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]
+
+
+def _fitted(rung: Ladder, force: np.ndarray, gravity_mps2: float, white_mps2: float) -> tuple[_Fitted, float] | None:
+    """Without a drift.  None where the attitudes do not fix these numbers."""
+    x, bar = _robust(rung, force, gravity_mps2)
+    if not np.isfinite(x).all() or min(x[[0, 3, 5]]) <= 0:
+        return None
+    scaled = rung.directions * _scale(rung, gravity_mps2)
+    design = _columns(x, force) @ scaled
+    if _gain(design) > WORST_GAIN:
+        return None
+    left = _miss(x, force, gravity_mps2)
+    sigma = _sigma(left, bar, rung.count, white_mps2)
+    return (x, left, _weight(left, bar), sigma, scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2), bar
+
+
+def _with_drift(
+    rung: Ladder, constant: np.ndarray, bar: float, force: np.ndarray, gravity_mps2: float, share: np.ndarray
+) -> tuple[_Fitted, float] | None:
+    """The fit with a drift besides, and the p-value of none, by Fisher's F; constant (9,) and its bar: the fit without.
+
+    Few stills scatter less about a robust fit than they err.  So both fits have the same weights: a still counts less where it misses
+    both by as much as ``bar``.
+    """
+    from scipy.special import fdtrc  # not before stills have been found
+
+    moving = _drifting(rung)
+    x, spare = np.concatenate([constant, np.zeros(DRIFTS)]), len(force) - moving.count
+    for _ in range(ROUNDS):
+        least = np.minimum(np.abs(_miss(constant, force, gravity_mps2)), np.abs(_miss(x, force, gravity_mps2, share)))
+        weight = _weight(least, bar)
+        constant = _least_squares(constant, weight, rung, force, gravity_mps2)
+        before, x = x, _least_squares(x, weight, moving, force, gravity_mps2, share=share)
+        if not np.isfinite(x).all():
+            return None
+        if np.abs(x - before).max() < SMALLEST_STEP * gravity_mps2:
+            break
+    root, scaled = np.sqrt(weight), moving.directions * _scale(moving, gravity_mps2)
+    design = _columns(x, force, share) @ scaled * root[:, None]
+    if _gain(design) > WORST_GAIN:
+        return None
+    left = _miss(x, force, gravity_mps2, share)
+    with_it, without = float(np.sum((root * left) ** 2)), float(np.sum((root * _miss(constant, force, gravity_mps2)) ** 2))
+    sigma = np.sqrt(with_it / spare)
+    p_value = float(fdtrc(DRIFTS, spare, max(without - with_it, 0.0) / DRIFTS / max(sigma**2, np.finfo(float).tiny)))
+    covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
+    return (x, left, weight, float(sigma), covariance), p_value
+
+
+def _scale(rung: Ladder, gravity_mps2: float) -> np.ndarray:
+    """(K,) one m/s^2 of each direction in its own unit."""
+    size = np.concatenate([units(gravity_mps2), np.ones(len(rung.directions) - PARAMETERS)])
+    return np.asarray(size @ np.abs(rung.directions))
+
+
+def _at_the_middle(x: np.ndarray, force: np.ndarray, share: np.ndarray | None = None) -> np.ndarray:
+    """Forces (S, 3) without the drift."""
+    return force if share is None else force - share[:, None] * x[PARAMETERS:]
+
+
+def _columns(x: np.ndarray, force: np.ndarray, share: np.ndarray | None = None) -> np.ndarray:
+    """As ``length_columns``, and those of a drift (S, 12)."""
+    found = length_columns(x[:PARAMETERS], _at_the_middle(x, force, share))
+    return found if share is None else np.concatenate([found, found[:, BIAS] * share[:, None]], axis=1)
 
 
 def _robust(rung: Ladder, force: np.ndarray, gravity_mps2: float) -> tuple[np.ndarray, float]:
@@ -234,21 +368,27 @@ def _sigma(miss: np.ndarray, bar: float, count: int, white_mps2: float) -> float
 
 
 def _least_squares(
-    x: np.ndarray, weight: np.ndarray, rung: Ladder, force: np.ndarray, gravity_mps2: float, steps: int = STEPS
+    x: np.ndarray,
+    weight: np.ndarray,
+    rung: Ladder,
+    force: np.ndarray,
+    gravity_mps2: float,
+    steps: int = STEPS,
+    share: np.ndarray | None = None,
 ) -> np.ndarray:
-    root = np.sqrt(weight)
-    scale = units(gravity_mps2) @ np.abs(rung.directions)
+    """x (9,), or (12,) with the shares (S,) of the stills: Gauss-Newton steps with these weights (S,)."""
+    root, scale = np.sqrt(weight), _scale(rung, gravity_mps2)
     for _ in range(steps):
-        design = length_columns(x, force) @ rung.directions * scale
-        step = -np.linalg.lstsq(design * root[:, None], _miss(x, force, gravity_mps2) * root, rcond=None)[0]
+        design = _columns(x, force, share) @ rung.directions * scale
+        step = -np.linalg.lstsq(design * root[:, None], _miss(x, force, gravity_mps2, share) * root, rcond=None)[0]
         x = x + rung.directions @ (scale * step)
         if not np.abs(step).max(initial=0.0) > SMALLEST_STEP * gravity_mps2:
             break
     return x
 
 
-def _miss(x: np.ndarray, force: np.ndarray, gravity_mps2: float) -> np.ndarray:
-    return np.linalg.norm(corrected(x, force), axis=1) - gravity_mps2
+def _miss(x: np.ndarray, force: np.ndarray, gravity_mps2: float, share: np.ndarray | None = None) -> np.ndarray:
+    return np.linalg.norm(corrected(x[:PARAMETERS], _at_the_middle(x, force, share)), axis=1) - gravity_mps2
 
 
 def _gain(design: np.ndarray) -> float:
@@ -266,11 +406,19 @@ def from_stills(samples: Sequence[Samples], gravity_mps2: float = STANDARD_GRAVI
     samples: the logs, accelerometer as measured in m/s^2.  A few stills that are none hardly count.  Raises SegmentError where the
     stills are too few or their attitudes too alike for all nine numbers.
     """
-    stills = [still for log in samples for still in find_stills(log, still_s)[0]]
-    found = fit_lengths(force_of(references(stills)), gravity_mps2)
+    logs = [references(find_stills(log, still_s)[0]) for log in samples]
+    middle_s, duration_s = times_of(logs, samples)
+    found = fit_lengths(force_of([still for log in logs for still in log]), gravity_mps2, middle_s=middle_s, duration_s=duration_s)
     if found.unobserved:
         raise SegmentError(f"{why_not(found)}: rest it on all six sides and some edges, or leave its calibration out")
     return found.accelerometer
+
+
+def times_of(stills: Sequence[Sequence[Still]], samples: Sequence[Samples]) -> tuple[np.ndarray, float]:
+    """(S,) s of the session at the middles of the stills of each log, and s that the session lasts; logs follow each other."""
+    began = start_times(samples)
+    middles = [began[log] + still.start_s + still.duration_s / 2 for log, own in enumerate(stills) for still in own]
+    return np.array(middles), float(began[-1])
 
 
 def force_of(stills: Sequence[Still]) -> np.ndarray:

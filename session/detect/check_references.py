@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.detect.accelerometer import SCALES, LengthFit, fit_lengths, force_of, why_not
+from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
 from session.detect.dials import angles_between, down_of_dials
 from session.detect.findings import Finding, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
@@ -293,6 +293,8 @@ def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
 # An uncalibrated accelerometer: the session's own stills calibrate it.
 
 SESSION_FILE, ACCELEROMETER = "session.toml", "accelerometer"
+#: a zero that moves within the session
+ZERO_DRIFT = "accelerometer's zero"
 #: of gravity: a sensor whose lengths are farther off has another unit or full scale, not another sensitivity
 UNITS_RIGHT = 0.2
 
@@ -304,12 +306,14 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     """
     known = known or SessionStills(session)
     logs = [known.of(log) for log in session.logs]
-    force, site = force_of(references([still for log in logs for still in log.stills])), session.config.site
+    stills, site = [references(log.stills) for log in logs], session.config.site
+    force = force_of([still for log in stills for still in log])
     if not len(force):
         return None
     white = [np.mean(log.noise.velocity_random_walk**2) / still.duration_s for log in logs if log.noise for still in references(log.stills)]
     white_mps2 = float(np.sqrt(np.mean(white or 0.0)))
-    found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2, white_mps2)
+    times = times_of(stills, [log.samples for log in session.logs])
+    found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2, white_mps2, *times)
     # A zero of half a g moves the lengths by as much; what is wrong with the units shows in the scale.
     length = np.median(np.linalg.norm(force, axis=1)) / site.expected_gravity_mps2 if found.rung is None else np.mean(found.x[SCALES])
     return found if abs(length - 1) < UNITS_RIGHT else None
@@ -343,11 +347,19 @@ def with_own_accelerometer(session: Session, anew: bool = False, looked_at: Sess
     if own.unobserved:
         level, says = "warning", f"{says}; not observable: {', '.join(own.unobserved)}"
         do = f"rest it on edges and corners, too, or {known}"
-    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do)]
+    found = [Finding(level, SESSION_FILE, ACCELEROMETER, says, do), *drift_finding(own.drift)]
     if config.site.gravity_mps2 is None:
         say = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
         found.append(Finding("note", SESSION_FILE, "site.gravity_mps2", say, "give local gravity, to 0.001 m/s², for a true scale"))
     return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
+
+
+def drift_finding(drift: ZeroDrift | None) -> list[Finding]:
+    """What to say of a significant drift; nothing of another."""
+    if drift is None or not drift.significant:
+        return []
+    do = "it is fitted with the rest, which else would take it for nonorthogonality; let the sensor warm up before the first still"
+    return [Finding("warning", SESSION_FILE, ZERO_DRIFT, drift.words, do)]
 
 
 def spread_mg(misses: np.ndarray) -> float:

@@ -121,8 +121,13 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
             findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
+        least = REST_G if name == "accelerometer" else 0.0
+        resting = np.zeros(len(samples), dtype=bool)
+        for still in stills:
+            resting[still.start : still.stop] = True
+        resting = resting[~absent] if len(values) < len(samples) else resting
         each = [
-            _clipping(values[:, i] / factor, noise[i] / factor, reach, (t_ns, samples.t_ns[0]), f"{axis}", unit)
+            _clipping(values[:, i] / factor, noise[i] / factor, (least, reach), resting, (t_ns, samples.t_ns[0]), f"{axis}", unit)
             for i, axis in enumerate("xyz")
             if not stuck[i]
         ]
@@ -138,21 +143,41 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
     return findings + _repeats(log, stills)
 
 
+#: g: no range of an accelerometer ends below what it reads at rest, gravity with 20 % of scale and zero (``UNITS_RIGHT``)
+REST_G = 1.2
+
+
 def without_force(samples: Samples) -> np.ndarray:
     """(N,) bool: rows whose accelerometer reads 0, 0, 0."""
     return np.concatenate([(part == 0).all(axis=1) for _, part in pieces(samples.accel)])
 
 
-def _clipping(values: np.ndarray, noise_std: float, reach: float, stamps: tuple[np.ndarray, int], axis: str, unit: str) -> str | None:
-    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it; stamps (N,) ns, and the log's first."""
+def _clipping(
+    values: np.ndarray,
+    noise_std: float,
+    limits: tuple[float, float],
+    resting: np.ndarray,
+    stamps: tuple[np.ndarray, int],
+    axis: str,
+    unit: str,
+) -> str | None:
+    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it while the body moves.
+
+    limits: the least that a range can end at, and the register's end; resting (N,) bool; stamps (N,) ns, and the log's first.  What
+    repeats at rest, or within what gravity alone makes, is a register coarser than the noise.
+    """
+    least, reach = limits
     run = run_bar(noise_std, _step(values))
     rest = np.median(values)
     mask = np.zeros(len(values), dtype=bool)
     for level in (values.max(), values.min()):
         if abs(level) >= reach * (1 - 1e-6):
             mask |= values == level
-        elif abs(level - rest) > 20 * noise_std:  # an axis that is not turned has its extremes in the noise
-            mask |= plateau(values, level, run)
+        elif abs(level) > least and abs(level - rest) > 20 * noise_std:  # an axis that is not turned has its extremes in the noise
+            at = plateau(values, level, run)
+            for start, stop in zip(*runs_of(at), strict=True):
+                at[start:stop] = not resting[start:stop].any()
+            mask |= at
     if not mask.any():
         return None
     levels = " and ".join(f"{level:.5g}" for level in np.unique(values[mask]))

@@ -123,6 +123,19 @@ def test_a_bias_of_the_accelerometer_is_one_of_the_calibrated_force(recording):
     np.testing.assert_allclose(difference.mean(axis=0) / 9.80665e-3, spoilt.truth["bias_mg"], atol=0.01)
 
 
+@pytest.mark.parametrize("name", sorted(name for name, effect in catalogue().items() if effect.kind == "force"))
+def test_an_effect_of_the_accelerometer_is_in_its_force(recording, name):
+    """The calibrated force without the effect is that of the untouched log, to a register's step and its mean to far less."""
+    effect = catalogue()[name]
+    spoilt, session = inject(recording, trial(name, 0.2 * effect.parameter.plausible / effect.parameter.si)), recording.session
+    theta = np.ravel(spoilt.truth[effect.parameter.name]) * effect.parameter.si
+    (old,), force_g = recording.movements, session.config.accelerometer.correct(spoilt.logs[0].accel) / 9.80665
+    back = effect.correct_force(old.with_force(force_g), theta)
+    done = np.abs(force_g - old.force_g).max()
+    assert np.abs(back - old.force_g).max() < 2 * 0.122e-3
+    np.testing.assert_allclose((back - old.force_g).mean(axis=0), 0, atol=0.02 * done)
+
+
 # What is drawn
 
 

@@ -106,7 +106,7 @@ def test_gravity_within_the_turns_decides_by_pairs_of_turns(monkeypatch, nearer,
     one, other = SimpleNamespace(fit="one"), SimpleNamespace(fit="other")
     squares = {"one": np.ones(12), "other": np.where(np.arange(12) < nearer, 1.5, 0.4) + np.arange(12) / 1e3}
     monkeypatch.setattr(
-        within_turns, "turn_equations", lambda twin, fit: SimpleNamespace(solve=lambda: None, left=lambda solution: squares[fit])
+        within_turns, "lever_equations", lambda twin, fit: SimpleNamespace(solve=lambda: None, left=lambda solution: squares[fit])
     )
     within = within_turns.WithinTurns(None)
     assert within.prefers(one, other) == prefers

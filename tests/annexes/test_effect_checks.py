@@ -36,7 +36,7 @@ def test_the_effects_that_are_fitted_pass(name):
     assert report.ok, str(report)
     assert tuple(part.name for part in report.parts) == PARTS
     unchecked = {part.name for part in report.parts if part.result == "not checked"}
-    assert unchecked == (set() if catalogue()[name].kind == "rate" else {"undo", "live"})
+    assert unchecked == {"rate": set(), "force": {"live"}}.get(catalogue()[name].kind, {"undo", "live"})
 
 
 @pytest.mark.slow

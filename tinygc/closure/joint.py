@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from session.detect.accelerometer import (
+    BIAS,
     BIASES,
+    DRIFTS,
     IDENTITY,
     NAMES,
     PARAMETERS,
@@ -15,18 +17,22 @@ from session.detect.accelerometer import (
     SHEARS,
     after,
     corrected,
+    fit_lengths,
     force_columns,
+    force_of,
     length_columns,
+    shares,
+    times_of,
     units,
 )
-from session.detect.stills import Still
+from session.detect.stills import Still, references
 from session.io.numeric import sigma_of
 from session.io.units import MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.least_squares import OBSERVED_BELOW
-from tinygc.closure.problem import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
+from tinygc.closure.problem import ACCELEROMETER, COUNT, DRIFT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
 from tinygc.closure.residual import nearest_yaw
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.models import linear
@@ -37,13 +43,17 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 # The parameters are nine of the accelerometer (``session/detect/accelerometer.py``), twelve of the gyroscope and, with a given calibration,
 # the length of gravity.  A change df of a still's specific force tilts its attitude by R df / g about the horizontal, and with it the ends
 # of the adjoining turns; so turns observe what the lengths do not.  The residual sigmas of lengths and turns are estimated as well; single
-# outliers (a knock, a still in motion) get little weight.
+# outliers (a knock, a still in motion) get little weight.  Where enough stills are to spare (``fit_lengths``), a drift of the
+# accelerometer's zero within the session is among the parameters: unnamed it would be taken for nonorthogonality.
 
 #: sigma of a given calibration, at zero g and at one g, where session.toml states none
 GIVEN_SIGMA_MG = 0.1
 #: sigmas without a calibration: 2 % of scale, 1 % of shear, 60 mg of zero-g level (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
+#: sigma of a drift of the zero within a session: that of the zero itself.  MPU-9150 drift by 1 to 5 mg within 500 s, known to 0.5 to 1 mg:
+#: what is not known to a tenth of its prior stays at its centre
+DRIFT_MPS2 = 60 * MG
 #: sigma of gravity's length at the site, with a given calibration, which has a scale of its own
 GRAVITY_SIGMA_MPS2 = 20 * MG
 KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2
@@ -54,11 +64,12 @@ BAR_SIGMAS = 2.0
 SETTLED_MPS2 = 1e-3 * MG
 
 
-def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True) -> JointFit | None:
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True, drifts: bool = True) -> JointFit | None:
     """Estimate accelerometer and gyroscope together, in a problem whose reference is gravity.
 
     mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with
-    sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.
+    sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.  drifts:
+    whether the zero may drift within the session, where enough stills are to spare.
     Returns None for a truth-file reference, or without stills or used segments.
     """
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
@@ -70,38 +81,48 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     gravity = problem.session.config.site.expected_gravity_mps2
     noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
+    middle_s, duration_s = times_of([references(log.stills) for log in problem.logs], [log.samples for log in problem.logs])
+    share = shares(middle_s, duration_s)
+    lengths = fit_lengths(force, gravity, None, 0.0, float(np.sqrt(np.mean(white**2))), middle_s, duration_s)
+    drifts = drifts and lengths.drift is not None
     spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
     site = problem.session.config.site
     length = max(site.gravity_sigma_mps2, KNOWN_MPS2) if mode == "fit" else GRAVITY_SIGMA_MPS2
-    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [length]])
+    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [length], [DRIFT_MPS2] * (DRIFTS * drifts)])
     # The prior's centre: no accelerometer correction, and the model of the first gyroscope fit.
-    centre = np.concatenate([IDENTITY, problem.first.vector, [gravity]])
-    x = np.zeros(COUNT)
+    centre = np.concatenate([IDENTITY, problem.first.vector, [gravity], np.zeros(DRIFTS * drifts)])
+    x = np.zeros(len(centre))
     for _ in range(RELINEARISED):
         at = centre + x
-        system = _weighed(problem, at, x, prior, force, first, last, white)
+        system = _weighed(problem, at, x, prior, force, first, last, white, share)
         moved = system.solve() - x
         x = x + moved
         if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
             break
     found = centre[ACCELEROMETER] + x[ACCELEROMETER]
     # A parameter is observed if it would be with gravity's length known.
-    told = replace(system, prior=np.append(prior[:GRAVITY], KNOWN_MPS2)).covariance
+    told = replace(system, prior=np.where(np.arange(len(prior)) == GRAVITY, KNOWN_MPS2, prior)).covariance
     sure = np.sqrt(np.diag(told))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
-    now = corrected(found, force)
+    drift, zero = lengths.drift, np.zeros(DRIFTS)
+    if drift is not None and drifts:
+        zero = x[DRIFT]
+        drift = replace(drift, mps2=zero, covariance=system.covariance[DRIFT, DRIFT])
+    now = corrected(found, force - share[:, None] * zero)
     return JointFit(
         mode=mode,
         accelerometer=after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior"),
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
         unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
-        p_value=None if mode == "fit" or not judged else _improbable(problem, prior),
+        p_value=None if mode == "fit" or not judged else _improbable(problem, prior, drifts),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,
         last=last,
         force=now,
         before=np.linalg.norm(force, axis=1) - gravity,
         after=np.linalg.norm(now, axis=1) - (centre + x)[GRAVITY],
+        share=share,
+        drift=None if drift is None else drift.turned(problem.session.config.accelerometer),
     )
 
 
@@ -114,20 +135,28 @@ def _weighed(
     first: np.ndarray,
     last: np.ndarray,
     white: np.ndarray,
+    share: np.ndarray,
 ) -> JointSystem:
     """Linear system at a point, with weights from the estimated residual sigmas."""
     number = at[ACCELEROMETER]
+    if len(at) > COUNT:
+        force = force - share[:, None] * at[DRIFT]
     batch = bent(problem.batch, first, last, corrected(number, force))
     model = LinearModel.from_vector(at[GYROSCOPE])
     rate = model(batch.rate)
     d, rows = batch.angles, len(batch) * batch.angles
     end, sensitivity = closure.end_and_sensitivity(batch, rate)
     angles = closure.error_angles(closure.batch_residual(batch, end))
-    design = np.zeros((rows + len(force), COUNT))
+    design = np.zeros((rows + len(force), len(at)))
     design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
-    tilted = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
+    starts, ends = tilt_columns(batch.start, number, force[first]), tilt_columns(batch.end, number, force[last])
+    tilted = starts - ends
     design[:rows, ACCELEROMETER] = tilted[:, :d].reshape(rows, -1)
     design[rows:, ACCELEROMETER] = length_columns(number, force)
+    if len(at) > COUNT:  # a drift moves the bias of each still by its share
+        starts, ends = starts[:, :, BIAS] * share[first][:, None, None], ends[:, :, BIAS] * share[last][:, None, None]
+        design[:rows, DRIFT] = (starts - ends)[:, :d].reshape(rows, -1)
+        design[rows:, DRIFT] = design[rows:, BIAS] * share[:, None]
     design[rows:, GRAVITY] = -1.0
     values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
     sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # the tilt's excess is estimated below
@@ -155,19 +184,19 @@ def _weighed(
     return system
 
 
-def _improbable(problem: Problem, prior: np.ndarray) -> float:
-    """P-value of the given calibration: how probable so large a correction is if its errors have the prior's sigmas (COUNT,).
+def _improbable(problem: Problem, prior: np.ndarray, drifts: bool) -> float:
+    """P-value of the given calibration: how probable so large a correction is if its errors have the prior's sigmas (P,).
 
     The weights come from the residuals under the fitted calibration: under a wrong one its error would count as noise.
     """
-    free = fit_joint(problem, "fit")
+    free = fit_joint(problem, "fit", drifts=drifts)
     assert free is not None  # the same problem was fitted before
     system = replace(free.system, prior=prior)
     scaled = system.design * system.root[:, None] * system.prior
     known = scaled.T @ scaled
     pull = scaled.T @ (system.root * (system.design @ system.x - system.values))
-    rest = slice(PARAMETERS, COUNT)
-    inner = np.linalg.inv(known[rest, rest] + np.eye(COUNT - PARAMETERS))
+    rest = slice(PARAMETERS, len(prior))
+    inner = np.linalg.inv(known[rest, rest] + np.eye(len(prior) - PARAMETERS))
     told = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
     asked = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
     # If the calibration errors follow the prior, asked has the covariance told + told told.
@@ -199,8 +228,12 @@ def recalibrated(problem: Problem, joint: JointFit) -> Problem:
     samples = dict(zip(map(id, problem.found.samples()), found.samples(), strict=True))
     logs = []
     now: dict[int, Still] = {}
+    middle_s, duration_s = times_of([log.stills for log in problem.logs], [log.samples for log in problem.logs])
+    edges = np.cumsum([len(log.stills) for log in problem.logs])[:-1]
+    parts = np.split(shares(middle_s, duration_s), edges)
+    moved = {id(log): joint.moved(force_of(log.stills), part) for log, part in zip(problem.logs, parts, strict=True)}
     for log in problem.logs:
-        stills = [replace(still, accel_mean=joint.moved(still.accel_mean)) for still in log.stills]
+        stills = [replace(still, accel_mean=force) for still, force in zip(log.stills, moved[id(log)], strict=True)]
         now |= {id(old): new for old, new in zip(log.stills, stills, strict=True)}
         q_tb = nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
         logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.detect.check_references import ACCELEROMETER, SAID, with_aligned_truth, with_own_accelerometer
+from session.detect.check_references import ACCELEROMETER, SAID, ZERO_DRIFT, drift_finding, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
 from session.detect.findings import Finding, stop_at_errors
@@ -108,7 +108,7 @@ class Prepared:
     """A session ready to be fitted.
 
     findings of the first check, none of them an error; problem of the session; given: the problem with the accelerometer calibration of
-    session.toml, if ``problem`` has another.
+    session.toml, or without the drift of its zero, if ``problem`` has another.
     """
 
     findings: list[Finding]
@@ -127,8 +127,11 @@ class Prepared:
         return [f for f in self.findings if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
 
     def as_given(self) -> Prepared:
-        """The session with the calibration of session.toml, if there is one."""
-        return self if self.given is None else Prepared([f for f in self.findings if f.what != ACCELEROMETER], self.given)
+        """The session with the calibration of session.toml, if there is one, and without a drift of its zero that was fitted."""
+        if self.given is None:
+            return self
+        dropped = [ZERO_DRIFT] if self.given.joint is not None else [ZERO_DRIFT, ACCELEROMETER]
+        return Prepared([f for f in self.findings if f.what not in dropped], self.given)
 
 
 def prepare(
@@ -181,10 +184,10 @@ def prepare(
     if joint is None or joint.p_value is None:
         return Prepared(findings, problem)
     if joint.p_value > REFUTED_P:
-        return Prepared(findings, recalibrated(problem, joint), problem)
+        return Prepared(findings + drift_finding(joint.drift), recalibrated(problem, joint), problem)
     said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG, judged=False))]
     if accelerometer == "prior":
-        return Prepared(said + findings, recalibrated(problem, joint), problem)
+        return Prepared(said + findings + drift_finding(joint.drift), recalibrated(problem, joint), problem)
     free = prepare(
         session,
         use_earth=use_earth,
@@ -203,9 +206,12 @@ def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Pr
     joint = fit_joint(problem, "fit") if problem.session.config.accelerometer.source == "stills" else None
     if joint is None:
         return Prepared(findings, problem)
-    return Prepared(
-        [_joint_finding(f, joint) if f in own and f.what == ACCELEROMETER else f for f in findings], recalibrated(problem, joint)
-    )
+    said = [_joint_finding(f, joint) if f in own and f.what == ACCELEROMETER else f for f in findings if f.what != ZERO_DRIFT]
+    if joint.drift is None:
+        return Prepared(said, recalibrated(problem, joint))
+    constant = fit_joint(problem, "fit", drifts=False)
+    assert constant is not None  # the same problem was fitted before
+    return Prepared(said + drift_finding(joint.drift), recalibrated(problem, joint), recalibrated(problem, constant))
 
 
 def _joint_finding(finding: Finding, joint: JointFit) -> Finding:

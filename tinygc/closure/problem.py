@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, SCALES, corrected
+from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SCALES, ZeroDrift, corrected
 from session.detect.bridging import GAP
 from session.detect.findings import Finding
 from session.detect.segments import FoundTurn, Segment
@@ -46,6 +46,8 @@ ACCELEROMETER = slice(0, PARAMETERS)
 GYROSCOPE = slice(PARAMETERS, PARAMETERS + linear.PARAMETERS)
 GRAVITY = GYROSCOPE.stop
 COUNT = GRAVITY + 1
+#: those of a drift of the accelerometer's zero, m/s^2 over the session, behind them where one is fitted
+DRIFT = slice(COUNT, COUNT + DRIFTS)
 #: sigmas by which a parameter must change to be reported
 SAID_SIGMAS = 3.0
 
@@ -54,8 +56,9 @@ SAID_SIGMAS = 3.0
 class JointSystem:
     """The linear system at the end of the search.
 
-    design (n, COUNT), values (n,): S d rows of the closure, then those of the lengths, in rad and m/s^2; root (n,): square roots of their
-    weights; prior (COUNT,) sigmas; x (COUNT,): point of linearisation, relative to the prior's centre; vague: whether the prior is
+    P is COUNT, or three more where a drift of the accelerometer's zero is fitted (``DRIFT``).
+    design (n, P), values (n,): S d rows of the closure, then those of the lengths, in rad and m/s^2; root (n,): square roots of their
+    weights; prior (P,) sigmas; x (P,): point of linearisation, relative to the prior's centre; vague: whether the prior is
     uninformative on the accelerometer and only bounds what no row observes.
     """
 
@@ -67,30 +70,30 @@ class JointSystem:
     vague: bool
 
     def solve(self, root: np.ndarray | None = None) -> np.ndarray:
-        """Solution (COUNT,) relative to the prior's centre.
+        """Solution (P,) relative to the prior's centre.
 
         With a vague prior, directions not observed above the noise stay at the prior's centre.
         """
         root = self.root if root is None else root
         left, strength, right = np.linalg.svd(self.design * root[:, None] * self.prior, full_matrices=False)
         aim = left.T @ (root * (self.design @ self.x - self.values)) * strength / (strength**2 + 1)
-        rank = int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)) if self.vague else COUNT
+        rank = int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)) if self.vague else len(self.x)
         return self.prior * (aim[:rank] @ right[:rank])
 
     @property
     def covariance(self) -> np.ndarray:
-        """(COUNT, COUNT) covariance for independent errors of the rows."""
+        """(P, P) covariance for independent errors of the rows."""
         scaled = self.design * self.root[:, None] * self.prior
-        return np.linalg.inv(scaled.T @ scaled + np.eye(COUNT)) * np.outer(self.prior, self.prior)
+        return np.linalg.inv(scaled.T @ scaled + np.eye(len(self.x))) * np.outer(self.prior, self.prior)
 
     @property
     def response(self) -> np.ndarray:
-        """(COUNT, n) derivative of the estimate with respect to the error of each row."""
+        """(P, n) derivative of the estimate with respect to the error of each row."""
         return -self.covariance @ (self.design * self.root[:, None] ** 2).T
 
     @property
     def leaning(self) -> np.ndarray:
-        """(COUNT, COUNT) derivative of the estimate with respect to the prior's centre."""
+        """(P, P) derivative of the estimate with respect to the prior's centre."""
         return self.covariance / self.prior**2
 
 
@@ -101,6 +104,8 @@ class JointFit:
     mode: ``fit`` or ``prior``; accelerometer: the new calibration; x (9,): its correction of the previous one; unobserved: names of the
     parameters observed by neither lengths nor turns; p_value: of the given calibration, None if it was not computed; system; first, last
     (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2: length errors.
+    drift: of the accelerometer's zero, None where it was not fitted; share (Q,): the stills' times
+    as shares of the session from its middle.
     """
 
     mode: str
@@ -115,6 +120,13 @@ class JointFit:
     force: np.ndarray
     before: np.ndarray
     after: np.ndarray
+    share: np.ndarray
+    drift: ZeroDrift | None = None
+
+    @property
+    def own(self) -> np.ndarray:
+        """Indices (9,), or (12,) where a drift is fitted, of the accelerometer's numbers in the joint vector."""
+        return np.r_[ACCELEROMETER, COUNT : len(self.system.x)]
 
     @property
     def prior(self) -> np.ndarray:
@@ -123,9 +135,9 @@ class JointFit:
 
     @property
     def beforehand(self) -> np.ndarray:
-        """(9, 10): change of ``x`` for one prior sigma of each of its parameters and of gravity's length."""
-        known = [*range(PARAMETERS), GRAVITY]
-        return self.system.leaning[ACCELEROMETER][:, known] * self.system.prior[known]
+        """(9, 10): change of ``x`` for one prior sigma of each of its parameters and of gravity's length; with a drift (12, 13)."""
+        known = [*self.own, GRAVITY]
+        return self.system.leaning[self.own][:, known] * self.system.prior[known]
 
     @property
     def covariance(self) -> np.ndarray:
@@ -147,16 +159,21 @@ class JointFit:
         found = zip(NAMES, off, sigma, sure, strict=True)
         return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s, there in found if there)
 
-    def moved(self, force: np.ndarray) -> np.ndarray:
-        """Convert forces (..., 3) m/s^2 from the previous calibration to the new one."""
-        return corrected(self.x, force)
+    def moved(self, force: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Convert forces (Q, 3) m/s^2 from the previous calibration to the new one, at these shares (Q,) of the session."""
+        return corrected(self.x, force - share[:, None] * self._drift(self.system.x))
+
+    def _drift(self, x: np.ndarray) -> np.ndarray:
+        """(3,) m/s^2 over the session of a joint vector, in the force of the previous calibration; zeros where none is fitted."""
+        return x[DRIFT] if len(x) > COUNT else np.zeros(DRIFTS)
 
     def without(self, left_out: np.ndarray, batch: Batch) -> Batch:
         """The batch with references from an estimate without the closure of the segments ``left_out`` (S,) bool."""
         root = self.system.root.copy()
         root[: len(left_out) * batch.angles][np.repeat(left_out, batch.angles)] = 0.0
-        moved = self.system.solve(root)[ACCELEROMETER] - self.system.solve()[ACCELEROMETER]
-        return bent(batch, self.first, self.last, corrected(IDENTITY + moved, self.force))
+        moved = self.system.solve(root) - self.system.solve()
+        force = self.force - self.share[:, None] * self._drift(moved)
+        return bent(batch, self.first, self.last, corrected(IDENTITY + moved[ACCELEROMETER], force))
 
 
 def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -> Batch:

@@ -52,6 +52,8 @@ def _try(effect: Effect) -> None:
     if effect.kind == "rate":
         _expect(effect, "distort", effect.distort(movement, theta), (SAMPLES, 3))
         _expect(effect, "correct", effect.correct(movement.rate, movement, theta), (SAMPLES, 3))
+    if effect.kind == "force":
+        _expect(effect, "bends", effect.bent(movement), (SAMPLES, 3, size))
     if not isinstance(said := effect.describe(theta), str):
         raise EffectError(f"{effect.id}: describe gives {type(said).__name__}, expected a sentence")
 

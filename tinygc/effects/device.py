@@ -98,3 +98,4 @@ DeviceCode = PerAxisC | MatrixC | StageC | NoC
 AHEAD = NoC("it needs samples that are yet to come")
 BYGONE = NoC("it belongs to the time of that one session")
 NONE = NoC("there is no C for it")
+OF_FORCE = NoC("it corrects the specific force, and the C corrects the rate")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from session.io.renamed import renamed_fields
-from session.io.units import DEG
+from session.io.units import DEG, G
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
 from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown
@@ -191,12 +191,14 @@ class StatedNumbers:
 STILLS, TURNS = "stills", "turns"
 CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES = "clipped turn", "false readings", "lost samples"
 CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH = "creeping stills", "clocks", "gravity's length"
+#: as ``GRAVITY_LENGTH``, drawn along the effect's ``conditions``
+GRAVITY_LAW = "gravity's law"
 WORLD, EARTH = "a rate fixed in the world", "the Earth's rate"
 #: pairs for laws that turns show, for an effect with one parameter for each axis: a scale error along its conditions, a lag (also of a
 #: matrix), a bias along its conditions; and the loss in a log that is sampled too slowly
 SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE = "scale law", "lag law", "energy law", "data rate"
 PAIRS = (
-    *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH),
+    *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, GRAVITY_LAW, WORLD, EARTH),
     *(SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE),
 )
 #: conditions that only turns have
@@ -241,6 +243,8 @@ OwnPicture = Callable[[PictureData, Any, Any], None]
 # An effect describes what it adds to the true rate of the sensing element, before the linear errors: the calibrated rate E m + B is
 # ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` has their display name and unit.
 
+#: g, below any register's step: a repeated substitution of the specific force ends there
+SETTLED_G = 1e-12
 #: JSON value of an effect that acts on the readings
 READINGS = "readings"
 KINDS = ("rate", "force", "earth", "register", "motion", "truth")
@@ -277,7 +281,8 @@ class Effect:
     exact_distort(movement, theta) -> (N, 3): the rate with the effect; by default from ``columns``.
     basis(movement) -> (N, K): for a bias of each axis that follows K known curves at any rate: ``columns`` without the zero entries.
     Parameter i * 3 + axis is the coefficient of curve i; a parameter of shape (3, K) has a row for each axis.
-    bends(force_g (N, 3)) -> (N, 3, P): for kind "force", the measured specific force per unit of each parameter, linear.
+    bends(movement) -> (N, 3, P): for kind "force", m/s^2 that one SI unit of each parameter adds to the measured specific force; the
+    movement has the measured force and the declared inputs, at each sample or in the middle of each still.
 
     Numbers.  scan: a shape number found by a search; shape: its value here, by JSON name; derived: the quantity in the JSON instead
     of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: relative uncertainty of the variable that
@@ -316,7 +321,7 @@ class Effect:
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
     passes: int | None = None
     basis: Callable[[Movement], np.ndarray] | None = None
-    bends: Callable[[np.ndarray], np.ndarray] | None = None
+    bends: Callable[[Movement], np.ndarray] | None = None
     picture: str | OwnPicture | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
@@ -378,6 +383,24 @@ class Effect:
         if self.basis is not None:
             return measured - self.basis(movement) @ self.shares(theta)
         return substituted(measured, movement, lambda moved: self._distorted(moved, theta) - moved.rate, self._passes)
+
+    def bent(self, movement: Movement) -> np.ndarray:
+        """Return ``bends`` (N, 3, P) m/s^2, of a movement with the measured force.  Raises EffectError as ``distort``."""
+        assert self.bends is not None  # of kind "force"
+        return self.bends(shown(self.id, ("force", *self.inputs), False, movement))
+
+    def correct_force(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
+        """Return the specific force (N, 3) g without the effect, from the movement's measured one."""
+        return movement.force_g - self.bent(movement) @ theta / G
+
+    def distort_force(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
+        """Return what is measured, (N, 3) g, where the specific force is the movement's: ``correct_force`` takes it back."""
+        measured = movement.force_g
+        for _ in range(MOST_PASSES):
+            before, measured = measured, movement.force_g + self.bent(movement.with_force(measured)) @ theta / G
+            if np.abs(measured - before).max(initial=0.0) < SETTLED_G:
+                break
+        return measured
 
     @property
     def _passes(self) -> int | None:

@@ -17,6 +17,7 @@ from session.detect.accelerometer import (
     SHEARS,
     UPPER,
     LengthFit,
+    ZeroDrift,
     after,
     matrix_of,
 )
@@ -41,7 +42,7 @@ class AccelerometerFit:
     mode: ``given``, ``fit`` or ``prior``; calibration in use; covariance (9, 9) of the correction x that led to it, SI, None where
     it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
     misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
-    correction, which is the identity if it was not stored.
+    correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for.
     """
 
     mode: str
@@ -51,6 +52,7 @@ class AccelerometerFit:
     p_value: float | None = None
     misses_mps2: tuple[np.ndarray, np.ndarray] | None = None
     x: np.ndarray = field(default_factory=IDENTITY.copy)
+    drift: ZeroDrift | None = None
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
@@ -119,7 +121,19 @@ class AccelerometerFit:
             "p_value": self.p_value,
             "gravity_spread_before_mg": before,
             "gravity_spread_mg": after,
+            "zero_drift": None if self.drift is None else drift_json(self.drift),
         }
+
+
+def drift_json(drift: ZeroDrift) -> dict:
+    """Return ``accelerometer.zero_drift`` of ``tinygc-fit/2``."""
+    per_1000s = 1000 / drift.duration_s / MG
+    return {
+        "mg_per_1000s": (drift.mps2 * per_1000s).tolist(),
+        "sigma": (drift.sigma_mps2 * per_1000s).tolist(),
+        "p_value": drift.p_value,
+        "significant": drift.significant,
+    }
 
 
 def triad_errors(values: np.ndarray) -> np.ndarray:
@@ -170,10 +184,14 @@ def accelerometer_fit(
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
     before = joint.before
     if joint.mode == "fit":  # before that, it was the first estimate from the lengths
-        before = np.linalg.norm(calibration.measured(joint.force), axis=1) - gravity_mps2
-    return AccelerometerFit(joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x)
+        moved = 0.0 if joint.drift is None else joint.share[:, None] * joint.drift.mps2
+        before = np.linalg.norm(calibration.measured(joint.force) + moved, axis=1) - gravity_mps2
+    return AccelerometerFit(
+        joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x, joint.drift
+    )
 
 
 def of_lengths(found: LengthFit) -> AccelerometerFit:
     """Describe the calibration from gravity's length in the stills alone."""
-    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, (found.before, found.after), found.x)
+    spread = found.before, found.after
+    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, spread, found.x, found.drift)

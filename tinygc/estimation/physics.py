@@ -28,7 +28,8 @@ class PhysicsFit:
 
     model; problem it was fitted to, after data repair; twin, whitener and refit that led to it; mended: ids of the effects repaired
     before; refused: whether a mismatch remains that no effect explains; methods: those that include the physics, by name; run_errors:
-    their errors (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing.
+    their errors (3,) rad in each closure run; lost_s: times in each run after which samples seem to be missing; of_force: the effects of
+    the accelerometer among those fitted, as JSON: no model has them.
     """
 
     model: PhysicsModel
@@ -41,6 +42,7 @@ class PhysicsFit:
     methods: dict[str, MethodFit] = field(default_factory=dict)
     run_errors: list[dict[str, np.ndarray]] = field(default_factory=list)
     lost_s: tuple[np.ndarray, ...] = ()
+    of_force: tuple[dict, ...] = ()
 
 
 #: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters

@@ -302,7 +302,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "components": [] if result.noise is None else result.noise.to_json(),
             **({} if result.physics is None else {"closure_floor_repaired_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
-        "accelerometer": result.accelerometer.to_json(),
+        "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else list(result.physics.of_force)},
         "goodness": vars(result.goodness),
         "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(),
         "systematic": None if result.allowed is None else result.allowed.to_json(),

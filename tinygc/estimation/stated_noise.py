@@ -11,14 +11,14 @@ from tinygc import closure
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import solve_lower
-from tinygc.closure.problem import ACCELEROMETER, GYROSCOPE, JointFit, Problem
+from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
 from tinygc.closure.uncertainty import GoodnessOfFit, chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import REFERENCE, TURN, SessionNoise, estimate, first_noise
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Whitener
 
 # The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #
@@ -27,8 +27,6 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, 
 
 #: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/fit_speed.py)
 MOST_SEGMENTS = 400
-#: m/s^2: prior of accelerometer parameters estimated from the same stills, far above their uncertainty
-OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
 #: those of the 12 ``precalibration_columns`` that gravity's length in stills determines: the bias, and the matrix' upper triangle
 FROM_LENGTHS = np.array([0, 1, 2, *(3 + 3 * i + j for i, j in zip(*np.triu_indices(3), strict=True))])
 
@@ -92,7 +90,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     J = whiten.back(fit.J) * prior_sigmas(twin, [])
     # The nine accelerometer parameters absorbed part of the lengths' scatter, which the residuals no longer contain.
     if joint is not None:
-        J = np.concatenate([J, joint_columns(problem, joint) * joint.prior], axis=1)
+        J = np.concatenate([J, joint_columns(problem, joint) * joint.system.prior[joint.own]], axis=1)
     elif own:
         J = np.concatenate([J, columns * OPEN_MPS2], axis=1)
     parts = first.components
@@ -120,17 +118,18 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
 
 
 def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
-    """Return the derivative (n, 9) of the stacked channels by the accelerometer's parameters; a still's rate does not depend on them."""
+    """Return the derivative (n, 9) of the stacked channels by the accelerometer's parameters, (n, 12) with a drift; a still's rate does not
+    depend on them."""
     rows = len(problem.used) * problem.batch.angles
-    design = joint.system.design[:, ACCELEROMETER]
-    return np.concatenate([design[:rows], np.zeros((3 * len(joint.force), ACCELEROMETER_PARAMETERS)), design[rows:]])
+    design = joint.system.design[:, joint.own]
+    return np.concatenate([design[:rows], np.zeros((3 * len(joint.force), design.shape[1])), design[rows:]])
 
 
 def joint_response(problem: Problem, joint: JointFit) -> np.ndarray:
-    """Return the response (9, n) of the accelerometer's parameters to an error of the stacked channels."""
+    """Return the response (9, n) of the accelerometer's parameters to an error of the stacked channels, (12, n) with a drift."""
     rows = len(problem.used) * problem.batch.angles
-    response = joint.system.response[ACCELEROMETER]
-    return np.concatenate([response[:, :rows], np.zeros((ACCELEROMETER_PARAMETERS, 3 * len(joint.force))), response[:, rows:]], axis=1)
+    response = joint.system.response[joint.own]
+    return np.concatenate([response[:, :rows], np.zeros((len(response), 3 * len(joint.force))), response[:, rows:]], axis=1)
 
 
 def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:
@@ -191,14 +190,15 @@ def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise
 
 
 def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the responses (21, n) and (21, 9) of the parameters to an error of each channel, and to one sigma of each prior."""
+    """Return the responses (21, n) and (21, k) of the parameters to an error of each channel, and to one sigma of each prior."""
     joint = problem.joint
     assert joint is not None
     gyroscope = _response(problem, model, noise, still_rates)
     columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
     through = gyroscope @ columns
-    rows = np.concatenate([accelerometer, gyroscope + through @ accelerometer])
-    return rows, np.concatenate([joint.beforehand, through @ joint.beforehand])
+    nine = slice(0, ACCELEROMETER_PARAMETERS)  # a drift is no parameter of the sensor, but its error is in those that are
+    rows = np.concatenate([accelerometer[nine], gyroscope + through @ accelerometer])
+    return rows, np.concatenate([joint.beforehand[nine], through @ joint.beforehand])
 
 
 def stated_response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:

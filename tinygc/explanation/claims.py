@@ -9,8 +9,9 @@ import numpy as np
 from scipy.special import stdtr
 
 from session.io.units import DEG
+from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.closure.uncertainty import chi_square_above
-from tinygc.effects import AppliedEffect, Convention, Effect, Parts, catalogue
+from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.evidence import PRIOR_ODDS, SCALES
@@ -64,6 +65,22 @@ def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, 
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
     values, spread = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     return theta, {parameter.name: values, **effect.shape}, {parameter.name: spread}
+
+
+def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
+    """Return the effect's sentence about the parameters theta (P,) that its covariance (P, P) leaves significant.
+
+    A sentence names the greatest parameter.  An axis that the recording hardly shows may have the greatest, and mean nothing.
+    """
+    if isinstance(effect.derived, Derived) or isinstance(effect.gauge_convention, CommonDelay):
+        return effect.describe(theta)  # of all parameters in common
+    if isinstance(effect.gauge_convention, Convention):
+        slope = effect.gauge_convention.slope(theta)
+        covariance = slope @ covariance @ slope.T
+    sigmas = np.abs(theta) / np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0)), 1e-300)
+    sure = sigmas > SAID_SIGMAS
+    sure[np.argmax(sigmas)] = True
+    return effect.describe(np.where(sure, theta, 0.0))
 
 
 def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
@@ -248,7 +265,7 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
         claim = fit.state.claims[number]
         theta, parameters, std = readable(claim, fit.theta_covariance(number))
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        says, stated = claim.effect.describe(theta), against_stated(claim, fit.theta_covariance(number))
+        says, stated = described(claim.effect, theta, fit.theta_covariance(number)), against_stated(claim, fit.theta_covariance(number))
         says = says if stated is None else f"{says}; {stated.words}"
         claims.append(
             Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals, stated)

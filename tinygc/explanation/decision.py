@@ -38,7 +38,7 @@ from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, UNDERSAMPLED, SessionNoise, known_whitener
 from tinygc.noise.refit import Refit, prior_sigmas, refit
 from tinygc.noise.twin import Twin, claim_slice
-from tinygc.noise.whitening import TOGETHER, Whitener
+from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 
 # Prove: closure on held-out segments, before, after, and the floor.
 
@@ -275,17 +275,26 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     whiten, fit = have.whiten, have.fit
     part = claim_slice(fit.state.claims, number)
     J = fit.J * prior
+    with_r, r = fit.r, fit.r - fit.J[:, part] @ fit.state.claims[number].theta
+    if have.effects[number].kind == "force" and twin.own_accelerometer:
+        # These stills gave the accelerometer's nine parameters: they are left out of those, too.
+        J = np.concatenate([J, whiten(twin.own_columns()) * OPEN_MPS2], axis=1)
+        with_r = _settled(with_r, J)
     fewer = np.delete(J, part, axis=1)
-    r = fit.r - fit.J[:, part] @ fit.state.claims[number].theta
-    r = r - fewer @ np.linalg.solve(fewer.T @ fewer + np.eye(fewer.shape[1]), fewer.T @ r)
+    r = _settled(r, fewer)
     if shapes is not None:
         with_it = left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
     else:
-        with_it = left_out(twin, whiten, fit.r, J)
+        with_it = left_out(twin, whiten, with_r, J)
     gains = per_segment(twin, have, left_out(twin, whiten, r, fewer)) - per_segment(twin, have, with_it)
     from scipy.stats import wilcoxon
 
     return float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+
+
+def _settled(r: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Residuals r (n,) after all parameters of the columns J (n, p), in units of their priors' sigmas, have moved to their optimum."""
+    return r - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ r)
 
 
 def left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:

@@ -21,7 +21,7 @@ from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of
 from tinygc.effects import Effect, movement_of
-from tinygc.explanation.claims import Claim
+from tinygc.explanation.claims import Claim, described
 from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import NAMELESS
@@ -242,7 +242,8 @@ def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_v
     parameter = effect.parameter
     values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     parameters = {parameter.name: values, **effect.shape}
-    return TruthClaim(effect, parameters, {parameter.name: std}, p_value, effect.describe(theta), theta=theta, sigma=sigma, **more)
+    says = effect.describe(theta) if sigma is None else described(effect, theta, np.diag(sigma**2))
+    return TruthClaim(effect, parameters, {parameter.name: std}, p_value, says, theta=theta, sigma=sigma, **more)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,8 @@ def candidates(twin: Twin) -> list[Effect]:
             continue
         if effect.kind == "earth" and twin.problem.earth.source != "none":
             continue
+        if effect.id == "reference.accelerometer" and twin.own_accelerometer:
+            continue  # its nine parameters are those of these very stills
         found += effect.variants(scanned(twin, effect))
     return found
 

@@ -141,15 +141,14 @@ def _turns(twin: Twin, fit: Refit) -> list[_Turn]:
     attitudes, ends = rotation.matrix(closure.attitudes(batch, padded)), rotation.matrix(batch.end)
     found = []
     for i, segment in enumerate(twin.segments):
-        samples = twin.seen.logs[segment.log].samples
         turn = attitudes[i, : segment.stop - segment.start]
         # The rotation in the table's frame that levels the predicted end as the accelerometer does.
         vertical = turn[-1] @ ends[i, 2]
         tilt = np.array([vertical[1], -vertical[0], 0.0]) * np.linspace(0, 1, len(turn))[:, None]
         turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
         rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
-        force = state.freed(samples.accel[segment.start : segment.stop])
-        found.append(_Turn(turn, rate, force, samples.period_s))
+        force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
+        found.append(_Turn(turn, rate, force, twin.seen.logs[segment.log].samples.period_s))
     return found
 
 

@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
 from session.io.units import DEG, G
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import ACCELEROMETER, Problem, conditions
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.models import linear
@@ -54,10 +55,6 @@ class State:
         """(3,) rad/s correction of the problem's Earth rate."""
         return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
 
-    def freed(self, force: np.ndarray) -> np.ndarray:
-        """Specific force (N, 3) m/s^2 without the residual errors of the pre-calibration."""
-        return sum((-bent_by(claim.effect, force) @ claim.theta for claim in self.claims if claim.effect.kind == "force"), force)
-
     @property
     def bends(self) -> bool:
         """Whether the pre-calibration leaves residual errors."""
@@ -76,12 +73,6 @@ class State:
         claims = (replace(claim, theta=vector[claim_slice(self.claims, number)]) for number, claim in enumerate(self.claims))
         model = LinearModel.from_vector(vector[LINEAR])
         return State(model, vector[EARTH], float(vector[GRAVITY]), self.axes, tuple(claims))
-
-
-def bent_by(effect: Effect, force: np.ndarray) -> np.ndarray:
-    """(N, 3, P): contribution of each parameter of an effect of kind "force" to specific force (N, 3) m/s^2."""
-    assert effect.bends is not None
-    return effect.bends(force / G)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +108,7 @@ class Twin:
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
+        self._known_taken_up: dict[Effect, np.ndarray] = {}
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
@@ -134,6 +126,62 @@ class Twin:
     def movements(self) -> list[Movement]:
         """Motion of each log, as passed to effects."""
         return [movement_in(self.problem, self.seen, self._thinnings, log) for log in range(len(self.problem.logs))]
+
+    @cached_property
+    def rests(self) -> Movement:
+        """The Q stills as the rows of one movement: mean force and temperature, the middle of each still, no rate."""
+        known, began = conditions(self.problem), self.problem.began_s
+        return Movement(
+            t_s=np.array([began[log] + still.start_s + still.duration_s / 2 for log, still in self.stills]),
+            dt_s=self.problem.logs[0].samples.period_s,
+            rate=np.zeros_like(self.force),
+            force_g=self.force / G,
+            temp_c=np.array([still.temp_c for _, still in self.stills]),
+            vibration_g2=np.zeros(len(self.force)),
+            duration_s=known.duration_s,
+            fs_rps=known.fs_rps,
+            first_temp_c=known.first_temp_c,
+        )
+
+    def freed(self, state: State, movement: Movement) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 of a movement without the accelerometer's errors that a state claims."""
+        errors = (-self.bent(claim.effect, movement) @ claim.theta for claim in state.claims if claim.effect.kind == "force")
+        return sum(errors, movement.force_g * G)
+
+    def bent(self, effect: Effect, movement: Movement) -> np.ndarray:
+        """(N, 3, P) m/s^2 that each parameter of an effect of kind "force" adds to a movement's specific force.
+
+        An accelerometer that was calibrated by these very stills has taken up a part of the effect in its nine parameters.  Naming the
+        effect takes that part back.
+        """
+        own = effect.bent(movement)
+        if not self.own_accelerometer or not len(self.force):
+            return own
+        return own - force_columns(IDENTITY, movement.force_g * G) @ self._taken_up(effect)
+
+    @property
+    def own_accelerometer(self) -> bool:
+        """Whether the accelerometer was calibrated by the stills of this recording."""
+        accelerometer = self.problem.session.config.accelerometer
+        return accelerometer.source == "stills" or bool(accelerometer.own_stills)
+
+    def _taken_up(self, effect: Effect) -> np.ndarray:
+        """(9, P): what one unit of each parameter of an effect leaves in an accelerometer's nine parameters."""
+        if effect in self._known_taken_up:
+            return self._known_taken_up[effect]
+        joint, own = self.problem.joint, effect.bent(self.rests)
+        closure_rows = len(self.segments) * self.batch.angles
+        if joint is not None and joint.system.design.shape[0] == closure_rows + len(self.force):
+            start = self.start()
+            moved = self._bending(start, self.rates(start), np.moveaxis(own, 2, 0))
+            rows = np.concatenate([moved.closure.reshape(closure_rows, -1), moved.length])
+            found = joint.system.response[ACCELEROMETER] @ rows
+        else:  # from the lengths alone
+            down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+            nine, own = (np.einsum("qi,qip->qp", down, columns) for columns in (force_columns(IDENTITY, self.force), own))
+            found = units(G)[:, None] * np.linalg.lstsq(nine * units(G), own, rcond=1e-6)[0]
+        self._known_taken_up[effect] = found
+        return found
 
     def rows(self, log: int, rows: slice) -> slice:
         """Position of a turn's rows among the rows passed to effects."""
@@ -174,14 +222,14 @@ class Twin:
         q_pred = closure.end_attitude(batch, self.padded(rates))
         angles = closure.error_angles(closure.batch_residual(batch, q_pred))
         earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
-        lengths = np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
+        lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
         return Channels(angles, self._still_means(rates) - earth, lengths)
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
         batch = self.batch
         if state.bends:
-            bent = self._tilted(state.freed(self.force))
+            bent = self._tilted(self.freed(state, self.rests))
             batch = replace(batch, start=bent[self.first], end=bent[self.last])
         if state.earth_t.any():
             (x, y, z), turn = state.earth_t, self._turns
@@ -272,7 +320,7 @@ class Twin:
 
     def force_columns(self, effect: Effect, state: State, rates: list[np.ndarray]) -> Channels:
         """Columns of an effect of kind "force"."""
-        return self._bending(state, rates, np.moveaxis(bent_by(effect, self.force), 2, 0))
+        return self._bending(state, rates, np.moveaxis(self.bent(effect, self.rests), 2, 0))
 
     def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
         """Columns of the accelerometer's bias (3) and matrix (9), all in m/s^2; the matrix as an error at one g."""
@@ -281,9 +329,14 @@ class Twin:
         matrix = np.einsum("ai,qj->ajqi", np.eye(3), down).reshape(9, len(self.stills), 3)
         return self._bending(state, rates, np.concatenate([bias, matrix]))
 
+    def own_columns(self) -> np.ndarray:
+        """(n, 9) stacked columns of the accelerometer's nine parameters, in m/s^2 at one g, at the initial state."""
+        start, nine = self.start(), force_columns(IDENTITY, self.force) * units(G)
+        return self._bending(start, self.rates(start), np.moveaxis(nine, 2, 0)).stacked()
+
     def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
         """Columns of P patterns (P, Q, 3) subtracted from the stills' force, by finite differences of the reference attitudes."""
-        padded, force, base = self.padded(rates), state.freed(self.force), self.batch_at(state)
+        padded, force, base = self.padded(rates), self.freed(state, self.rests), self.batch_at(state)
 
         turned = closure.turned(base, padded)
 

@@ -64,6 +64,8 @@ class Sparse:
 ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 #: sigma of a pre-calibration, at zero g and at one g: the zero-g level alone changes by 0.1 mg per degC (data sheet)
 PRECALIBRATION_MPS2 = 0.1 * MG
+#: m/s^2: prior of accelerometer parameters that were estimated from the same stills, far above their uncertainty
+OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
 #: groups of columns that are whitened at once (benchmarks/explain_speed.py)
 TOGETHER = 64
 

@@ -10,7 +10,7 @@ from session.detect.accelerometer import LengthFit
 from session.detect.check_references import truth_words
 from session.io.texts import command_line, printable
 from session.io.units import DEG, MG
-from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS, MethodFit
 from tinygc.estimation.results import FitResult, known_turns_words
@@ -39,6 +39,10 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
         shown = zip(values, spread, names, strict=True)
         cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
         table.add_row(f"{word}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
+    if found.drift is not None:
+        said = drift_json(found.drift)
+        cells = [f"{v:.2f} ± {s:.2f}" for v, s in zip(said["mg_per_1000s"], said["sigma"], strict=True)]
+        table.add_row("drift of the bias, mg/1000s", *cells)
     if found.mode == "prior":
         table.caption = f"the given calibration agrees with the data (p = {found.p_value:.2g})"
         table.caption_justify = "left"
@@ -148,7 +152,10 @@ def _denoiser_words(figures: dict) -> str:
 
 
 def _physics_words(physics: PhysicsFit) -> str:
-    fitted = [claim.effect.describe(claim.theta) for claim in physics.fit.state.claims]
+    from tinygc.explanation.claims import described  # with the search for effects, which a plain fit does not need
+
+    claims = enumerate(physics.fit.state.claims)
+    fitted = [described(claim.effect, claim.theta, physics.fit.theta_covariance(number)) for number, claim in claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:
         explain = command_line("explain")

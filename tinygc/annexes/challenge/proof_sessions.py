@@ -37,7 +37,7 @@ from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import PRECALIBRATION_MPS2, Whitener
 from tinygc.simulation.movement import MovementPlan, earth_rate_table
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import Disturb, plan_of, simulate_session
+from tinygc.simulation.simulator import Disturb, plan_of, simulate_session, temperature
 from tinygc.simulation.write import config_text, write_files
 
 # The result of a check: a line for each part.
@@ -289,7 +289,13 @@ class _Scene:
             # A fit allows for errors of an unknown pre-calibration; this one has errors of that size.
             rng = np.random.default_rng(self.options.seed)
             bias, matrix = (PRECALIBRATION_MPS2 * rng.standard_normal(shape) for shape in (3, (3, 3)))
-            return lambda t, force: force + theta + bias + force @ matrix.T / G
+            start_c, warm_up_c = self.options.temperature_start_c, self.options.warm_up_c
+
+            def bent(t: np.ndarray, force: np.ndarray) -> np.ndarray:
+                movement = self.movement(t, np.zeros_like(force), force, temperature(t, start_c, warm_up_c))
+                return self.effect.distort_force(movement, theta) * G + bias + force @ matrix.T / G
+
+            return bent
         return self.shaken if "vibration" in self.effect.inputs else None
 
     def shaken(self, t: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
 from tinygc.deploy.embedded.stages import Inputs
-from tinygc.effects import Effect, EffectError, NoC, ReferenceConditions
+from tinygc.effects import Effect, EffectError, Movement, NoC, ReferenceConditions
 from tinygc.effects.catalogue import having, tried
 from tinygc.explanation.engine import Explanation
 from tinygc.reporting.pictures.canvas import pair_of_panels
@@ -58,7 +58,7 @@ UNITS = {
     **dict.fromkeys(["s", "fraction", "samples", "1", "", "Hz", "rad", "rad/s", "m", "g", "°C", "%/100"], 1.0),
     **{"dps": DEG, "deg": DEG, "°": DEG, "mdps": 1e-3 * DEG, "mg": MG, "ms": 1e-3, "us": 1e-6, "%": 1e-2, "ppm": 1e-6, "min": 60.0},
 }
-PER = {"g": 1.0, "g²": 1.0, "°C": 1.0, "°C²": 1.0, "s": 1.0, "dps": DEG, "dps²": DEG**2, "Hz": 1.0, "V": 1.0}
+PER = {"g": 1.0, "g²": 1.0, "°C": 1.0, "°C²": 1.0, "s": 1.0, "dps": DEG, "dps²": DEG**2, "Hz": 1.0, "V": 1.0, "1000s": 1000.0, "h": 3600.0}
 LONGEST = 300
 RESERVED = ("id", "equation", "theta_si")
 
@@ -149,8 +149,10 @@ def columns(trial: EffectTrial) -> str:
 
 
 def undo(trial: EffectTrial) -> str:
-    """Check that ``correct`` restores the true rate, and changes nothing without parameters."""
+    """Check that ``correct`` restores the true rate, or ``correct_force`` the force, and changes nothing without parameters."""
     effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
+    if effect.kind == "force":
+        return _undo_force(effect, moved, trial.theta)
     if effect.kind != "rate":
         raise NotChecked(f"of kind {effect.kind}: it is not undone in the rate")
     distorted = effect.distort(moved, trial.theta)
@@ -163,6 +165,15 @@ def undo(trial: EffectTrial) -> str:
     if np.abs(effect.correct(moved.rate, moved, zero) - moved.rate).max() > 1e-12:
         raise Wrong("correct changes the rate although all parameters are zero")
     return f"correct leaves {100 * left:.2g} % of what distort did"
+
+
+def _undo_force(effect: Effect, moved: Movement, theta: np.ndarray) -> str:
+    measured = effect.distort_force(moved, theta)
+    done = float(np.abs(measured - moved.force_g).max())
+    left = float(np.abs(effect.correct_force(moved.with_force(measured), theta) - moved.force_g).max()) / done if done > 0 else np.inf
+    if not left < UNDONE_WITHIN:
+        raise Wrong(f"correct_force leaves {100 * left:.2g} % of what distort_force did (at most {100 * UNDONE_WITHIN:g} %)")
+    return f"correct_force leaves {100 * left:.2g} % of what distort_force did"
 
 
 # Use on whole logs, on pieces and sample by sample, within the declared reach.

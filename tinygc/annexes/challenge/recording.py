@@ -250,7 +250,7 @@ def _shuffled(sized: list[list[Drawn]], turn: int, rng: np.random.Generator) -> 
 def _can_be_concealed(name: str, effect: Effect | None, has_temperature: bool) -> bool:
     if not has_temperature and ((effect is not None and "temperature" in effect.inputs) or name == "outside.temperature_curve"):
         return False
-    return effect is None or effect.kind == "rate" or name in (*BY_STRENGTH, "reference.accelerometer")
+    return effect is None or effect.kind in ("rate", "force") or name in BY_STRENGTH
 
 
 def _sizes(name: str, effect: Effect | None, detection_limits: dict[str, float]) -> list[tuple[float, str]]:
@@ -280,8 +280,8 @@ def inject(recording: HostRecording, trial: InjectionTrial) -> Spoilt:
     steps = [steps_of(recording.session, number) for number in range(len(logs))]
     if trial.id in FAULTS:
         return FAULTS[trial.id](logs, steps, trial.size, rng)
-    if trial.id == "reference.accelerometer":
-        return _accelerometer(recording, logs, steps, trial.size, rng)
+    if trial.id in catalogue() and catalogue()[trial.id].kind == "force":
+        return _of_force(recording, logs, steps, trial, rng)
     changes, truth = rate_changes(recording, trial, rng)
     spoilt = [with_gyro(log, requantised(log.gyro, change, step.gyro, rng)) for log, change, step in zip(logs, changes, steps, strict=True)]
     return Spoilt(tuple(spoilt), truth)
@@ -319,18 +319,19 @@ def requantised(old: np.ndarray, change: np.ndarray, step: float, rng: np.random
     return old + step * np.floor(change / step + rng.uniform(size=change.shape))
 
 
-def _accelerometer(
-    recording: HostRecording, logs: tuple[Samples, ...], steps: list[Steps], size_mg: float, rng: np.random.Generator
+def _of_force(
+    recording: HostRecording, logs: tuple[Samples, ...], steps: list[Steps], trial: InjectionTrial, rng: np.random.Generator
 ) -> Spoilt:
-    """The accelerometer's pre-calibration leaves a bias, here of so many mg in a random direction."""
-    parameter, direction = catalogue()["reference.accelerometer"].parameter, rng.standard_normal(3)
-    bias = size_mg * direction / np.linalg.norm(direction)
-    measured = np.linalg.inv(recording.session.config.accelerometer.matrix) @ (bias * parameter.si)
+    """An effect of the accelerometer, of this size in a random direction: the readings of which the calibration makes its force."""
+    effect = catalogue()[trial.id]
+    parameter, direction = effect.parameter, rng.standard_normal(effect.parameter.size)
+    shown = trial.size * direction / np.linalg.norm(direction)
+    back = np.linalg.inv(recording.session.config.accelerometer.matrix).T
+    changes = [(effect.distort_force(m, shown * parameter.si) - m.force_g) * G @ back for m in recording.movements]
     changed = [
-        log.with_accel(requantised(log.accel, np.broadcast_to(measured, log.accel.shape), step.accel, rng))
-        for log, step in zip(logs, steps, strict=True)
+        log.with_accel(requantised(log.accel, change, step.accel, rng)) for log, change, step in zip(logs, changes, steps, strict=True)
     ]
-    return Spoilt(tuple(changed), {parameter.name: bias.tolist()})
+    return Spoilt(tuple(changed), {parameter.name: shown.reshape(parameter.shape).tolist()})
 
 
 # Faults of the registers; strengths are of the strong size of ``other_effects``

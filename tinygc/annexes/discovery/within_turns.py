@@ -6,7 +6,7 @@ import numpy as np
 
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.explanation.evidence import Hypothesis
-from tinygc.noise.channels import turn_equations
+from tinygc.noise.turn_gravity import lever_equations
 from tinygc.noise.twin import Twin
 
 # Closure sees the ends of a turn alone.  Within it, the accelerometer shows gravity, behind what the hand and a lever arm add: the lever
@@ -32,6 +32,6 @@ class WithinTurns:
     def _squares(self, hypothesis: Hypothesis) -> np.ndarray:
         key = id(hypothesis)
         if key not in self._left:
-            equations = turn_equations(self.twin, hypothesis.fit)
+            equations = lever_equations(self.twin, hypothesis.fit)
             self._left[key] = equations.left(equations.solve()), hypothesis  # which keeps its id
         return self._left[key][0]

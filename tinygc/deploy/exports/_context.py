@@ -81,7 +81,16 @@ class Context:
             "stills": "from the session's own stills and turns",
             "none": "nobody has calibrated it: as measured",
         }[self.accelerometer.source]
-        return f"{words}; not observed: {', '.join(self.accelerometer_unobserved)}" if self.accelerometer_unobserved else words
+        if self.accelerometer_unobserved:
+            words = f"{words}; not observed: {', '.join(self.accelerometer_unobserved)}"
+        return f"{words}; not in this format: {', '.join(self.effects_of_force)}" if self.effects_of_force else words
+
+    @property
+    def effects_of_force(self) -> tuple[str, ...]:
+        """Ids of the accelerometer's effects that the fit found: no format has them."""
+        known = self.fit.get("accelerometer") or {}
+        drift = ["accelerometer.zero_drift"] if (known.get("zero_drift") or {}).get("significant") else []
+        return tuple(dict.fromkeys([*drift, *(each["id"] for each in known.get("effects") or ())]))
 
     @property
     def accelerometer_unobserved(self) -> tuple[str, ...]:

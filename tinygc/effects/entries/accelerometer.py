@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.io.units import MG, G
-from tinygc.effects import Effect, Parameter, Parts, axis_of, largest, nothing
+from tinygc.effects import Effect, Movement, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.effect import GRAVITY_LENGTH
 
 UPPER = np.triu_indices(3)
@@ -19,16 +19,16 @@ TOLD = np.eye(9)
 TOLD[np.ix_(SCALES, SCALES)] -= 1 / 3
 
 
-def _bias(force_g: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(np.eye(3), (len(force_g), 3, 3))
+def _bias(movement: Movement) -> np.ndarray:
+    return np.broadcast_to(np.eye(3), (len(movement.force_g), 3, 3))
 
 
-def _nine(force_g: np.ndarray) -> np.ndarray:
+def _nine(movement: Movement) -> np.ndarray:
     """A bias, and an upper triangle: length determines the sensor's axes up to a rotation, which the body frame absorbs."""
-    columns = np.zeros((len(force_g), 3, 9))
+    columns = np.zeros((len(movement.force_g), 3, 9))
     columns[:, :, :3] = np.eye(3)
     rows, of = UPPER
-    columns[:, rows, np.arange(3, 9)] = force_g[:, of]
+    columns[:, rows, np.arange(3, 9)] = movement.force_g[:, of]
     return columns @ TOLD
 
 

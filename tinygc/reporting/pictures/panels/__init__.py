@@ -37,6 +37,7 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
     effect.CREEPING_STILLS: (in_stills.turned_angle, in_stills.rate_against_bar),
     effect.CLOCKS: (in_turns.misfit_over_offset, in_turns.misfit_by_turn),
     effect.GRAVITY_LENGTH: (in_stills.over_attitude, in_stills.length_against_explained),
+    effect.GRAVITY_LAW: (in_stills.length_over_conditions, in_stills.length_against_explained),
     effect.WORLD: (in_stills.in_the_table, in_stills.against_explained),
     effect.EARTH: (partial(in_stills.in_the_table, as_the_earths=True), in_stills.against_explained),
     effect.SCALE_LAW: _before_and_after(in_turns.along_law),

@@ -12,7 +12,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
-from tinygc.noise.twin import Variable, bent_by
+from tinygc.noise.twin import Variable, variable_of
 from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, value_text
 from tinygc.reporting.pictures.values import (
     added_in_stills,
@@ -148,10 +148,30 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
     legend(axes, claim.effect.equation)
 
 
+def _length_explained(e: Explanation, claim: Claim) -> np.ndarray:
+    """(Q,) m/s^2 that an effect of the accelerometer adds to gravity's length in each still."""
+    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    return np.sum(down * (e.twin.bent(claim.effect, e.twin.rests) @ theta(e, claim)), axis=1)
+
+
+def length_over_conditions(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Plot gravity's length in each still along the effect's variable, before (filled) and after (rings)."""
+    variable = variable_of(claim.effect, theta(e, claim))
+    x, after = variable.of_stills(e.twin), lengths_per_still(e)[1] / MG
+    axes.plot(x, after + _length_explained(e, claim) / MG, "o", color=BEFORE, ms=4, label="before")
+    axes.plot(x, after, "o", color=AFTER, mfc="none", ms=4, label="after")
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.set(
+        xlabel=f"{variable.words} ({variable.units})",
+        ylabel="length of gravity beyond one value (mg)",
+        title="Where it lives: gravity's length in each still",
+    )
+    legend(axes, claim.effect.equation)
+
+
 def length_against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Plot the recorded over the predicted change of gravity's length in each attitude."""
-    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
-    says = np.sum(down * (bent_by(claim.effect, e.twin.force) @ theta(e, claim)), axis=1) / MG
+    says = _length_explained(e, claim) / MG
     recorded = says + lengths_per_still(e)[1] / MG
     axes.plot(says, recorded, "o", color=AFTER, ms=4)
     span = [min(says.min(), recorded.min()), max(says.max(), recorded.max())]

@@ -27,7 +27,7 @@ from tinygc.noise.refit import Replay
 
 NAMES = "abcdef"
 EFFECTS = {name: effect(name) for name in NAMES}
-LATE = Convention(lambda theta: theta, lambda theta: np.eye(1))
+LATE = Convention(lambda theta: theta, lambda theta: np.eye(1), delays=(0,))
 DELAYS = {name: effect(name, gauge_convention=LATE) for name in NAMES}
 
 

@@ -99,7 +99,7 @@ def explain(args: argparse.Namespace) -> int:
         )
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
-        found = library.explain(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+        found = library.explain(args.folder, seed=args.seed, use_earth=not args.no_earth, check_on=args.check_on, progress=progress)
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"written: {folder}", soft_wrap=True)

@@ -329,8 +329,8 @@ def _moment(moment: Moment, begins: float) -> dict:
     }
 
 
-def save_array_explanation(found: ArrayExplanation, folder: Path | None = None) -> Path:
-    """Write ``array.json``, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
+def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:
+    """Write ``array.json`` with this table, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
 
     Raises CalibrationError if the array has no folder and none is given.
     """
@@ -342,7 +342,7 @@ def save_array_explanation(found: ArrayExplanation, folder: Path | None = None) 
         for number, explanation in found.explanations.items():
             with result_folder(folder / f"unit{number}"):
                 write_whole(folder / f"unit{number}" / "explain.json", to_json(explanation))
-        write_whole(folder / NAME, explained_to_json(found))
+        write_whole(folder / NAME, table)
     return folder
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from session.annexes.arrays.recording import ArraySession, read_array
+from tinygc.annexes.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.annexes.arrays.explanation import (
     ArrayExplanation,
     array_explain_page,
@@ -71,6 +72,8 @@ class ExplainedArray:
     """Result of ``explain`` of an array; ``result`` holds all estimates, in SI."""
 
     result: ArrayExplanation
+    #: other recordings of the array that it was checked on
+    checked: tuple[CheckedArray, ...] = ()
 
     def __repr__(self) -> str:
         return f"<ExplainedArray {self.result.fit.array.name}: {self.result.verdict}>"
@@ -78,7 +81,7 @@ class ExplainedArray:
     @property
     def page(self) -> Group:
         """Return the command's output, for rich."""
-        return array_explain_page(self.result)
+        return Group(array_explain_page(self.result), *checked_units_page(list(self.checked)))
 
     def summary(self) -> str:
         """Return the page as plain text."""
@@ -86,16 +89,28 @@ class ExplainedArray:
 
     def to_json(self) -> dict:
         """Return ``tinygc-array-explain/2`` (docs/formats.md)."""
-        return explained_to_json(self.result)
+        return explained_to_json(self.result) | {"checked": checked_units_to_json(list(self.checked))}
 
     def save(self, folder: Path | str | None = None) -> Path:
         """Write the result, and each unit's, into a folder (``explain`` in the array's); return it."""
-        return save_array_explanation(self.result, None if folder is None else Path(folder))
+        return save_array_explanation(self.result, None if folder is None else Path(folder), self.to_json())
 
 
 def explain(
-    array: ArraySession | Path | str, *, seed: int = 0, use_earth: bool = True, progress: Progress = lambda what, done, of: None
+    array: ArraySession | Path | str,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    check_on: Sequence[ArraySession | Path | str] = (),
+    progress: Progress = lambda what, done, of: None,
 ) -> ExplainedArray:
-    """Explain an array, or an array's folder.  Raises CalibrationError with one line for data that cannot be read or fitted."""
-    read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
-    return ExplainedArray(explain_array(read, seed=seed, use_earth=use_earth, progress=progress))
+    """Explain an array, or an array's folder; check_on: other recordings of it.
+
+    Raises CalibrationError with one line for data that cannot be read or fitted.
+    """
+    read, *others = (
+        each if isinstance(each, ArraySession) else read_array(each, lambda name: progress(f"reading {name}", 0, 1))
+        for each in (array, *check_on)
+    )
+    found = explain_array(read, seed=seed, use_earth=use_earth, progress=progress)
+    return ExplainedArray(found, tuple(check_units(found, other, seed=seed, use_earth=use_earth, progress=progress) for other in others))

@@ -1,0 +1,77 @@
+"""Effects of an array's units checked in another recording of the array."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from formats_page import strangers
+
+from session.annexes.arrays.recording import read_array
+from session.io.errors import DataError, SegmentError
+from tinygc import SimulationOptions
+from tinygc.annexes.arrays import checked as module
+from tinygc.annexes.arrays import library
+from tinygc.annexes.arrays.checked import check_units, checked_units_page, checked_units_to_json
+from tinygc.annexes.arrays.options import ArrayOptions
+from tinygc.annexes.arrays.simulation import simulate_array, write_array
+from tinygc.effects import catalogue
+from tinygc.explanation.checked import Checked, Named, Outcome, There
+from tinygc.reporting.terminal import Group, as_text
+
+THETA = np.array([1e-3, 2e-3, -1e-3])
+NAMED = Named(catalogue()["gyro.scale_asymmetry"], THETA, 1e-10 * np.eye(3), 0.99)
+
+
+@pytest.fixture(name="found")
+def of_two_units(monkeypatch):
+    """Units 0 and 3 of an array, of which unit 3 cannot be explained in the other recording."""
+
+    def explain(unit, **_):
+        if unit == "other 3":
+            raise SegmentError("too few turns")
+        return f"explained {unit}"
+
+    monkeypatch.setattr(module, "with_own_accelerometer", lambda unit: (unit, []))
+    monkeypatch.setattr(module, "explain_session", explain)
+    there = There(NAMED, Outcome.CONFIRMED, 90.0, 0.4, 1.0, NAMED, (1.0, 0.02), (2 * DEG, 1 * DEG))
+    session = SimpleNamespace(name="other")
+    monkeypatch.setattr(
+        module, "check_on", lambda first, told, seed: Checked(session, True, [there] if told == "explained other 0" else [])
+    )
+    return SimpleNamespace(explanations={0: "first 0", 3: "first 3"})
+
+
+def test_each_unit_is_checked_on_the_unit_of_its_number(found):
+    other = SimpleNamespace(name="other", folder="other", numbers=(0, 1, 3), units=("other 0", "other 1", "other 3"))
+    checked = [check_units(found, other)]
+    assert checked[0].not_checked == {3: "too few turns"}
+    (table,) = checked_units_to_json(checked)
+    assert [unit["number"] for unit in table["units"]] == [0, 3]
+    assert table["units"][0]["effects"][0]["outcome"] == "confirmed"
+    assert table["units"][1]["error"] == "too few turns"
+    text = as_text(Group(*checked_units_page(checked)))
+    assert "gyro.scale_asymmetry: confirmed in 1 of 1 recordings" in text
+    assert "Unit 3 was not checked on other: too few turns" in text
+
+
+def test_another_array_is_refused(found):
+    other = SimpleNamespace(name="other", folder="other", numbers=(7,), units=("other 7",))
+    with pytest.raises(DataError, match="it has units 7, expected some of 0, 3"):
+        check_units(found, other)
+
+
+@pytest.mark.slow
+def test_a_units_effect_is_confirmed_in_the_arrays_next_recording(tmp_path):
+    matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
+    distort = {1: lambda t_s, rate, force, temp_c: rate + force @ matrix.T}
+    folders = []
+    for seed in (8, 9):
+        options = SimulationOptions(segments=16, closure_s=0, odr_hz=104, seed=seed, unit_seed=8)
+        folders.append(write_array(simulate_array(options, ArrayOptions(units=2), distort=distort), tmp_path / f"array{seed}"))
+    told = library.explain(read_array(folders[0]), check_on=[folders[1]])
+    table = json.loads((told.save(tmp_path / "out") / "array.json").read_text(encoding="utf-8"))
+    assert not strangers(table)
+    outcomes = {unit["number"]: [(e["id"], e["outcome"]) for e in unit["effects"]] for unit in table["checked"][0]["units"]}
+    assert outcomes == {0: [], 1: [("gyro.g_sensitivity", "confirmed")]}

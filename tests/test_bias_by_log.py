@@ -102,11 +102,11 @@ def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch, more
     ("asked", "used", "unseen", "of_lot", "words"),
     [
         ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
-        ("auto", "ends", False, False, "from the ends of the turns (which closes held-out turns as well);"),
+        ("auto", "ends", False, False, "from the ends of the turns (so few turns do not tell that the stills are better, p = 0.031);"),
         ("ends", "ends", True, True, "from the ends of the turns (as asked);"),
         ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
         ("auto", "stills", False, True, "with a lot's prior and few turns, using their ends is not significantly better."),
-        ("auto", "ends", False, True, "which closes held-out turns as well"),
+        ("auto", "ends", False, True, "so few turns do not tell that the stills are better"),
         ("stills", "stills", False, True, "(as asked);"),
         ("stills", "stills", True, False, "(as asked);"),
     ],

@@ -15,6 +15,7 @@ from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import SimulationOptions, explain
 from tinygc.effects import catalogue
 from tinygc.explanation.checked import (
+    GRAVEST,
     STRONG,
     Checked,
     Named,
@@ -34,6 +35,7 @@ from tinygc.explanation.checked import (
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.standing import Standing
+from tinygc.explanation.truth_names import OFFSET
 from tinygc.noise.refit import refit
 from tinygc.reporting.checked_text import checked_page, odds_words
 from tinygc.reporting.terminal import Group, as_text
@@ -70,6 +72,10 @@ def test_the_size_there_is_the_share_along_the_named_one():
 
 def test_the_same_size_is_confirmed_none_is_contradicted_and_too_little_to_see_is_neither():
     assert weighed_by(NAMED, there(THETA, COVARIANCE), 0).outcome is Outcome.CONFIRMED
+    small = weighed_by(NAMED, there(0.35 * THETA, COVARIANCE), 0)
+    assert small.odds < -STRONG  # nearer to none than to the named size, and there
+    assert small.outcome is Outcome.OTHER_SIZE
+    assert weighed_by(NAMED, there(-0.35 * THETA, COVARIANCE), 0).outcome is Outcome.CONTRADICTED
     nothing = weighed_by(NAMED, there(np.zeros(3), COVARIANCE), 0)
     assert nothing.outcome is Outcome.CONTRADICTED
     assert nothing.standing is Standing.AGAINST
@@ -132,14 +138,15 @@ def test_what_belongs_to_one_recording_is_not_taken_to_another():
     known = catalogue()
     moments = ("gyro.bias_drift", "gyro.bias_step", "data.glitches", "timing.dropped_samples", "reference.not_still", "motion.undersampled")
     assert all(of_recording(known[name]) for name in moments)
+    assert of_recording(known["accelerometer.zero_drift"])
     lasting = ("gyro.g_sensitivity", "gyro.bandwidth", "gyro.thermal_bias", "earth.rotation", "timing.gyro_accel_offset")
     assert not any(of_recording(known[name]) for name in lasting)
 
 
-def test_units_share_the_earth_and_the_clocks_of_their_board():
+def test_devices_share_the_earth_and_the_truth():
     known = catalogue()
-    assert all(of_unit(known[name]) for name in ("gyro.g_sensitivity", "gyro.bandwidth", "reference.accelerometer"))
-    assert not any(of_unit(known[name]) for name in ("earth.rotation", "timing.gyro_accel_offset", "timing.axis_skew"))
+    assert all(of_unit(known[name]) for name in ("gyro.g_sensitivity", "timing.gyro_accel_offset", "timing.axis_skew"))
+    assert not any(map(of_unit, (known["earth.rotation"], OFFSET)))
 
 
 def test_a_contradiction_anywhere_counts_and_blindness_does_not():
@@ -147,6 +154,7 @@ def test_a_contradiction_anywhere_counts_and_blindness_does_not():
     assert of(Outcome.CONFIRMED, Outcome.CONTRADICTED) is Outcome.CONTRADICTED
     assert of(Outcome.NO_POWER, Outcome.CONFIRMED, Outcome.NOT_CONFIRMED) is Outcome.CONFIRMED
     assert of(Outcome.NO_POWER, Outcome.NOT_CONFIRMED) is Outcome.NOT_CONFIRMED
+    assert set(GRAVEST) == set(Outcome)
 
 
 def test_odds_in_words():
@@ -179,6 +187,10 @@ def test_the_sessions_of_a_unit_are_found_by_its_serial_number(unit):
     assert [path.name for path in others_beside(unit / "first")] == ["second", "sound"]
     assert [path.name for path in recordings_at(unit, unit / "first", "SIM-1")] == ["second", "sound"]
     assert recordings_at(unit / "sound", unit / "first", "SIM-1") == [unit / "sound"]
+    with pytest.raises(DataError, match="is the recording itself"):
+        recordings_at(unit / "first", unit / "first", "SIM-1")
+    with pytest.raises(DataError, match="not found"):
+        recordings_at(unit / "nowhere", unit / "first", "SIM-1")
     with pytest.raises(DataError, match="sessions of the unit 'SIM-2' other than first"):
         recordings_at(unit, unit / "first", "SIM-2")
 
@@ -202,12 +214,17 @@ def test_an_effect_that_is_not_there_is_contradicted(explained):
     assert after > 5 * before
 
 
+def test_a_copy_of_the_recording_confirms_nothing(explained):
+    with pytest.raises(DataError, match="holds a log of first itself"):
+        check_on(explained["first"], explained["first"])
+
+
 def test_another_units_own_effect_is_not_checked(explained):
     session = explained["second"].session
     config = replace(session.config, sensor=replace(session.config.sensor, serial="SIM-2"))
     stranger = replace(explained["second"], session=replace(session, config=config))
     checked = check_on(explained["first"], stranger)
-    assert not checked.same_unit
+    assert checked.same_unit is False
     (found,) = checked.effects
     assert found.outcome is Outcome.OF_UNIT
     assert found.there.theta == pytest.approx(found.named.theta, abs=0.01 * DEG)
@@ -238,7 +255,7 @@ def test_the_page_and_the_json_give_sizes_closures_and_outcomes_side_by_side(uni
     assert entry["closure_rms_deg"]["after"] < entry["closure_rms_deg"]["before"]
     assert json.loads(json.dumps(why.to_json()))["checked"][1]["effects"][0]["outcome"] == "contradicted"
     text = as_text(Group(*checked_page(why.checked)))
-    assert "gyro.g_sensitivity: contradicted in 1 of 2 recordings that can show it" in text
+    assert "gyro.g_sensitivity: contradicted in 1, confirmed in 1 of 2 recordings" in text
     assert "1 : > 1e6" in text
 
 

@@ -17,7 +17,8 @@ def others_beside(folder: Path) -> list[Path]:
     """Return the sessions in the parent folder that name the same unit, in order of their names; none if the session names no serial."""
     try:
         serial = serial_of(folder)
-        return [other for other in sessions_of(folder.resolve().parent, serial) if other != folder.resolve()] if serial else []
+        near = sessions_of(folder.resolve().parent, serial, MOST_LOOKED_AT) if serial else ()
+        return [other for other in near if other != folder.resolve()]
     except (CalibrationError, OSError):
         return []
 
@@ -27,7 +28,13 @@ def recordings_at(place: Path, first: Path, serial: str) -> list[Path]:
 
     Raises DataError if there is none.
     """
-    if is_session(place) or is_array(place):
+    if not place.exists():
+        raise DataError(f"{place}: not found; give a session folder, or one that holds sessions of the unit")
+    if place.is_dir() and is_array(place):
+        raise DataError(f"{place}: is an array's folder; give one unit a folder of its own, or check an array on it")
+    if place.resolve() == first.resolve():
+        raise DataError(f"{place}: is the recording itself, which confirms nothing; give another one of the unit")
+    if is_session(place):
         return [place]
     found = [other for other in sessions_of(place, serial) if other.resolve() != first.resolve()] if place.is_dir() else []
     if not found:
@@ -41,9 +48,12 @@ def serial_of(folder: Path) -> str:
     return read_config(folder / "session.toml").sensor.serial
 
 
-def sessions_of(place: Path, serial: str) -> Iterator[Path]:
-    """Yield the session folders in a folder that name this serial number; all of them for ``""``.  Folders that cannot be read are none."""
-    for folder in sorted(path for path in place.iterdir() if path.is_dir())[:MOST_LOOKED_AT]:
+def sessions_of(place: Path, serial: str, most: int | None = None) -> Iterator[Path]:
+    """Yield the session folders among the first ``most`` of a folder that name this serial number; all of them for ``""``.
+
+    Folders that cannot be read are none.
+    """
+    for folder in sorted(path for path in place.iterdir() if path.is_dir())[:most]:
         try:
             if is_session(folder) and not is_array(folder) and (not serial or serial_of(folder) == serial):
                 yield folder

@@ -13,14 +13,15 @@ from enum import StrEnum
 import numpy as np
 from scipy.special import chdtrc, logsumexp
 
-from session.io.folder import Session
+from session.io.errors import DataError
+from session.io.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
 from tinygc.explanation.decision import left_out, tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
-from tinygc.explanation.standing import LEVEL, Standing
+from tinygc.explanation.standing import LEVEL, ONE_SIDED, Standing
 from tinygc.explanation.truth_evidence import TruthExplanation, rms
 from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.twin import Twin, claim_slice
@@ -40,14 +41,16 @@ class Outcome(StrEnum):
     """What another recording says of an effect."""
 
     CONFIRMED = "confirmed"
+    OTHER_SIZE = "another size"
     NOT_CONFIRMED = "not confirmed"
     CONTRADICTED = "contradicted"
     NO_POWER = "no power"
     OF_RECORDING = "of one recording"
     OF_UNIT = "of one unit"
+    NO_NUMBERS = "no numbers"
 
 
-STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.CONTRADICTED: Standing.AGAINST}
+STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.OTHER_SIZE: Standing.FOR, Outcome.CONTRADICTED: Standing.AGAINST}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,15 +90,16 @@ class There:
     @property
     def other_size(self) -> bool:
         """Whether the effect is there, but not at the named size."""
-        return self.outcome is Outcome.CONFIRMED and self.same_p < LEVEL
+        return self.outcome in (Outcome.CONFIRMED, Outcome.OTHER_SIZE) and self.same_p < LEVEL
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A recording on which the effects of another were checked; same_unit: whether it is of the same unit."""
+    """A recording on which the effects of another were checked; same_unit: whether both name the same serial number, None if one names
+    none."""
 
     session: Session
-    same_unit: bool
+    same_unit: bool | None
     effects: list[There] = field(default_factory=list)
 
 
@@ -141,22 +145,29 @@ def of_recording(effect: Effect) -> bool:
 
 
 def of_unit(effect: Effect) -> bool:
-    """Whether an effect belongs to one sensor, and not to what units share: the Earth, the truth, the clocks of a board."""
-    return effect.kind in ("rate", "force") and not effect.id.startswith("timing.")
+    """Whether an effect belongs to one device, and not to what devices share: the Earth and the truth."""
+    return effect.kind not in ("earth", "truth")
 
 
 # The check: the other recording is predicted with the named numbers.
 
 
 def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthExplanation, seed: int = 0) -> Checked:
-    """Check the effects named in one recording on another, which was explained by itself; seed: of the draws behind the power."""
-    serials = {e.session.config.sensor.serial for e in (first, other)} - {""}
-    checked = Checked(other.session, len(serials) < 2)
+    """Check the effects named in one recording on another, which was explained by itself; seed: of the draws behind the power.
+
+    Raises DataError if both hold the same log: no recording confirms itself.
+    """
+    if {hash_of_log(log) for log in first.session.logs} & {hash_of_log(log) for log in other.session.logs}:
+        raise DataError(f"{other.session.name}: holds a log of {first.session.name} itself, which confirms nothing; give another recording")
+    serials = [e.session.config.sensor.serial for e in (first, other)]
+    checked = Checked(other.session, serials[0] == serials[1] if all(serials) else None)
     evidence: Evidence | None = None
     for named in named_in(first):
-        if of_recording(named.effect) or not np.isfinite(named.theta).all():
+        if of_recording(named.effect):
             checked.effects.append(There(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
-        elif not checked.same_unit and of_unit(named.effect):
+        elif not np.isfinite(named.theta).all():
+            checked.effects.append(There(named, Outcome.NO_NUMBERS))
+        elif checked.same_unit is False and of_unit(named.effect):
             checked.effects.append(There(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
         elif named.effect.id in (DELAY, OFFSET.id):
             measured = _measured(other, named.effect.id)
@@ -182,13 +193,16 @@ def weighed_by(named: Named, there: Named, seed: int, odds: float | None = None)
     same_p = float(chdtrc(len(apart), apart @ np.linalg.solve(together, apart)))
     drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(apart))) @ np.linalg.cholesky(together).T + named.theta
     power = float(np.mean(odds_of(drawn, named, there.covariance) >= STRONG))
+    size = size_of(named, there)
     if odds >= STRONG:
         outcome = Outcome.CONFIRMED
+    elif same_p < LEVEL and size[0] > ONE_SIDED * size[1]:
+        outcome = Outcome.OTHER_SIZE
     elif odds <= -STRONG and same_p < LEVEL:
         outcome = Outcome.CONTRADICTED
     else:
         outcome = Outcome.NOT_CONFIRMED if power >= LEAST_POWER else Outcome.NO_POWER
-    return There(named, outcome, odds, same_p, power, there, size_of(named, there))
+    return There(named, outcome, odds, same_p, power, there, size)
 
 
 def odds_of(estimates: np.ndarray, named: Named, covariance: np.ndarray) -> np.ndarray:
@@ -209,7 +223,7 @@ def size_of(named: Named, there: Named) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _Prediction:
     """Residuals of a hypothesis as linear columns: r (n,) without the effect, J (n, p) of all else in units of its priors, own (n, P) of
     the effect, all stacked; estimate of the effect; score of the other effects alone, less the part of the residuals."""
 
@@ -231,9 +245,9 @@ class _Look:
         return noise.estimated(self.hypothesis.whiten, r - J @ moved, J, noise.s).value + self.price
 
 
-def _look(evidence: Evidence, others: tuple[Effect, ...], named: Named, begin: Hypothesis) -> _Look:
+def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: Named, begin: Hypothesis) -> _Prediction:
     # The effect keeps the shape that was named: without a scan it is not fitted again.
-    effect = replace(named.effect, scan=None)
+    effect = named.effect if named.effect.scan is None else replace(named.effect, scan=None)
     found = evidence.of((*others, effect), begin)
     fit, number = found.fit, len(others)
     part = claim_slice(fit.state.claims, number)
@@ -241,7 +255,7 @@ def _look(evidence: Evidence, others: tuple[Effect, ...], named: Named, begin: H
     estimate = replace(named, theta=fit.state.claims[number].theta, covariance=fit.theta_covariance(number))
     r = found.whiten.back(fit.r) - J[:, part] @ estimate.theta
     rest = np.delete(J * evidence.prior(fit), part, axis=1)
-    return _Look(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
+    return _Prediction(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
 
 
 def predicted(named: Named, other: Explanation | TruthExplanation, evidence: Evidence, seed: int) -> There:
@@ -254,21 +268,21 @@ def predicted(named: Named, other: Explanation | TruthExplanation, evidence: Evi
     own = tuple(claim.effect for claim in fit.state.claims if claim.effect.id != named.effect.id)
     fewer = tuple(e for e in own if e.id not in named.lookalikes and not e.id.startswith(NAMELESS))
     begin = evidence.of(own, evidence.nothing)
-    looks = [_look(evidence, others, named, begin) for others in dict.fromkeys((own, fewer))]
-    nothing = looks[0].value()
+    hypotheses = [_prediction(evidence, others, named, begin) for others in dict.fromkeys((own, fewer))]
+    nothing = min(each.value() for each in hypotheses)
     turned = headings(named) if named.effect.kind == "earth" else [named]
     tried = []
-    for look in looks:
-        odds = np.array([float(odds_of(look.estimate.theta, each, look.estimate.covariance)[0]) for each in turned])
+    for beside in hypotheses:
+        odds = np.array([float(odds_of(beside.estimate.theta, each, beside.estimate.covariance)[0]) for each in turned])
         best = int(np.argmax(odds))
-        value = look.value(turned[best].theta, turned[best].covariance)
+        value = beside.value(turned[best].theta, turned[best].covariance)
         # Over all headings, each as probable as the others.
         value -= 2 * float(logsumexp((odds - odds[best]) / 2) - np.log(len(odds)))
-        tried.append((value, look, turned[best]))
-    value, look, best_named = min(tried, key=lambda each: each[0])
-    there = weighed_by(best_named, look.estimate, seed, nothing - value)
-    before = _closure(evidence.twin, looks[0].hypothesis.whiten, looks[0].r, looks[0].J)
-    after = _closure(evidence.twin, look.hypothesis.whiten, look.r + look.own @ best_named.theta, look.J)
+        tried.append((value, beside, turned[best]))
+    value, beside, best_named = min(tried, key=lambda each: each[0])
+    there = weighed_by(best_named, beside.estimate, seed, nothing - value)
+    whiten = beside.hypothesis.whiten
+    before, after = (_closure(evidence.twin, whiten, r, beside.J) for r in (beside.r, beside.r + beside.own @ best_named.theta))
     return replace(there, named=named, closure_rad=(before, after))
 
 
@@ -292,11 +306,16 @@ def _closure(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> floa
 
 # What several recordings say together.
 
+#: outcomes, the one that counts most first
+GRAVEST = (
+    *(Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.OTHER_SIZE, Outcome.NOT_CONFIRMED, Outcome.NO_POWER),
+    *(Outcome.NO_NUMBERS, Outcome.OF_UNIT, Outcome.OF_RECORDING),
+)
+
 
 def outcome_of(there: Sequence[There]) -> Outcome:
     """Outcome of one effect over several recordings: a contradiction anywhere, else a confirmation, else the best that is left."""
-    order = (Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.NOT_CONFIRMED, Outcome.NO_POWER, Outcome.OF_UNIT, Outcome.OF_RECORDING)
-    return min((each.outcome for each in there), key=order.index)
+    return min((each.outcome for each in there), key=GRAVEST.index)
 
 
 def numbers_of(named: Named) -> tuple[dict, dict]:
@@ -320,7 +339,7 @@ def checked_to_json(checked: Sequence[Checked]) -> list[dict]:
 def _entry(there: There) -> dict:
     estimate = None if there.there is None else dict(zip(("parameters", "std"), numbers_of(there.there), strict=True))
     closure = None if there.closure_rad is None else dict(zip(("before", "after"), np.degrees(there.closure_rad).tolist(), strict=True))
-    weighed = there.outcome not in (Outcome.OF_RECORDING, Outcome.OF_UNIT) and there.there is not None
+    weighed = there.outcome in GRAVEST[:5] and there.there is not None
     share, sigma = there.size
     return {
         "id": there.named.effect.id,

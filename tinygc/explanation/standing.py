@@ -46,12 +46,7 @@ def upper_limit(value: float, sigma: float) -> float:
     return abs(value) + ONE_SIDED * sigma
 
 
-def upper_limit_of_square(square: float, sigma: float) -> float:
-    """Upper 95 % limit of a size whose square is estimated, possibly below zero, with this sigma."""
-    return float(np.sqrt(max(square + ONE_SIDED * sigma, 0.0)))
-
-
-def alike_p(values: np.ndarray, covariances: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def homogeneity_p(values: np.ndarray, covariances: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Test whether independent estimates (U, P) with covariances (U, P, P) are estimates of one value (chi-square of homogeneity, Cochran
     1954).  Return the p-value, the pooled value (P,) and its covariance (P, P)."""
     weights = np.linalg.inv(covariances)
@@ -86,7 +81,7 @@ class Statement:
             return f"{self.what}: {self.size}, not {self.claimed} ({tested})"
         if self.standing is Standing.BOUNDED:
             return f"{self.what}: below {self.limit} with 95 % ({tested})"
-        return f"{self.what}: undecided; {self.size}, and up to {self.limit} would not show with 95 % ({tested})"
+        return f"{self.what}: undecided; {self.size}; more than {self.limit} is excluded with 95 % ({tested})"
 
     def to_json(self) -> dict:
         """Return the statement as in docs/formats/explain.md."""

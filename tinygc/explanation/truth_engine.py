@@ -132,7 +132,7 @@ def with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
 def _left(names: TruthExplanation) -> tuple[float, float]:
     """Clock offset (s) in the last fit, and its sigma; 0 and nan if the clock is not one of its claims."""
     for number, claim in enumerate(names.fit.state.claims):
-        if claim.effect is OFFSET:
+        if claim.effect.id == OFFSET.id:
             return float(claim.theta[0]), float(np.sqrt(names.fit.theta_covariance(number)[0, 0]))
     return 0.0, float("nan")
 

@@ -21,7 +21,7 @@ from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of
 from tinygc.effects import Effect, movement_of
-from tinygc.explanation.claims import Claim, described
+from tinygc.explanation.claims import AgainstStated, Claim, described  # noqa: F401  # the type of an inherited field, for the API pages
 from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import NAMELESS

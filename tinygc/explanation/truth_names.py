@@ -195,9 +195,9 @@ class TruthTwin(Twin):
         """The batch with the truth's attitudes corrected for its clock and its smoothing, and the state's Earth rate."""
         batch = super().batch_at(state)
         for claim in state.claims:
-            if claim.effect is OFFSET:
+            if claim.effect.id == OFFSET.id:
                 batch = self.later(batch, state, float(claim.theta[0]))
-            elif claim.effect is SMOOTHING:
+            elif claim.effect.id == SMOOTHING.id:
                 start, end = (-float(claim.theta[0]) / 2 * change @ state.model.E.T for change in self._changes)
                 batch = replace(
                     batch,
@@ -257,7 +257,7 @@ class TruthTwin(Twin):
         if effect.kind != "truth":
             return super().effect_columns(effect, state, sensitivity, rates)
         batch = self.batch_at(state)
-        if effect is OFFSET:
+        if effect.id == OFFSET.id:
             columns = offset_columns(batch, state.model)
         else:
             ends = zip((batch.start, batch.end), self._changes, strict=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from session.io.annexes import need
 from session.io.config import read_config
 from session.io.errors import CalibrationError
-from session.io.folder import Session
+from session.io.folder import Session, read_session
 from session.io.siblings import recordings_at, serial_of
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
@@ -225,21 +225,23 @@ def explain(
     why = _explained(where, seed, use_earth, lot, discover, progress)
     checked = []
     for other in others:
-        told = _explained(other, seed, use_earth, None, False, progress).explanation
-        checked.append(check(why.explanation, told, seed))
+        explained = _explained(other, seed, use_earth, None, False, progress).explanation
+        checked.append(check(why.explanation, explained, seed))
     return replace(why, checked=checked)
 
 
-def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> list[Session | Path]:
-    """The recordings to check on; a folder of sessions stands for those of the same unit."""
+def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> list[Session]:
+    """The recordings to check on, each once; a folder of sessions stands for those of the same unit."""
     if isinstance(places, str | Path | Session):
         places = [places]
     folder = first.folder if isinstance(first, Session) else first
     serial = first.config.sensor.serial if isinstance(first, Session) else serial_of(first)
-    found: list[Session | Path] = []
+    found: dict[Path, Session] = {}
     for place in map(session_or_folder, places):
-        found += [place] if isinstance(place, Session) else recordings_at(place, folder, serial)
-    return found
+        # Read before anything is explained: one that cannot be read must not cost the first result.
+        for other in [place] if isinstance(place, Session) else map(read_session, recordings_at(place, folder, serial)):
+            found.setdefault(other.folder.resolve(), other)
+    return list(found.values())
 
 
 def _explained(where: Session | Path, seed: int, use_earth: bool, lot: Any, discover: bool, progress: Progress) -> Why:

@@ -13,9 +13,10 @@ from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
 
-# The delay follows from the change of velocity between two stills, which is zero, however the hand moved and wherever the sensor sits:
+# The delay follows from the change of velocity between two stills, which is zero, however the hand moved and wherever the sensor sits.
+# What the accelerometer integrates to is then a delay's, or a bias':
 #
-#     0 = integral of R_tb f + g = (integral of R_tb df/dt) delay + (integral of R_tb) b,      both level components of each turn
+#     integral of R_tb f = (integral of R_tb df/dt) delay + (integral of R_tb) b,      the level components of each turn
 #
 # with b a bias of the accelerometer.  A fit of the specific force itself would take the hand's acceleration, which goes with the turn, for
 # a delay: on ../shared/mikov 11 to 13 ms, where differences of accelerometers on the board give 7.3 to 7.8 (docs/real-recordings.md).

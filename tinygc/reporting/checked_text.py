@@ -7,17 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from session.io.texts import printable
-from tinygc.explanation.checked import Checked, Outcome, There, numbers_of, outcome_of
+from tinygc.explanation.checked import GRAVEST, Checked, Outcome, There, numbers_of, outcome_of
 from tinygc.explanation.claims import measured
 from tinygc.reporting.terminal import RenderableType, Table, Text, one_line
 
 #: why a recording says nothing of an effect, or what it says
 REASONS = {
     Outcome.OF_RECORDING: "a course of time, a motion, or readings of this recording, which no other repeats",
-    Outcome.OF_UNIT: "the sensor's own, and this is another unit",
-    Outcome.NO_POWER: "this recording cannot show it at that size",
+    Outcome.OF_UNIT: "the sensor's own, and the other recording is of another unit",
+    Outcome.NO_NUMBERS: "found without numbers that would predict another recording",
+    Outcome.NO_POWER: "no recording here can show it at that size",
 }
-STYLES = {Outcome.CONFIRMED: "green", Outcome.CONTRADICTED: "bold red", Outcome.NOT_CONFIRMED: "yellow"}
+STYLES = {Outcome.CONFIRMED: "green", Outcome.OTHER_SIZE: "yellow", Outcome.CONTRADICTED: "bold red", Outcome.NOT_CONFIRMED: "yellow"}
 #: odds beyond which only their order is of interest
 MOST_ODDS = 1e6
 
@@ -45,12 +46,15 @@ def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
 def _line(there: list[There], checked: Sequence[Checked]) -> Text:
     outcome = outcome_of(there)
     counted = [each.outcome for each in there]
-    words = f"{there[0].named.effect.id}: {outcome.value}"
     if outcome in REASONS:
-        return one_line(f"  {words}: {REASONS[outcome]}")
-    words += f" in {counted.count(outcome)} of {sum(each not in REASONS for each in counted)} recordings that can show it"
-    if differing := [each.session.name for each, found in zip(checked, there, strict=True) if found.other_size]:
+        return one_line(f"  {there[0].named.effect.id}: {outcome.value}: {REASONS[outcome]}")
+    counts = [f"{each.value} in {counted.count(each)}" for each in GRAVEST if each in counted]
+    words = f"{there[0].named.effect.id}: {', '.join(counts)} of {len(counted)} recordings"
+    differing = [each.session.name for each, found in zip(checked, there, strict=True) if found.other_size]
+    if outcome is Outcome.CONFIRMED and differing:
         words += f"; its size differs in {', '.join(map(printable, differing))}"
+    if any(each.same_unit is None for each in checked):
+        words += "; whether they are of one unit is not stated"
     return one_line(f"  {words}", STYLES.get(outcome, ""))
 
 
@@ -58,7 +62,7 @@ def _cells(found: There) -> tuple[str, str, str, str]:
     size = measured(*found.size) if np.isfinite(found.size).all() else "–"
     if found.other_size:
         size += f" (another size, p = {found.same_p:.1g})"
-    if found.outcome in (Outcome.OF_RECORDING, Outcome.OF_UNIT):
+    if found.outcome in (Outcome.OF_RECORDING, Outcome.OF_UNIT, Outcome.NO_NUMBERS):
         return found.outcome.value, _numbers(found), "–", "–"
     if found.there is None:
         return found.outcome.value, "–", "–", "–"
@@ -67,17 +71,14 @@ def _cells(found: There) -> tuple[str, str, str, str]:
 
 
 def _numbers(found: There) -> str:
-    """Return the largest number of the effect here and there, where the other recording names the effect itself."""
+    """Return the effect's largest number here, and the same one there, where the other recording names the effect itself."""
     if found.there is None or not np.isfinite(found.named.theta).all():
         return "–"
-    shown = []
-    for named in (found.named, found.there):
-        parameters, std = numbers_of(named)
-        name = next(iter(std))
-        values, spreads = np.ravel(parameters[name]), np.ravel(std[name])
-        at = int(np.argmax(np.abs(values)))
-        shown.append(measured(float(values[at]), float(spreads[at])))
-    return f"here {shown[0]}, there {shown[1]} {found.named.effect.parameter.unit}"
+    both = [numbers_of(named) for named in (found.named, found.there)]
+    name = next(iter(both[0][1]))
+    at = int(np.argmax(np.abs(np.ravel(both[0][0][name]))))
+    here, there = (measured(float(np.ravel(values[name])[at]), float(np.ravel(std[name])[at])) for values, std in both)
+    return f"{name}: here {here}, there {there}"
 
 
 def odds_words(log_odds_twice: float) -> str:

@@ -281,7 +281,9 @@ def truth_page(e: TruthExplanation) -> Group:
     for claim in e.claimed:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
-        chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}{share}"
+        # A claim that was found before any fit has a p-value alone.
+        weighed = f"probability {chance_words(claim.probability)}, " if claim.rivals else ""
+        chance = f"   {weighed}p {p_words(claim.p_value)}{share}"
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, chance))
         parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))

@@ -1,7 +1,7 @@
 """The 9-axis board of a student's rocket (Sun Devil Rocketry), turned by hand as imu_tk's authors advise: a long and a short recording.
 
 A line of ``Rev2_IMU_Data/IMU_Rev2_Data_Long.txt`` is the time in s, specific force in m/s^2, rates in dps, four cells of the magnetometer,
-pressure in kPa and temperature in degC; ``Data_File_Information.txt`` says so.  They stay as the authors wrote them, although the rates
+pressure in kPa and temperature in degC; the authors' file of information says so.  They stay as the authors wrote them, although the rates
 turn out to be half of the truth: docs/found-in-the-wild.md.
 """
 

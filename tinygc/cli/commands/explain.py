@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from session.io.siblings import others_beside
 
     if why.effects and not args.check_on and (others := others_beside(args.folder)):
-        names = [args.folder.parent / other.name for other in others[:MOST_OFFERED]]
+        names = [os.path.relpath(other) for other in others[:MOST_OFFERED]]
         print_commands(args, "does it hold in this unit's other recordings?", command_line("explain", args.folder, "--check-on", *names))
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())

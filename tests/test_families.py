@@ -44,21 +44,27 @@ def test_the_size_is_from_lowest_to_highest_on_the_axis_where_it_is_most():
 def test_alternatives_share_the_familys_probability_without_others():
     found = slow_zero(twin_of(), [drift(0.6, warm=0.2, asymmetry=0.2)], STATE)
     assert found.shares == pytest.approx({"gyro.bias_drift": 0.75, "unknown.warm_up": 0.25})
-    assert "most likely a steady drift or slow warm-up (0.75), or a warm-up within the session (0.25)" in found.words
+    assert "most likely a steady drift or slow warm-up (0.75 among those weighed), or a warm-up within the session (0.25)" in found.words
     assert found.words.endswith("temperature was not recorded")
     assert not slow_zero(twin_of(thermometer=True), [drift(0.6, warm=0.2)], STATE).words.endswith("not recorded")
 
 
 def test_one_with_nearly_all_of_the_probability_is_named_alone():
-    assert alternatives({"unknown.warm_up": 0.95, "gyro.bias_step": 0.05}) == "as a warm-up within the session (0.95)"
+    assert alternatives({"unknown.warm_up": 0.95, "gyro.bias_step": 0.05}, True) == "as a warm-up within the session (0.95)"
     assert (
-        alternatives({"unknown.warm_up": 0.94, "gyro.bias_step": 0.06})
+        alternatives({"unknown.warm_up": 0.94, "gyro.bias_step": 0.06}, True)
         == "most likely a warm-up within the session (0.94), or a jump (0.06)"
     )
     assert (
-        alternatives({"unknown.warm_up": 0.94, "gyro.bias_step": 0.04, "gyro.bias_drift": 0.02})
+        alternatives({"unknown.warm_up": 0.94, "gyro.bias_step": 0.04, "gyro.bias_drift": 0.02}, True)
         == "most likely a warm-up within the session (0.94)"
     )
+
+
+def test_what_temperature_did_is_not_weighed_without_a_thermometer():
+    assert alternatives({"gyro.bias_drift": 1.0}, True) == "as a steady drift or slow warm-up (1.00)"
+    said = alternatives({"gyro.bias_drift": 1.0}, False)
+    assert said == "as a steady drift or slow warm-up (1.00 among those weighed); temperature was not recorded"
 
 
 def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():

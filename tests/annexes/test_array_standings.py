@@ -131,4 +131,5 @@ def test_the_verdict_follows_from_the_standings(common, own, verdict):
     found = ArrayExplanation(fit, {}, {}, parts, (), None, {}, ())
     assert found.verdict == verdict
     slow = SimpleNamespace(statement=Statement("zero", Standing.FOR, "t", 0.01, "", ""))
-    assert replace(found, slow_zero=slow).verdict in ("own", "common_and_own")
+    # One cause moves the zero-rate offsets of all units.
+    assert replace(found, slow_zero=slow).verdict == ("common_and_own" if own is Standing.FOR else "common")

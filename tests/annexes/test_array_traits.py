@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from conftest import DEG
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from session.io.units import EARTH_RATE_RPS
 from tinygc.annexes.arrays import traits
-from tinygc.annexes.arrays.slow_zero import UnitEvidence, pooled
+from tinygc.annexes.arrays.slow_zero import UnitEvidence, pooled, upper_motion
 from tinygc.annexes.arrays.traits import (
     ALIKE,
     COMMON,
@@ -28,7 +28,7 @@ from tinygc.annexes.arrays.traits import (
     widened,
     yaw_to_array,
 )
-from tinygc.effects import catalogue
+from tinygc.effects import Movement, catalogue
 from tinygc.explanation.evidence import PRIOR_ODDS
 from tinygc.explanation.standing import Standing
 
@@ -45,8 +45,37 @@ def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_o
     assert found.scope == ALIKE
     assert found.statement.standing is Standing.FOR
     assert found.statement.p_value == pytest.approx(chi2.sf(6.6**2 / 4, 1))
-    assert "in all units alike: 1.65 ± 0.50 s" in found.words
+    equal = chi2.sf(sum((x - 1.65) ** 2 for x in (2.2, 1.5, 1.3, 1.6)), 3)
+    assert f"in all units, one size is not rejected (equal sizes p = {equal:.2g}): 1.65 ± 0.50 s" in found.words
     assert "own" not in found.words
+
+
+def test_the_number_of_tests_hinders_rejection_and_does_not_favour_equality():
+    """4 and 8, each ± 1: equal with p = 0.0047, which sixty tests make 0.28."""
+    found = trait_of(OFFSET, scalars([4.0, 8.0], named=(0, 1)), (), 60, 0.0)
+    assert found.scope == ALIKE
+    assert f"equal sizes p = {chi2.sf(8.0, 1):.2g}, one of 60 tests" in found.words
+    assert trait_of(OFFSET, scalars([4.0, 8.0], named=(0, 1)), (), 10, 0.0).scope == DIFFERS
+
+
+def test_units_that_cannot_show_an_effect_are_not_counted_for_it():
+    blind = {n: Estimate(np.zeros(1), np.array([[1e-6]]), False) for n in (1, 2, 3)}
+    found = trait_of(OFFSET, {0: Estimate(np.array([1e-3]), np.array([[1e-8]]), True), **blind}, (), 1, 0.0)
+    assert (found.scope, found.statement.standing) == (UNDECIDED, Standing.UNDECIDED)
+    equal = chi2.sf(1e-6 / (1e-8 + 1e-6 / 3), 3)  # of one against the mean of three
+    assert f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s" in found.words
+    assert found.statement.limit == "0.00095 s"
+    assert "in all units" not in found.words
+
+
+def test_the_others_count_where_their_own_pooled_value_is_not_zero():
+    """Three others of 1 sigma each, at the bar of their mean's test."""
+    bar = np.sqrt(chi2.isf(0.05, 1) / 3)
+    assert trait_of(OFFSET, scalars([4.0, *[bar + 0.01] * 3]), (), 1, 0.0).scope == ALIKE
+    below = trait_of(OFFSET, scalars([3.5, *[bar - 0.01] * 3]), (), 1, 0.0)
+    assert below.scope == UNDECIDED
+    assert below.statement.standing is Standing.UNDECIDED
+    assert trait_of(OFFSET, scalars([4.0, *[bar + 0.01] * 3]), (), 1, 0.1).scope == UNDECIDED  # errors in common widen it
 
 
 def test_a_unit_differs_only_where_equality_is_rejected():
@@ -97,7 +126,7 @@ def test_a_pooled_value_is_tested_by_its_chi_square():
 
 def test_an_effect_that_stands_for_another_and_a_unit_without_an_answer_are_said():
     found = trait_of(OFFSET, scalars([5.0, 5.0]), (), 1, 0.0, (3,), ("gyro.bandwidth",))
-    assert "alike in units 0, 1" in found.words
+    assert "in units 0, 1, one size is not rejected" in found.words
     assert "or gyro.bandwidth: not told apart here" in found.words
     assert found.words.endswith("unit 3 could not be explained, and may have it too")
     alone = trait_of(OFFSET, scalars([5.0]), (), 1, 0.0, (3,))
@@ -150,6 +179,17 @@ def test_a_common_rotation_that_is_not_the_earths_counts_against_it(monkeypatch)
     assert earth_trait(estimates, None, (0,), ("says",), 1, 0.0).statement.standing is Standing.BOUNDED
 
 
+def test_units_that_disagree_on_the_rotation_leave_it_undecided(monkeypatch):
+    """0.7 and 1.3 of the Earth's rate: their mean is the Earth's, and 0.6 between them is 8.5 sigmas."""
+    estimates, turns = earths([0.7, 1.3])
+    monkeypatch.setattr(traits, "yaw_to_array", lambda _, number: turns[number])
+    found = earth_trait(estimates, None, (0,), ("says",), 1, 0.0)
+    assert found.statement.standing is Standing.UNDECIDED
+    assert found.statement.p_value == pytest.approx(chi2.sf(0.6**2 / (2 * 0.05**2), 3))
+    assert "which disagree: undecided; 11 to 20 °/h in single units" in found.words
+    assert found.statement.limit == "21 °/h"
+
+
 def claim(name, p_value=1e-3, probability=0.9, equivalent=()):
     return SimpleNamespace(effect=catalogue()[name], p_value=p_value, probability=probability, says=f"{name} says", equivalent=equivalent)
 
@@ -185,10 +225,11 @@ def test_what_detectors_find_in_readings_says_nothing_of_the_other_units(monkeyp
     assert "of the body, seen by unit 0" in still.words
 
 
-def weighed(**scores):
+def weighed(shapes=1, **scores):
     names = {"drift": "gyro.bias_drift", "step": "gyro.bias_step", "warm": "unknown.warm_up"}
     score = {names[name]: value for name, value in scores.items()}
-    return UnitEvidence(score, dict.fromkeys(score, (40.0, 3)), dict.fromkeys(score, 0.1 * DEG))
+    of_each = [dict.fromkeys(score, value) for value in ((40.0, 3), shapes, 0.1 * DEG, 0.15 * DEG)]
+    return UnitEvidence(score, *of_each)
 
 
 def test_the_family_is_decided_by_the_evidence_of_all_units():
@@ -217,4 +258,26 @@ def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
 def test_a_member_that_one_unit_cannot_have_is_none_of_all():
     found = pooled({0: weighed(drift=-9.0, step=-50.0), 1: weighed(drift=-9.0)}, {}, True)
     assert list(found.shares) == ["gyro.bias_drift"]
+    assert pooled({0: weighed(step=-9.0), 1: weighed(drift=-9.0)}, {}, True) is None
     assert "as a steady drift" in found.statement.words
+
+
+def test_the_shapes_tried_in_each_unit_count():
+    found = pooled({0: weighed(shapes=7, step=-40.0, drift=0.0), 1: weighed(shapes=5, step=-40.0, drift=0.0)}, {}, True)
+    assert found.statement.p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
+
+
+def test_the_limit_of_a_slow_motion_is_that_of_its_estimate():
+    """A drift over the log: (t / duration - 1/2) theta, from the first to the last of 100 samples; y moves most, z is known least."""
+    t = np.arange(100.0)
+    zero = np.zeros((100, 3))
+    more = {"vibration_g2": np.zeros(100), "first_temp_c": 25.0}
+    twin = SimpleNamespace(
+        movements=[Movement(t_s=t, rate=zero, force_g=zero, temp_c=zero[:, 0], dt_s=1.0, fs_rps=1.0, duration_s=100, **more)]
+    )
+    upper = upper_motion(twin, DRIFT, np.array([0.1, -0.4, 0.2]), np.diag([0.01, 0.04, 0.25]) ** 2)
+    assert upper == pytest.approx(0.99 * (0.2 + norm.isf(0.05) * 0.25))
+    weak = {n: replace(weighed(drift=5.0), upper_rps={"gyro.bias_drift": n * 0.2 * DEG}) for n in (1, 2)}
+    statement = pooled(weak, {}, True).statement
+    assert "undecided; by 0.1 to 0.1 dps" in statement.words
+    assert statement.limit == "0.4 dps"

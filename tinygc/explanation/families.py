@@ -44,20 +44,22 @@ class SlowZero:
     def words(self) -> str:
         """Return one sentence without its full stop."""
         moves = f"the zero-rate offset moves by {self.size_rps / DEG:.2g} dps on {'xyz'[self.axis]} over the session"
-        return f"{moves}, {alternatives(self.shares)}" + ("" if self.thermometer else "; temperature was not recorded")
+        return f"{moves}, {alternatives(self.shares, self.thermometer)}"
 
     def to_json(self) -> dict:
         """Return one entry of ``families`` of ``tinygc-explain/2``."""
         return {"id": "slow_zero", "size_dps": self.size_rps / DEG, "shares": self.shares, "description": self.words}
 
 
-def alternatives(shares: Mapping[str, float]) -> str:
-    """``most likely a jump (0.7), or temperature (0.3)``; one alone where it has nearly all of the probability."""
+def alternatives(shares: Mapping[str, float], thermometer: bool) -> str:
+    """``most likely a jump (0.7), or temperature (0.3)``; one alone where it has nearly all of the probability.  Without a thermometer
+    temperature was not weighed, so the shares are those of the others."""
     (first, share), *others = shares.items()
+    among, end = ("", "") if thermometer else (" among those weighed", "; temperature was not recorded")
     if share >= NAMED:
-        return f"as {SLOW_ZERO[first]} ({share:.2f})"
-    said = ", or ".join(f"{SLOW_ZERO[name]} ({part:.2f})" for name, part in others if part >= 1 - NAMED)
-    return f"most likely {SLOW_ZERO[first]} ({share:.2f})" + (f", or {said}" if said else "")
+        return f"as {SLOW_ZERO[first]} ({share:.2f}{among}){end}"
+    said = "".join(f", or {SLOW_ZERO[name]} ({part:.2f})" for name, part in others if part >= 1 - NAMED)
+    return f"most likely {SLOW_ZERO[first]} ({share:.2f}{among}){said}{end}"
 
 
 def shares_of(weights: Mapping[str, float]) -> dict[str, float]:
@@ -76,7 +78,7 @@ def slow_zero(twin: Twin, claims: Iterable[Claim], state: State) -> SlowZero | N
         return None
     weights: dict[str, float] = {}
     for claim in mine:
-        for name, p in {claim.effect.id: claim.probability, **{n: claim.rivals.get(n, 0.0) for n in claim.rivals}}.items():
+        for name, p in {claim.effect.id: claim.probability, **claim.rivals}.items():
             if name in SLOW_ZERO:
                 weights[name] = weights.get(name, 0.0) + p
     size, axis = motion(twin, [(claim.effect, theta_of(claim.effect, claim.parameters, state)) for claim in mine])

@@ -160,8 +160,8 @@ class ArrayExplanation:
     """Explanation of an array.
 
     fit; explanations of the units by number; not_explained: the reason why a unit has none, by number; parts; traits; slow_zero: the family
-    of slow motions of the zero-rate offsets, None where no unit names a member; rest_noise: what the units' noise at rest has in common, by
-    sensor; moments.
+    of slow motions of the zero-rate offsets, None where no unit names a member, or all units can have none; rest_noise: what the
+    units' noise at rest has in common, by sensor; moments.
     """
 
     fit: ArrayFit
@@ -194,8 +194,8 @@ class ArrayExplanation:
         stated = {trait.scope for trait in self.traits if trait.statement.standing is Standing.FOR}
         moves = self.slow_zero is not None and self.slow_zero.statement.standing is Standing.FOR
         standings = [statement.standing for statement in self.statements[:2]]
-        common = standings[0] is Standing.FOR or bool(stated & {COMMON, ALIKE}) or bool(at_once - {1})
-        own = standings[1] is Standing.FOR or bool(stated & {DIFFERS, READINGS}) or 1 in at_once or moves
+        common = standings[0] is Standing.FOR or bool(stated & {COMMON, ALIKE}) or bool(at_once - {1}) or moves
+        own = standings[1] is Standing.FOR or bool(stated & {DIFFERS, READINGS}) or 1 in at_once
         if common or own:
             return "common_and_own" if common and own else "common" if common else "own"
         return "no_mismatch" if all(standing is Standing.BOUNDED for standing in standings) else "undecided"
@@ -231,7 +231,7 @@ def explain_array(
         of_stills = 0.0 if at_rest is None else max(at_rest.value, 0.0)
         return max([of_turns] * ("turn" in effect.observable_in) + [of_stills] * ("still" in effect.observable_in) + [0.0])
 
-    traits = traits_of(explanations, fit, shared, tuple(failed), set(SLOW_ZERO))
+    traits = traits_of(explanations, fit, shared, tuple(failed), set() if slow is None else set(SLOW_ZERO))
     return ArrayExplanation(fit, explanations, failed, parts, traits, slow, rest_noise, tuple(moments_of(fit)))
 
 

@@ -20,11 +20,11 @@ from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim, measured
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import linear_estimate, without_claim
-from tinygc.explanation.standing import LEVEL, Standing, Statement, alike_p, standing_of, upper_limit
+from tinygc.explanation.standing import LEVEL, Standing, Statement, homogeneity_p, standing_of, upper_limit
 from tinygc.noise.candidates import candidates
 from tinygc.noise.refit import Replay, prior_sigmas
 
-#: whose an effect is: common by nature, alike in all units, different between units, not told, or in single readings of units
+#: whose an effect is: common by nature, in all units with equality not rejected, different between units, not told, or in single readings
 COMMON, ALIKE, DIFFERS, UNDECIDED, READINGS = "common", "alike", "differs", "undecided", "readings"
 #: effects that belong to the body, whichever unit's explanation names them
 EARTH, MOTION, NOT_STILL = "earth.rotation", "motion.undersampled", "reference.not_still"
@@ -74,8 +74,7 @@ class Trait:
         if self.instead:
             said += f"; or {' or '.join(self.instead)}: not told apart here"
         if self.unknown:
-            plural = "s" * (len(self.unknown) != 1)
-            said += f"; unit{plural} {', '.join(map(str, self.unknown))} could not be explained, and may have it too"
+            said += f"; {_of_units(self.unknown)} could not be explained, and may have it too"
         return said
 
 
@@ -139,9 +138,9 @@ def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
     one value at ``LEVEL``.  All of them where half or more would have to go, or where there are two: then nobody is the odd one."""
     rest = list(range(len(values)))
     gone: list[int] = []
-    while len(rest) > 1 and alike_p(values[rest], covariances[rest])[0] < LEVEL:
+    while len(rest) > 1 and homogeneity_p(values[rest], covariances[rest])[0] < LEVEL:
         without = [[k for k in rest if k != one] for one in rest]
-        p = [alike_p(values[part], covariances[part]) for part in without]
+        p = [homogeneity_p(values[part], covariances[part]) for part in without]
         chi = [_chi_square(values[part], covariances[part], pooled) for part, (_, pooled, _) in zip(without, p, strict=True)]
         gone.append(rest[int(np.argmin(chi))])
         rest = without[int(np.argmin(chi))]
@@ -179,29 +178,46 @@ def trait_of(
     if len(numbers) < 2:
         statement = Statement(f"{effect.id}, in one unit", Standing.UNDECIDED, HOMOGENEITY, 1.0, *_sizes(effect, values[0], covariances[0]))
         return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
-    p_alike, pooled, covariance = alike_p(values, covariances)
-    p_alike = min(1.0, tests * p_alike)
-    if p_alike < LEVEL:
+    p_equal, pooled, covariance = homogeneity_p(values, covariances)
+    p_differ = min(1.0, tests * p_equal)  # the factor makes rejection harder; in favour of equality it would say too much
+    if p_differ < LEVEL:
         odd = departing(values, covariances)
         apart = tuple(numbers[k] for k in odd)
         of_each = ", ".join(f"{_sizes(effect, values[k], covariances[k])[0]} in unit {numbers[k]}" for k in odd)
         rest = [k for k in range(len(numbers)) if k not in odd]
         if rest:
-            _, usual, spread = alike_p(values[rest], covariances[rest])
+            _, usual, spread = homogeneity_p(values[rest], covariances[rest])
             of_each += f", {_sizes(effect, usual, widened(spread, len(rest), share))[0]} in the others"
-        statement = Statement(f"{effect.id} differs between units", Standing.FOR, HOMOGENEITY, p_alike, of_each, "")
+        statement = Statement(f"{effect.id} differs between units", Standing.FOR, HOMOGENEITY, p_differ, of_each, "")
         return Trait(effect.id, DIFFERS, statement, units, says, apart, estimates, unknown, instead)
     covariance = widened(covariance, len(numbers), share)
     p_value = min(1.0, tests * pooled_p(pooled, covariance))
     size, limit = _sizes(effect, pooled, covariance)
     largest = max((float(np.abs(estimates[n].theta).max()) for n in units), default=np.inf)
     standing = standing_of(p_value, upper=_upper(pooled, covariance), matters=largest)
-    everywhere = "in all units alike" if not unknown else f"alike in units {', '.join(map(str, numbers))}"
-    named = f"named in unit{'s' * (len(units) != 1)} {', '.join(map(str, units))}"
-    what = f"{effect.id} {everywhere}" if standing is Standing.FOR else f"{effect.id} ({named}), pooled over {len(numbers)} units"
-    test = f"{POOLED}; equal sizes p = {p_alike:.2g}"
-    statement = Statement(what, standing, test, p_value, size, limit)
-    return Trait(effect.id, ALIKE if standing is Standing.FOR else UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+    named = f"named in {_of_units(units)}"
+    equal = f"equal sizes p = {p_equal:.2g}" + f", one of {tests} tests" * (tests > 1)
+    if standing is not Standing.FOR:
+        what, test = f"{effect.id} ({named}), pooled over {len(numbers)} units", f"{POOLED}; {equal}"
+        statement = Statement(what, standing, test, p_value, size, limit)
+        return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+    # One exact unit outweighs others that are blind, and equality with them is then never rejected: the others must show it themselves.
+    rest = [k for k in range(len(numbers)) if numbers[k] not in units]
+    if rest:
+        _, others, spread = homogeneity_p(values[rest], covariances[rest])
+        spread = widened(spread, len(rest), share)
+        p_others = pooled_p(others, spread)
+        if p_others >= LEVEL:
+            what = f"{effect.id}, {named}; {_of_units([numbers[k] for k in rest])} cannot show it ({equal})"
+            statement = Statement(what, Standing.UNDECIDED, POOLED, p_others, *_sizes(effect, others, spread))
+            return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+    everywhere = "all units" if not unknown else _of_units(numbers)
+    what = f"{effect.id} in {everywhere}, one size is not rejected ({equal})"
+    return Trait(effect.id, ALIKE, Statement(what, standing, POOLED, p_value, size, limit), units, says, (), estimates, unknown, instead)
+
+
+def _of_units(numbers: Sequence[int]) -> str:
+    return f"unit{'s' * (len(numbers) != 1)} {', '.join(map(str, numbers))}"
 
 
 def _upper(theta: np.ndarray, covariance: np.ndarray) -> float:
@@ -219,7 +235,7 @@ def _sizes(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> tuple[s
 def _in_readings(effect: Effect, by_unit: Mapping[int, Claim], unknown: tuple[int, ...]) -> Trait:
     """State what a detector found in the registers or stills of units; it has no size in the others, so nothing is said of them."""
     units = tuple(by_unit)
-    named = f"unit{'s' * (len(units) != 1)} {', '.join(map(str, units))}"
+    named = _of_units(units)
     body = effect.id == NOT_STILL
     what = f"{effect.id}, of the body, seen by {named}" if body else f"{effect.id} in the readings of {named}"
     p_value = min(claim.p_value for claim in by_unit.values())
@@ -239,13 +255,13 @@ def earth_trait(
     unknown: tuple[int, ...] = (),
 ) -> Trait:
     """State the Earth's rotation as one term of all units: their estimates, turned to the array's table axes, are pooled, and the length is
-    tested against the Earth's."""
+    tested against the Earth's.  Undecided where the units' estimates are not equal: then no pooled sigma holds."""
     turned = {}
     for number, estimate in estimates.items():
         R = yaw_to_array(fit, number)
         turned[number] = Estimate(R @ estimate.theta, R @ estimate.covariance @ R.T, estimate.named)
     values, covariances = (np.array([getattr(x, what) for x in turned.values()]) for what in ("theta", "covariance"))
-    p_alike, pooled, covariance = alike_p(values, covariances)
+    p_equal, pooled, covariance = homogeneity_p(values, covariances)
     covariance = widened(covariance, len(turned), share)
     p_value = min(1.0, tests * pooled_p(pooled, covariance))
     length = float(np.linalg.norm(pooled))
@@ -256,10 +272,15 @@ def earth_trait(
     standing = standing_of(p_value, p_claimed=p_claimed if p_value < LEVEL else 1.0, upper=upper, matters=EARTH_RATE_RPS)
     per_hour = np.degrees(1) * 3600
     size = f"{measured(length * per_hour, sigma * per_hour)} °/h"
-    test = f"{POOLED} in the array's axes; equal p = {p_alike:.2g}"
+    test = f"{POOLED} in the array's axes; equal p = {p_equal:.2g}"
     claimed = f"the Earth's {EARTH_RATE_RPS * per_hour:.1f} °/h"
     p_shown = p_claimed if standing is Standing.AGAINST else p_value
     what = f"{EARTH}, one term of all units"
+    if p_equal < LEVEL:
+        standing, p_shown, test, what = Standing.UNDECIDED, p_equal, f"{HOMOGENEITY} in the array's axes", f"{what}, which disagree"
+        lengths, sigmas = np.linalg.norm(values, axis=1), np.sqrt(np.linalg.eigvalsh(covariances)[:, -1])
+        upper = max(map(upper_limit, lengths, sigmas))
+        size = f"{lengths.min() * per_hour:.2g} to {lengths.max() * per_hour:.2g} °/h in single units"
     statement = Statement(what, standing, test, p_shown, size, f"{upper * per_hour:.2g} °/h", claimed)
     return Trait(EARTH, COMMON, statement, units, says, (), turned, unknown)
 

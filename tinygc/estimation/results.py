@@ -19,7 +19,7 @@ from session.io.config import NominalRate
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import result_folder
 from session.io.folder import Session, file_key, input_hashes
-from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
+from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
 from session.io.units import DEG, G
 from tinygc import models
 from tinygc.closure.prior import PriorUse
@@ -371,13 +371,19 @@ _NOISE: dict[str, Shape] = {
     "gyro_bias_instability_source": Maybe(Text()),
     "closure_floor_rms_deg": _TILT_DEG,
 }
+_ACCELEROMETER: dict[str, Shape] = {
+    "mode": Text(("given", "fit", "prior")),
+    "unobserved": Maybe(ListOf(Text())),
+    "zero_drift": Maybe(Keys(may={"significant": Flag()})),
+    "effects": Maybe(ListOf(Keys({"id": Text()}))),
+}
 FILE_SHAPE = Keys(
     {"schema": Text((SCHEMA,))},
     {
         "session": Text(),
         "segments": Keys(may={"used": Number(0, whole=True)}),
         "noise": Keys(may=_NOISE),
-        "accelerometer": Maybe(Keys(may={"mode": Text(("given", "fit", "prior")), "unobserved": Maybe(ListOf(Text()))})),
+        "accelerometer": Maybe(Keys(may=_ACCELEROMETER)),
         "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
         "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),

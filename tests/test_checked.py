@@ -219,6 +219,14 @@ def test_a_copy_of_the_recording_confirms_nothing(explained):
         check_on(explained["first"], explained["first"])
 
 
+def test_a_recording_that_cannot_be_explained_does_not_cost_the_first_result(unit, tmp_path):
+    short = write_session(SimulationOptions(segments=4, closure_s=0.0, seed=9, odr_hz=62.5), tmp_path / "short")
+    why = explain(unit / "first", check_on=[short])
+    assert why.effects
+    assert "expected at least" in why.to_json()["checked"][0]["error"]
+    assert "Not checked on short: " in why.summary()
+
+
 def test_another_units_own_effect_is_not_checked(explained):
     session = explained["second"].session
     config = replace(session.config, sensor=replace(session.config.sensor, serial="SIM-2"))

@@ -21,6 +21,7 @@ from tinygc.explanation.checked import Checked, Named, Outcome, There
 from tinygc.reporting.terminal import Group, as_text
 
 THETA = np.array([1e-3, 2e-3, -1e-3])
+OTHER_3 = SimpleNamespace(name="other unit 3")
 NAMED = Named(catalogue()["gyro.scale_asymmetry"], THETA, 1e-10 * np.eye(3), 0.99)
 
 
@@ -29,7 +30,7 @@ def of_two_units(monkeypatch):
     """Units 0 and 3 of an array, of which unit 3 cannot be explained in the other recording."""
 
     def explain(unit, **_):
-        if unit == "other 3":
+        if unit is OTHER_3:
             raise SegmentError("too few turns")
         return f"explained {unit}"
 
@@ -44,16 +45,16 @@ def of_two_units(monkeypatch):
 
 
 def test_each_unit_is_checked_on_the_unit_of_its_number(found):
-    other = SimpleNamespace(name="other", folder="other", numbers=(0, 1, 3), units=("other 0", "other 1", "other 3"))
+    other = SimpleNamespace(name="other", folder="other", numbers=(0, 1, 3), units=("other 0", "other 1", OTHER_3))
     checked = [check_units(found, other)]
-    assert checked[0].not_checked == {3: "too few turns"}
+    assert checked[0].units[3].error == "too few turns"
     (table,) = checked_units_to_json(checked)
     assert [unit["number"] for unit in table["units"]] == [0, 3]
     assert table["units"][0]["effects"][0]["outcome"] == "confirmed"
     assert table["units"][1]["error"] == "too few turns"
     text = as_text(Group(*checked_units_page(checked)))
     assert "gyro.scale_asymmetry: confirmed in 1 of 1 recordings" in text
-    assert "Unit 3 was not checked on other: too few turns" in text
+    assert "Not checked on other unit 3: too few turns" in text
 
 
 def test_another_array_is_refused(found):

@@ -96,11 +96,12 @@ class There:
 @dataclass(frozen=True, eq=False)
 class Checked:
     """A recording on which the effects of another were checked; same_unit: whether both name the same serial number, None if one names
-    none."""
+    none; error: why nothing could be checked there, or ``""``."""
 
     session: Session
     same_unit: bool | None
     effects: list[There] = field(default_factory=list)
+    error: str = ""
 
 
 # What a recording names, with numbers.
@@ -330,6 +331,7 @@ def checked_to_json(checked: Sequence[Checked]) -> list[dict]:
         {
             "session": each.session.name,
             "same_unit": each.same_unit,
+            "error": each.error or None,
             "effects": [_entry(there) for there in each.effects],
         }
         for each in checked

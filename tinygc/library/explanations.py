@@ -225,8 +225,11 @@ def explain(
     why = _explained(where, seed, use_earth, lot, discover, progress)
     checked = []
     for other in others:
-        explained = _explained(other, seed, use_earth, None, False, progress).explanation
-        checked.append(check(why.explanation, explained, seed))
+        try:
+            explained = _explained(other, seed, use_earth, None, False, progress).explanation
+            checked.append(check(why.explanation, explained, seed))
+        except CalibrationError as error:  # of the other recording: the first one's result stands
+            checked.append(Checked(other, None, error=str(error)))
     return replace(why, checked=checked)
 
 

@@ -25,12 +25,14 @@ MOST_ODDS = 1e6
 
 def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
     """Return a line for each effect over all recordings, and the table of each effect in each recording."""
+    failed = [one_line(f"Not checked on {each.session.name}: {printable(each.error)}", "yellow") for each in checked if each.error]
+    checked = [each for each in checked if not each.error]
     if not checked:
-        return []
+        return [*failed]
     effects = len(checked[0].effects)
     if not effects:
-        return [Text("Checked on other recordings: nothing is named here that could be checked.")]
-    parts: list[RenderableType] = [Text("Checked on other recordings, with the numbers of this one:", "bold")]
+        return [*failed, Text("Checked on other recordings: nothing is named here that could be checked.")]
+    parts: list[RenderableType] = [*failed, Text("Checked on other recordings, with the numbers of this one:", "bold")]
     for number in range(effects):
         there = [each.effects[number] for each in checked]
         parts.append(_line(there, checked))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from session.annexes.arrays.recording import ArraySession
 from session.detect.check_references import with_own_accelerometer
@@ -19,11 +18,10 @@ from tinygc.reporting.terminal import RenderableType, one_line
 
 @dataclass(frozen=True, eq=False)
 class CheckedArray:
-    """Another recording of the array: its name; outcomes of each unit by number; the reason why a unit has none, by number."""
+    """Another recording of the array: its name; outcomes of each unit by number."""
 
     name: str
     units: dict[int, Checked]
-    not_checked: dict[int, str]
 
 
 def check_units(
@@ -39,36 +37,31 @@ def check_units(
     if not numbers:
         have, want = (", ".join(map(str, these)) for these in (other.numbers, found.explanations))
         raise DataError(f"{other.folder}: it has units {have}, expected some of {want}; give another recording of the same array")
-    units, failed = {}, {}
+    units = {}
     for done, number in enumerate(numbers):
         progress(f"checking unit {number} on {printable(other.name)}", done, len(numbers))
         unit = other.units[other.numbers.index(number)]
         try:
-            told = explain_session(with_own_accelerometer(unit)[0], seed=seed, use_earth=use_earth)
-            units[number] = check_on(found.explanations[number], told, seed)
+            explained = explain_session(with_own_accelerometer(unit)[0], seed=seed, use_earth=use_earth)
+            units[number] = check_on(found.explanations[number], explained, seed)
         except CalibrationError as error:
-            failed[number] = printable(str(error))
-    return CheckedArray(other.name, units, failed)
+            units[number] = Checked(unit, None, error=str(error))
+    return CheckedArray(other.name, units)
 
 
 def checked_units_page(checked: list[CheckedArray]) -> list[RenderableType]:
-    """Return what the check says of each unit that names an effect, and of units that could not be checked."""
+    """Return what the check says of each unit that names an effect or could not be checked."""
     parts: list[RenderableType] = []
     for number in sorted({number for each in checked for number in each.units}):
         mine = [each.units[number] for each in checked if number in each.units]
-        if mine[0].effects:
+        if any(each.effects or each.error for each in mine):
             parts += [one_line(f"Unit {number}", "bold"), *checked_page(mine)]
-    for each in checked:
-        parts += [one_line(f"Unit {number} was not checked on {each.name}: {why}", "yellow") for number, why in each.not_checked.items()]
     return parts or ([one_line("Checked on other recordings: nothing is named here that could be checked.")] if checked else [])
 
 
 def checked_units_to_json(checked: list[CheckedArray]) -> list[dict]:
     """Return ``checked`` of ``tinygc-array-explain/2``."""
-    found = []
-    for each in checked:
-        units = [{"number": number, "error": None, **checked_to_json([one])[0]} for number, one in each.units.items()]
-        empty: dict[str, Any] = {"session": None, "same_unit": None, "effects": []}
-        units += [{"number": number, "error": why, **empty} for number, why in each.not_checked.items()]
-        found.append({"array": each.name, "units": units})
-    return found
+    return [
+        {"array": each.name, "units": [{"number": number, **checked_to_json([one])[0]} for number, one in each.units.items()]}
+        for each in checked
+    ]

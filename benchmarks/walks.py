@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROWS = 50
 CARRIERS = {
     "rate": {"Samples", "Log", "Session", "Batch", "Problem", "Prepared", "MethodFit", "FitResult", "Fit"},
-    "effect": {"Effect", "Claim", "AppliedEffect", "Claimed", "Named", "NamedEffect", "Naming", "Explanation", "Why"},
+    "effect": {"Effect", "Claim", "AppliedEffect", "Claimed", "Named", "NamedEffect", "SizedEffect", "Naming", "Explanation", "Why"},
 }
 
 

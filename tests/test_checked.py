@@ -15,12 +15,12 @@ from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import SimulationOptions, explain
 from tinygc.effects import catalogue
 from tinygc.explanation.checked import (
-    GRAVEST,
+    OUTCOMES,
     STRONG,
     Checked,
-    Named,
+    CheckedEffect,
     Outcome,
-    There,
+    SizedEffect,
     check_on,
     headings,
     named_in,
@@ -45,11 +45,11 @@ ASYMMETRY = catalogue()["gyro.scale_asymmetry"]
 EARTH = catalogue()["earth.rotation"]
 THETA = np.array([3e-3, -1e-3, 2e-3])
 COVARIANCE = 1e-8 * np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]])
-NAMED = Named(ASYMMETRY, THETA, COVARIANCE, 0.99)
+NAMED = SizedEffect(ASYMMETRY, THETA, COVARIANCE, 0.99)
 
 
 def there(theta, covariance):
-    return Named(ASYMMETRY, np.asarray(theta, float), np.asarray(covariance, float), 0.99)
+    return SizedEffect(ASYMMETRY, np.asarray(theta, float), np.asarray(covariance, float), 0.99)
 
 
 # The numbers of a check.
@@ -126,7 +126,7 @@ def test_the_test_of_one_size_is_uniform_and_the_power_is_the_share_that_decides
 
 def test_the_earths_rate_is_turned_about_the_vertical_with_its_uncertainty():
     rate = EARTH_RATE_RPS * np.array([0.6, 0.0, -0.8])
-    named = Named(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09]), 0.99)
+    named = SizedEffect(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09]), 0.99)
     turned = headings(named)
     assert len(turned) == 72
     quarter = turned[18]
@@ -150,11 +150,11 @@ def test_devices_share_the_earth_and_the_truth():
 
 
 def test_a_contradiction_anywhere_counts_and_blindness_does_not():
-    of = lambda *outcomes: outcome_of([There(NAMED, each) for each in outcomes])  # noqa: E731
+    of = lambda *outcomes: outcome_of([CheckedEffect(NAMED, each) for each in outcomes])  # noqa: E731
     assert of(Outcome.CONFIRMED, Outcome.CONTRADICTED) is Outcome.CONTRADICTED
     assert of(Outcome.NO_POWER, Outcome.CONFIRMED, Outcome.NOT_CONFIRMED) is Outcome.CONFIRMED
     assert of(Outcome.NO_POWER, Outcome.NOT_CONFIRMED) is Outcome.NOT_CONFIRMED
-    assert set(GRAVEST) == set(Outcome)
+    assert set(OUTCOMES) == set(Outcome)
 
 
 def test_odds_in_words():

@@ -17,12 +17,12 @@ from tinygc.annexes.arrays.checked import check_units, checked_units_page, check
 from tinygc.annexes.arrays.options import ArrayOptions
 from tinygc.annexes.arrays.simulation import simulate_array, write_array
 from tinygc.effects import catalogue
-from tinygc.explanation.checked import Checked, Named, Outcome, There
+from tinygc.explanation.checked import Checked, CheckedEffect, Outcome, SizedEffect
 from tinygc.reporting.terminal import Group, as_text
 
 THETA = np.array([1e-3, 2e-3, -1e-3])
 OTHER_3 = SimpleNamespace(name="other unit 3")
-NAMED = Named(catalogue()["gyro.scale_asymmetry"], THETA, 1e-10 * np.eye(3), 0.99)
+NAMED = SizedEffect(catalogue()["gyro.scale_asymmetry"], THETA, 1e-10 * np.eye(3), 0.99)
 
 
 @pytest.fixture(name="found")
@@ -36,7 +36,7 @@ def of_two_units(monkeypatch):
 
     monkeypatch.setattr(module, "with_own_accelerometer", lambda unit: (unit, []))
     monkeypatch.setattr(module, "explain_session", explain)
-    there = There(NAMED, Outcome.CONFIRMED, 90.0, 0.4, 1.0, NAMED, (1.0, 0.02), (2 * DEG, 1 * DEG))
+    there = CheckedEffect(NAMED, Outcome.CONFIRMED, 90.0, 0.4, 1.0, NAMED, (1.0, 0.02), (2 * DEG, 1 * DEG))
     session = SimpleNamespace(name="other")
     monkeypatch.setattr(
         module, "check_on", lambda first, told, seed: Checked(session, True, [there] if told == "explained other 0" else [])

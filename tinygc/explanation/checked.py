@@ -54,7 +54,7 @@ STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.OTHER_SIZE: Standing.FOR, 
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class SizedEffect:
     """An effect that a recording shows: theta (P,) SI and covariance (P, P); lookalikes: ids that fit there as well or nearly."""
 
     effect: Effect
@@ -65,7 +65,7 @@ class Named:
 
 
 @dataclass(frozen=True, eq=False)
-class There:
+class CheckedEffect:
     """A named effect in another recording.
 
     odds: 2 ln of the odds of the named size against none; same_p: of the test that both sizes are one; power: probability of odds that
@@ -73,12 +73,12 @@ class There:
     size, its share of the named size, with sigma; closure_rad: held-out rms there without the effect and with the named numbers.
     """
 
-    named: Named
+    named: SizedEffect
     outcome: Outcome
     odds: float = 0.0
     same_p: float = 1.0
     power: float = 0.0
-    there: Named | None = None
+    there: SizedEffect | None = None
     size: tuple[float, float] = (np.nan, np.nan)
     closure_rad: tuple[float, float] | None = None
 
@@ -100,14 +100,14 @@ class Checked:
 
     session: Session
     same_unit: bool | None
-    effects: list[There] = field(default_factory=list)
+    effects: list[CheckedEffect] = field(default_factory=list)
     error: str = ""
 
 
 # What a recording names, with numbers.
 
 
-def named_in(e: Explanation | TruthExplanation) -> list[Named]:
+def named_in(e: Explanation | TruthExplanation) -> list[SizedEffect]:
     """Return the claimed effects, strongest first, without shapes that have no name."""
     fit = e.fit if isinstance(e, TruthExplanation) else e.naming.fit
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
@@ -117,15 +117,15 @@ def named_in(e: Explanation | TruthExplanation) -> list[Named]:
         if name.startswith(NAMELESS):
             continue
         if (measured := _measured(e, name)) is not None:
-            found.append(Named(claim.effect, *measured, claim.probability, likes))
+            found.append(SizedEffect(claim.effect, *measured, claim.probability, likes))
         elif name in numbers:
             applied = fit.state.claims[numbers[name]]
             covariance = fit.theta_covariance(numbers[name])
             covariance = covariance + np.diag((applied.effect.known_to * applied.theta) ** 2)
-            found.append(Named(applied.effect, applied.theta, covariance, claim.probability, likes))
+            found.append(SizedEffect(applied.effect, applied.theta, covariance, claim.probability, likes))
         else:
             size = claim.effect.parameter.size
-            found.append(Named(claim.effect, np.full(size, np.nan), np.full((size, size), np.nan), claim.probability, likes))
+            found.append(SizedEffect(claim.effect, np.full(size, np.nan), np.full((size, size), np.nan), claim.probability, likes))
     return found
 
 
@@ -165,27 +165,27 @@ def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthEx
     evidence: Evidence | None = None
     for named in named_in(first):
         if of_recording(named.effect):
-            checked.effects.append(There(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
+            checked.effects.append(CheckedEffect(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
         elif not np.isfinite(named.theta).all():
-            checked.effects.append(There(named, Outcome.NO_NUMBERS))
+            checked.effects.append(CheckedEffect(named, Outcome.NO_NUMBERS))
         elif checked.same_unit is False and of_unit(named.effect):
-            checked.effects.append(There(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
+            checked.effects.append(CheckedEffect(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
         elif named.effect.id in (DELAY, OFFSET.id):
             measured = _measured(other, named.effect.id)
             there = None if measured is None else replace(named, theta=measured[0], covariance=measured[1])
-            checked.effects.append(There(named, Outcome.NO_POWER) if there is None else weighed_by(named, there, seed))
+            checked.effects.append(CheckedEffect(named, Outcome.NO_POWER) if there is None else weighed_by(named, there, seed))
         else:
             evidence = evidence or Evidence(other.twin if isinstance(other, Explanation) else TruthTwin(other.problem))
             checked.effects.append(predicted(named, other, evidence, seed))
     return checked
 
 
-def _same_name(other: Explanation | TruthExplanation, effect: Effect) -> Named | None:
+def _same_name(other: Explanation | TruthExplanation, effect: Effect) -> SizedEffect | None:
     """The effect with the same id that the other recording names by itself."""
     return next((n for n in named_in(other) if n.effect.id == effect.id and np.isfinite(n.theta).all()), None)
 
 
-def weighed_by(named: Named, there: Named, seed: int, odds: float | None = None) -> There:
+def weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float | None = None) -> CheckedEffect:
     """Decide by the two estimates; odds: 2 ln, where they are known better than from them."""
     if odds is None:
         odds = float(odds_of(there.theta, named, there.covariance)[0])
@@ -203,10 +203,10 @@ def weighed_by(named: Named, there: Named, seed: int, odds: float | None = None)
         outcome = Outcome.CONTRADICTED
     else:
         outcome = Outcome.NOT_CONFIRMED if power >= LEAST_POWER else Outcome.NO_POWER
-    return There(named, outcome, odds, same_p, power, there, size)
+    return CheckedEffect(named, outcome, odds, same_p, power, there, size)
 
 
-def odds_of(estimates: np.ndarray, named: Named, covariance: np.ndarray) -> np.ndarray:
+def odds_of(estimates: np.ndarray, named: SizedEffect, covariance: np.ndarray) -> np.ndarray:
     """2 ln of the odds, (K,), that estimates (K, P) with a covariance (P, P) give the named size, as uncertain as it is, against zero."""
     estimates = np.atleast_2d(estimates)
     found = np.zeros(len(estimates))
@@ -216,7 +216,7 @@ def odds_of(estimates: np.ndarray, named: Named, covariance: np.ndarray) -> np.n
     return found
 
 
-def size_of(named: Named, there: Named) -> tuple[float, float]:
+def size_of(named: SizedEffect, there: SizedEffect) -> tuple[float, float]:
     """Share of the named size that the other estimate has along it, and its sigma."""
     weight = np.linalg.solve(named.covariance + there.covariance, named.theta)
     length = float(weight @ named.theta)
@@ -232,7 +232,7 @@ class _Prediction:
     r: np.ndarray
     J: np.ndarray
     own: np.ndarray
-    estimate: Named
+    estimate: SizedEffect
     price: float
 
     def value(self, theta: np.ndarray | None = None, covariance: np.ndarray | None = None) -> float:
@@ -246,7 +246,7 @@ class _Prediction:
         return noise.estimated(self.hypothesis.whiten, r - J @ moved, J, noise.s).value + self.price
 
 
-def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: Named, begin: Hypothesis) -> _Prediction:
+def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: SizedEffect, begin: Hypothesis) -> _Prediction:
     # The effect keeps the shape that was named: without a scan it is not fitted again.
     effect = named.effect if named.effect.scan is None else replace(named.effect, scan=None)
     found = evidence.of((*others, effect), begin)
@@ -259,7 +259,7 @@ def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: Named, be
     return _Prediction(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
 
 
-def predicted(named: Named, other: Explanation | TruthExplanation, evidence: Evidence, seed: int) -> There:
+def predicted(named: SizedEffect, other: Explanation | TruthExplanation, evidence: Evidence, seed: int) -> CheckedEffect:
     """Predict the other recording with the named numbers, beside what it shows by itself.
 
     What it names in place of the effect, and shapes without a name, may stand for the effect there: the odds are those of the better of
@@ -287,7 +287,7 @@ def predicted(named: Named, other: Explanation | TruthExplanation, evidence: Evi
     return replace(there, named=named, closure_rad=(before, after))
 
 
-def headings(named: Named) -> list[Named]:
+def headings(named: SizedEffect) -> list[SizedEffect]:
     """The Earth's rate with the table turned to each heading."""
     found = []
     for angle in np.arange(HEADINGS) * 2 * np.pi / HEADINGS:
@@ -307,19 +307,19 @@ def _closure(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> floa
 
 # What several recordings say together.
 
-#: outcomes, the one that counts most first
-GRAVEST = (
-    *(Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.OTHER_SIZE, Outcome.NOT_CONFIRMED, Outcome.NO_POWER),
-    *(Outcome.NO_NUMBERS, Outcome.OF_UNIT, Outcome.OF_RECORDING),
-)
+#: outcomes of a prediction, and where nothing was predicted
+TESTED = (Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.OTHER_SIZE, Outcome.NOT_CONFIRMED, Outcome.NO_POWER)
+UNTESTED = (Outcome.NO_NUMBERS, Outcome.OF_UNIT, Outcome.OF_RECORDING)
+#: all of them, the one that counts most first
+OUTCOMES = TESTED + UNTESTED
 
 
-def outcome_of(there: Sequence[There]) -> Outcome:
+def outcome_of(there: Sequence[CheckedEffect]) -> Outcome:
     """Outcome of one effect over several recordings: a contradiction anywhere, else a confirmation, else the best that is left."""
-    return min((each.outcome for each in there), key=GRAVEST.index)
+    return min((each.outcome for each in there), key=OUTCOMES.index)
 
 
-def numbers_of(named: Named) -> tuple[dict, dict]:
+def numbers_of(named: SizedEffect) -> tuple[dict, dict]:
     """Parameters of an effect by their JSON names, and their std."""
     _, parameters, std = readable(AppliedEffect(named.effect, named.theta), named.covariance)
     return parameters, std
@@ -338,18 +338,18 @@ def checked_to_json(checked: Sequence[Checked]) -> list[dict]:
     ]
 
 
-def _entry(there: There) -> dict:
+def _entry(there: CheckedEffect) -> dict:
     estimate = None if there.there is None else dict(zip(("parameters", "std"), numbers_of(there.there), strict=True))
     closure = None if there.closure_rad is None else dict(zip(("before", "after"), np.degrees(there.closure_rad).tolist(), strict=True))
-    weighed = there.outcome in GRAVEST[:5] and there.there is not None
+    tested = there.outcome in TESTED and there.there is not None
     share, sigma = there.size
     return {
         "id": there.named.effect.id,
         "outcome": there.outcome.value.replace(" ", "_"),
         "standing": there.standing.value,
-        "log_odds": there.odds / 2 if weighed else None,
-        "same_size_p": there.same_p if weighed else None,
-        "power": there.power if weighed else None,
+        "log_odds": there.odds / 2 if tested else None,
+        "same_size_p": there.same_p if tested else None,
+        "power": there.power if tested else None,
         "size_share": {"value": share, "std": sigma} if np.isfinite([share, sigma]).all() else None,
         "there": estimate,
         "closure_rms_deg": closure,

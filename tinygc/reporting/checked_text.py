@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from session.io.texts import printable
-from tinygc.explanation.checked import GRAVEST, Checked, Outcome, There, numbers_of, outcome_of
+from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, Outcome, numbers_of, outcome_of
 from tinygc.explanation.claims import measured
 from tinygc.reporting.terminal import RenderableType, Table, Text, one_line
 
@@ -45,12 +45,12 @@ def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
     return [*parts, table]
 
 
-def _line(there: list[There], checked: Sequence[Checked]) -> Text:
+def _line(there: list[CheckedEffect], checked: Sequence[Checked]) -> Text:
     outcome = outcome_of(there)
     counted = [each.outcome for each in there]
     if outcome in REASONS:
         return one_line(f"  {there[0].named.effect.id}: {outcome.value}: {REASONS[outcome]}")
-    counts = [f"{each.value} in {counted.count(each)}" for each in GRAVEST if each in counted]
+    counts = [f"{each.value} in {counted.count(each)}" for each in OUTCOMES if each in counted]
     words = f"{there[0].named.effect.id}: {', '.join(counts)} of {len(counted)} recordings"
     differing = [each.session.name for each, found in zip(checked, there, strict=True) if found.other_size]
     if outcome is Outcome.CONFIRMED and differing:
@@ -60,7 +60,7 @@ def _line(there: list[There], checked: Sequence[Checked]) -> Text:
     return one_line(f"  {words}", STYLES.get(outcome, ""))
 
 
-def _cells(found: There) -> tuple[str, str, str, str]:
+def _cells(found: CheckedEffect) -> tuple[str, str, str, str]:
     size = measured(*found.size) if np.isfinite(found.size).all() else "–"
     if found.other_size:
         size += f" (another size, p = {found.same_p:.1g})"
@@ -72,7 +72,7 @@ def _cells(found: There) -> tuple[str, str, str, str]:
     return found.outcome.value, size, odds_words(found.odds), closure
 
 
-def _numbers(found: There) -> str:
+def _numbers(found: CheckedEffect) -> str:
     """Return the effect's largest number here, and the same one there, where the other recording names the effect itself."""
     if found.there is None or not np.isfinite(found.named.theta).all():
         return "–"

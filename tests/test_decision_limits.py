@@ -14,6 +14,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation import decision
 from tinygc.explanation.decision import (
+    FitClosure,
     Naming,
     Proof,
     beyond_the_catalogue,
@@ -37,7 +38,7 @@ from tinygc.explanation.decision import (
 )
 from tinygc.explanation.evidence import Guess
 from tinygc.explanation.search import NAMELESS, probabilities
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import BIAS, LinearModel
 from tinygc.noise.components import MOST_FACTOR, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas
 
@@ -238,16 +239,54 @@ def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
     evidence = twin.evidence()
     named, nothing = evidence.of((A,), evidence.nothing), evidence.nothing
     before = np.ones((12, 2))
-    proof = prove(twin.problem, twin, named.whiten, named.fit, before)
+    proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before))
     np.testing.assert_array_equal(proof.after, held_out(twin, named.whiten, named.fit))
     assert (proof.changed, proof.floor_rms, proof.before is before) == (True, np.sqrt(2.0), True)
     assert proof.before_numbers == proof.after_numbers == list(range(1, 13))
-    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, before)
+    same = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(before))
     assert (same.changed, same.after is before) == (False, True)
     other = SimpleNamespace(**vars(twin.problem))
-    assert prove(other, twin, nothing.whiten, nothing.fit, before).changed
+    assert prove(other, twin, nothing.whiten, nothing.fit, FitClosure(before)).changed
     monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
     np.testing.assert_array_equal(prove(twin.problem, twin, nothing.whiten, nothing.fit).before, 2 * before)
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_where_fit_takes_the_bias_from_the_stills_a_proof_may_do_as_well(monkeypatch, size):
+    """The better of both; ``fit`` alone says whether it does."""
+    twin = twin_with((A, [6.0, -4.0]))
+    twin.problem.used = twin.problem.segments = twin.segments
+    named = twin.evidence().of((A,), twin.evidence().nothing)
+    ends, stills = np.ones((12, 2)), size * np.ones((12, 2))
+    monkeypatch.setattr(decision, "held_out", lambda twin, whiten, fit, from_stills=False: stills if from_stills else ends)
+    proofs = [prove(twin.problem, twin, named.whiten, named.fit, FitClosure(ends, from_stills)) for from_stills in (False, True)]
+    assert [each.after[0, 0] for each in proofs] == [1.0, min(size, 1.0)]
+
+
+def test_what_fit_states_bounds_the_closure_of_named_effects_unless_its_bias_is_of_the_stills():
+    angles = np.array([[3.0, 4.0, 9.0]] * 2)
+    assert [each.most_rad for each in (FitClosure(angles), FitClosure(angles, True), FitClosure())] == [5.0, np.inf, np.inf]
+
+
+def test_a_bias_that_moves_in_a_turn_and_its_stills_alike_leaves_no_closure_with_the_bias_of_the_stills(monkeypatch):
+    """Every channel is moved as by a bias of the fourth turn and of both its stills: its neighbours have half of it at one end."""
+    twin = twin_with()
+    twin.calibration[ROWS["still"], BIAS] = np.tile(np.eye(3), (13, 1))
+    nothing = twin.evidence().nothing
+    closure, still = nothing.whiten.parts["closure"], nothing.whiten.parts["still"]
+    by_bias = nothing.whiten.back(nothing.fit.J[:, BIAS])
+    ends, turn, bias = np.stack([twin.first, twin.last], axis=1), 3, np.array([2e-3, -1e-3, 3e-3])
+    moved, angles = np.zeros(len(nothing.fit.r)), twin.batch.angles
+    moved[closure][angles * turn : angles * (turn + 1)] = (by_bias[closure] @ bias)[angles * turn : angles * (turn + 1)]
+    for number in set(ends[turn]):
+        moved[still][3 * number : 3 * number + 3] = (by_bias[still] @ bias)[3 * number : 3 * number + 3]
+    monkeypatch.setattr(decision, "left_out", lambda twin, whiten, r, J: moved)
+    found = held_out(twin, nothing.whiten, nothing.fit, from_stills=True)
+    shared = np.array([sum(number in ends[turn] for number in pair) for pair in ends]) / 2
+    shared[turn] = 0.0
+    expected = -shared[:, None] * (by_bias[closure] @ bias).reshape(found.shape)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(by_bias).max())
+    assert np.abs(expected).max() > 1e-6 * np.abs(by_bias).max()
 
 
 # Decisions

@@ -81,13 +81,36 @@ def tilt_rms(angles: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
-def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: np.ndarray | None = None) -> Proof:
-    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: by ``fit``, if known."""
+@dataclass(frozen=True, eq=False)
+class FitClosure:
+    """Held-out angles (S, d) rad of what ``fit`` states for a session, None if it states none of these segments; from_stills: whether it
+    takes the bias of each turn from its stills."""
+
+    held_out: np.ndarray | None = None
+    from_stills: bool = False
+
+    @property
+    def most_rad(self) -> float:
+        """Tilt rms, rad, above which no effect is kept: none where the stills absorb a bias that moves, and so close what an effect of the
+        bias explains."""
+        return math.inf if self.held_out is None or self.from_stills else tilt_rms(self.held_out)
+
+
+NOT_STATED = FitClosure()
+
+
+def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: FitClosure = NOT_STATED) -> Proof:
+    """Hold out every tenth segment, with the stills at its ends, in turn; stated: what ``fit`` reaches, without any effect."""
     changed = bool(fit.state.claims) or twin.problem is not original
-    before = linear_held_out(original, twin, whiten) if before is None else before
+    before = linear_held_out(original, twin, whiten) if stated.held_out is None else stated.held_out
+    after = before
+    if changed:
+        after = held_out(twin, whiten, fit)
+        if stated.from_stills:  # the explained model may do as ``fit`` does
+            after = min(after, held_out(twin, whiten, fit, from_stills=True), key=tilt_rms)
     return Proof(
         before=before,
-        after=held_out(twin, whiten, fit) if changed else before,
+        after=after,
         before_numbers=[segment.number for segment in original.used],
         after_numbers=numbers_before(original, twin),
         floor_rms=twin.problem.floor.tilt_rms,
@@ -135,10 +158,22 @@ def by_ends(problem: Problem) -> np.ndarray:
     return found
 
 
-def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    """(S, d) rad of each segment, with parameters estimated from all rows except its fold's."""
+def held_out(twin: Twin, whiten: Whitener, fit: Refit, from_stills: bool = False) -> np.ndarray:
+    """(S, d) rad of each segment, with parameters estimated from all rows except its fold's.
+
+    from_stills: with the bias of each turn moved by what its two stills, which are held out as well, read beside the model.
+    """
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
-    return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
+    left = left_out(twin, whiten, fit.r, fit.J * prior)
+    closure, still = whiten.parts["closure"], whiten.parts["still"]
+    angles = left[closure].reshape(-1, twin.batch.angles)
+    if not from_stills:
+        return angles
+    by_bias = whiten.back(fit.J[:, linear.BIAS])
+    ends = np.stack([twin.first, twin.last], axis=1)
+    at_rest = left[still].reshape(-1, 3)[ends].mean(axis=1)
+    moved = np.linalg.solve(by_bias[still].reshape(-1, 3, 3)[ends].mean(axis=1), -at_rest[..., None])
+    return angles + (by_bias[closure].reshape(*angles.shape, 3) @ moved)[..., 0]
 
 
 def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from session.detect.findings import Finding
 from session.io.errors import CalibrationError
 from session.io.folder import Session
@@ -21,7 +19,7 @@ from tinygc.estimation.bias import choose
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import Naming, Proof, decide, linear_held_out, prove, tilt_rms
+from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, linear_held_out, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
@@ -125,14 +123,14 @@ def explain_session(
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     progress("least squares", 1, 6)
-    plain, most_rad = _by_fit(fitted, problem)
+    stated = _by_fit(fitted, problem)
     mended = repair(problem, lambda what: progress(what, 2, 6))
-    twin, naming, proof = _decided(problem, mended, seed, progress, known, plain, most_rad)
+    twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(linear_held_out(problem, twin, naming.whiten)):
         mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
-        twin, naming, proof = _decided(problem, mended, seed, progress, known, plain, most_rad)
+        twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
@@ -153,17 +151,15 @@ def explain_session(
     return explanation
 
 
-def _by_fit(fitted: Problem, problem: Problem) -> tuple[np.ndarray | None, float]:
-    """Held-out angles (S, d) rad of what ``fit`` states for this session, None where it does not settle, or uses other segments; and the
-    tilt rms, rad, above which no effect is kept: none where the fit takes its bias from the stills, which absorb a bias that moves, and so
-    close what an effect of the bias explains."""
+def _by_fit(fitted: Problem, problem: Problem) -> FitClosure:
+    """Closure that ``fit`` states for this session; none where it does not settle, or uses other segments."""
     if [segment.number for segment in fitted.used] != [segment.number for segment in problem.used]:
-        return None, math.inf
+        return FitClosure()
     try:
         source, _, fit = choose(fitted, FitOptions(methods=("least_squares",)))
     except CalibrationError:
-        return None, math.inf
-    return fit.held_out, tilt_rms(fit.held_out) if source.used == "ends" else math.inf
+        return FitClosure()
+    return FitClosure(fit.held_out, source.used == "stills")
 
 
 def _decided(
@@ -172,18 +168,16 @@ def _decided(
     seed: int,
     progress: Callable[[str, int, int], None],
     known: KnownEffects | None,
-    plain: np.ndarray | None,
-    most_rad: float,
+    stated: FitClosure,
 ) -> tuple[Twin, Naming, Proof]:
-    """Build the twin of the repaired problem, select its effects, and prove both on held-out segments; plain and most_rad: as
-    ``_by_fit`` returns them."""
+    """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    most_rad = most_rad if mended.problem is problem else math.inf
+    most_rad = stated.most_rad if mended.problem is problem else math.inf
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, {} if known is None else known.odds, most_rad)
     naming = replace(naming, fit=in_gauge(twin, naming.whiten, naming.fit))
     progress("proof on held-out segments", 5, 6)
-    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, plain)
+    return twin, naming, prove(problem, twin, naming.whiten, naming.fit, stated)
 
 
 def _heading_not_used(problem: Problem) -> list[Finding]:

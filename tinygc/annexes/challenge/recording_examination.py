@@ -21,6 +21,8 @@ from tinygc.reporting.terminal import Group, Table, Text
 
 #: a detection limit is confirmed within the step between two sizes that are tried
 AGREES = 2.0
+#: the delay between the clocks is measured whether it is named or not: sigmas by which it is there, and of which a copy has the same
+DELAY, DELAY_SIGMAS = "timing.gyro_accel_offset", 2.0
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,17 @@ def own_names(untouched: dict) -> set[str]:
     return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
 
 
+def same_delay(untouched: dict, said: dict) -> bool:
+    """Whether the untouched recording measures a delay between the clocks, named or not, and a copy measures the same one."""
+    before, after = (answer.get("turn_gravity") for answer in (untouched, said))
+    if not before or not after:
+        return False
+    limit_s = DELAY_SIGMAS * before["offset_std_s"]
+    return abs(before["offset_s"]) > limit_s and abs(after["offset_s"] - before["offset_s"]) < limit_s
+
+
 def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict) -> list[Power]:
-    """Detection by effect.  Names reported for the untouched recording count as neither right nor wrong."""
+    """Detection by effect.  Names reported for the untouched recording are neither right nor wrong, nor is a delay that it measures."""
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
     for trial in sorted(trials, key=lambda trial: trial.size):
@@ -95,6 +106,8 @@ def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict)
 
 def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: dict) -> Tried:
     result = score(trial.name, {"effects": {trial.id: {}}, "strength": trial.size}, said)
+    if same_delay(untouched, said):
+        own = own | {DELAY}
     wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
     found = bool(result.found)
     if trial.id in OUTSIDERS:

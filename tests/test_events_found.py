@@ -512,6 +512,16 @@ def test_events_of_every_log_are_proposed_and_bridged_in_their_own():
         assert (found.order, found.missed_rad) == bridging.best_order(spoilt, np.array([event.row]), count)
 
 
+def test_an_excursion_of_the_gyro_beside_a_blow_is_the_blows_but_a_row_that_no_sensor_outputs_is_false():
+    spoilt = noisy(1000)
+    gyro, accel = spoilt.gyro.copy(), spoilt.accel.copy()
+    gyro[[400, 600]] += 1.0
+    accel[[605]] *= 3
+    gyro[[615]] = accel[[615]] = 0.0
+    found = proposed(session_with(replace(spoilt, gyro=gyro, accel=accel)))
+    assert [e for e in found if e.id == FALSE] == [RegisterFault(FALSE, 0, 400, 1, False), RegisterFault(FALSE, 0, 615, 1, True)]
+
+
 # Clipping
 
 
@@ -556,6 +566,11 @@ def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
     assert ceiling.level == pytest.approx(level - 2 * LSB)
     at = np.abs(clipped.gyro) >= level - 3.5 * LSB
     np.testing.assert_array_equal(ceiling.mask, at.any(axis=1))
+    short = np.array(clipped.gyro)
+    short[50:52, 1], short[55, 2] = 2 * LSB - level, level - 4 * LSB  # two readings at it on another axis, and one below
+    np.testing.assert_array_equal(
+        find_ceiling(replace(clipped, gyro=short), 500 * DEG).mask, at.any(axis=1) | np.isin(np.arange(len(at)), [50, 51])
+    )
     assert find_ceiling(replace(clipped, gyro=-np.asarray(clipped.gyro)), 500 * DEG).level == pytest.approx(level - 2 * LSB)
     assert find_ceiling(quiet, 500 * DEG) is None or find_ceiling(quiet, 500 * DEG).level > level
     for share, found in ((19.9, True), (20.1, False)):

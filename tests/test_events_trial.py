@@ -184,7 +184,10 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
 
 
 def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
-    """By hand for each choice of two events, beside another that is repaired in any case; a row that no sensor outputs adds 20."""
+    """By hand for each choice of two events, beside another that is repaired in any case; a row that no sensor outputs adds 20.
+
+    What a gap may hide excuses nothing: as recorded, with the same covariance, the turn must be the less likely one.
+    """
     made = trial()
     own = [RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)]
     others = [RegisterFault(FALSE, 0, 118, 1)]
@@ -193,13 +196,17 @@ def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
     hides = {own[0]: 0.01, own[1]: 0.03, others[0]: 0.02}
     found = made.likelihoods(0, own, others, lambda event: Crossing(1, hides[event]), 0)
     misfit, expected = {}, {}
+
+    def normal(repaired, hidden):
+        C = made.covariance[0] + sum(hides[event] ** 2 for event in hidden) * np.eye(2)
+        return stats.multivariate_normal(np.zeros(2), C).logpdf(made.angles(0, repaired, None, 0)) + np.log(2 * np.pi)
+
     for size in range(3):
         for some in combinations(range(2), size):
             mended = [*others, *(own[k] for k in some)]
             angles = made.angles(0, mended, None, 0)
-            C = made.covariance[0] + sum(hides[event] ** 2 for event in mended) * np.eye(2)
-            normal = stats.multivariate_normal(np.zeros(2), C).logpdf(angles) + np.log(2 * np.pi)
-            expected[frozenset(some)] = normal + 20 * (1 in some)
+            excused = normal(others, mended) - normal(others, others)
+            expected[frozenset(some)] = normal(mended, mended) - max(excused, 0.0) + 20 * (1 in some)
             misfit[frozenset(some)] = angles @ np.linalg.inv(made.covariance[0]) @ angles
     admissible = [c for c in expected if all(misfit[c] < misfit[c - {one}] for one in c)]
     assert found == pytest.approx({choice: expected[choice] for choice in admissible})

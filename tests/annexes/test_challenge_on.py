@@ -264,12 +264,12 @@ def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
     ("own_ms", "copy_ms", "wrong"),
     [(8.1, 8.1, ()), (8.1, 12.0, ()), (8.1, 4.2, ()), (-8.1, -8.1, ()), (8.1, 12.2, 1), (8.1, 4.0, 1), (3.9, 3.9, 1)],
 )
-def test_a_delay_that_the_untouched_recording_measures_without_naming_it_is_its_own(own_ms, copy_ms, wrong):
+def test_a_delay_that_the_untouched_recording_measures_without_naming_it_is_its_own_and_the_earth_is_always(own_ms, copy_ms, wrong):
     """A sigma of 2 ms: it is there beyond 4 ms, and the same one within 4 ms."""
     delay = "timing.gyro_accel_offset"
     untouched, copy = (
         said(*names) | {"turn_gravity": {"offset_s": 1e-3 * ms, "offset_std_s": 2e-3}}
-        for names, ms in (((), own_ms), (("gyro.bias_drift", delay), copy_ms))
+        for names, ms in (((), own_ms), (("gyro.bias_drift", delay, "earth.rotation"), copy_ms))
     )
     (drift,) = powers([InjectionTrial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0)], {"case001": copy}, untouched)
     assert drift.tried[0].found

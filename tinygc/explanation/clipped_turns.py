@@ -40,9 +40,9 @@ class ReachedCeiling:
 def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """Find a rate below the register's range that an axis reaches repeatedly and never exceeds."""
     found = []
-    for axis in range(3):
+    steps = [register_step(samples.gyro[:, axis]) for axis in range(3)]
+    for axis, step in enumerate(steps):
         readings = samples.gyro[:, axis]
-        step = register_step(readings)
         for sign in (1, -1):
             values = sign * readings
             top = values.max()
@@ -55,7 +55,9 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
-    return ReachedCeiling(level, np.any([at for _, at, _ in found], axis=0))
+    # A short clip, a sample or two at the level on another axis, loses as much of its turn.
+    short = (np.abs(samples.gyro) >= level - 1.5 * np.array(steps)).any(axis=1)
+    return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:

@@ -173,15 +173,27 @@ class ClosureTrial:
     def likelihoods(
         self, i: int, own: list[RegisterFault], others: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int
     ) -> dict[Choice, float]:
-        """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired."""
+        """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired.
+
+        A choice gains no more than its repair moves the closure to zero: a bridge is uncertain, and its uncertainty alone would excuse a
+        turn that is open for another reason.
+        """
+        as_recorded = self.angles(i, others, cross, length)
+        bridged = sum(cross(event).missed_rad ** 2 for event in others)
+
+        def likelihood(angles: np.ndarray, variance: float) -> float:
+            C = self.covariance[i] + variance * np.eye(len(angles))
+            return float(-(angles @ np.linalg.solve(C, angles)) - np.linalg.slogdet(C)[1]) / 2
+
+        unrepaired = likelihood(as_recorded, bridged)
 
         def value(choice: Choice) -> tuple[float, float]:
-            mended = [*others, *(own[k] for k in choice)]
-            angles = self.angles(i, mended, cross, length)
-            C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
-            likelihood = -(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2
-            likelihood += CERTAIN * sum(own[k].accel for k in choice)
-            return float(likelihood), float(angles @ np.linalg.solve(self.covariance[i], angles))
+            chosen = [own[k] for k in choice]
+            angles = self.angles(i, [*others, *chosen], cross, length)
+            variance = bridged + sum(cross(event).missed_rad ** 2 for event in chosen)
+            repaired = likelihood(angles, variance)
+            gain = min(repaired - unrepaired, repaired - likelihood(as_recorded, variance))
+            return unrepaired + gain + CERTAIN * sum(e.accel for e in chosen), float(angles @ np.linalg.solve(self.covariance[i], angles))
 
         return choices(len(own), value)
 

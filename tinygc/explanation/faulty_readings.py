@@ -362,13 +362,16 @@ class RegisterFault:
 
 
 def proposed(session: Session) -> list[RegisterFault]:
-    """False readings of every log, then possible losses once these are bridged, away from blows."""
+    """False readings of every log, then possible losses once these are bridged, both away from blows."""
     events: list[RegisterFault] = []
     for number, log in enumerate(session.logs):
         samples = log.samples
+        calibrated = session.calibrated(log)
         if (glitches := find_glitches(samples)) is not None:
             columns = zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True)
-            events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in columns]
+            own = set(away_from_blows(calibrated, glitches.rows).tolist())
+            # No sensor outputs an impossible row, beside a blow or not; an excursion of the gyro may be the blow's.
+            events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in columns if accel or row in own]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
         losses = possible_losses(find_jumps(samples), samples.duration_s)

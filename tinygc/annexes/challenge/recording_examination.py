@@ -23,6 +23,8 @@ from tinygc.reporting.terminal import Group, Table, Text
 AGREES = 2.0
 #: the delay between the clocks is measured whether it is named or not: sigmas by which it is there, and of which a copy has the same
 DELAY, DELAY_SIGMAS = "timing.gyro_accel_offset", 2.0
+#: it turns, whatever was concealed; where a latitude is given it is no candidate
+EARTH = "earth.rotation"
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def same_delay(untouched: dict, said: dict) -> bool:
 
 
 def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict) -> list[Power]:
-    """Detection by effect.  Names reported for the untouched recording are neither right nor wrong, nor is a delay that it measures."""
+    """Detection by effect.  Neither right nor wrong are names of the untouched recording, a delay that it measures, and the Earth."""
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
     for trial in sorted(trials, key=lambda trial: trial.size):
@@ -106,8 +108,7 @@ def powers(trials: list[InjectionTrial], said: dict[str, dict], untouched: dict)
 
 def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: dict) -> Tried:
     result = score(trial.name, {"effects": {trial.id: {}}, "strength": trial.size}, said)
-    if same_delay(untouched, said):
-        own = own | {DELAY}
+    own = own | {EARTH} | ({DELAY} if same_delay(untouched, said) else set())
     wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
     found = bool(result.found)
     if trial.id in OUTSIDERS:

@@ -267,6 +267,14 @@ def test_the_shapes_tried_in_each_unit_count():
     assert found.statement.p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
 
 
+@pytest.mark.parametrize(("times", "alone"), [(0.99, 1), (1.01, 2)])
+def test_the_statement_counts_the_units_that_show_the_motion_by_themselves(times, alone):
+    """By each unit's chi-square, over two members and the five shapes that were tried: 5 % is the limit of one."""
+    units = {0: weighed(shapes=5, drift=-20.0, warm=0.0), 1: weighed(shapes=5, drift=-20.0, warm=0.0)}
+    units[1].gain["gyro.bias_drift"] = float(chi2.isf(0.05 / 10, 3)) * times, 3
+    assert pooled(units, {}, True).statement.words.count(f"{alone} of 2 show it alone") == 1
+
+
 def test_the_limit_of_a_slow_motion_is_that_of_its_estimate():
     """A drift over the log: (t / duration - 1/2) theta, from the first to the last of 100 samples; y moves most, z is known least."""
     t = np.arange(100.0)

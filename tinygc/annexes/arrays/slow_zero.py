@@ -120,7 +120,8 @@ def pooled(units: Mapping[int, UnitEvidence], named: dict[int, tuple[str, ...]],
     standing = Standing.FOR if p_value < LEVEL and least < 0 else Standing.UNDECIDED
     sizes = {number: unit.size_rps[best] for number, unit in units.items()}
     low, high = min(sizes.values()) / DEG, max(sizes.values()) / DEG
-    size = f"by {low:.2g} to {high:.2g} dps over the session, {alternatives(shares, thermometer)}"
+    alone = sum(len(members) * unit.shapes[best] * float(chdtrc(unit.gain[best][1], unit.gain[best][0])) < LEVEL for unit in units.values())
+    size = f"by {low:.2g} to {high:.2g} dps over the session, {alternatives(shares, thermometer)}; {alone} of {len(units)} show it alone"
     limit = f"{max(unit.upper_rps[best] for unit in units.values()) / DEG:.2g} dps"
     what = "the units' zero-rate offsets move slowly"
     statement = Statement(what, standing, f"chi-square, pooled over {len(units)} units", p_value, size, limit)

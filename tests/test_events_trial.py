@@ -252,9 +252,39 @@ def test_most_turns_decide_the_number_lost_and_not_the_one_that_closes_best():
     assert made.lost_each_time(shortened(made, {0: 1, 1: 1, 2: 1, 3: 2})) == 1
 
 
+def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs():
+    """One step below and above the chi-square of its closure once repaired, with what the gap may hide."""
+    made = trial()
+    false, certain = RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)
+    made._bridged = [made.rates[0].copy()]
+    made.rates[0][[106, 112, 113]] += 0.3
+    cross = lambda event: Crossing(1, 0.01)  # noqa: E731
+    angles = made.angles(0, [false], None, 0)
+    left = angles @ np.linalg.solve(made.covariance[0] + 0.01**2 * np.eye(2), angles)
+    for most, kept in ((1.01 * left, True), (0.99 * left, False)):
+        assert (frozenset({0}) in made.likelihoods(0, [false, certain], [], cross, 0, most)) == kept
+    assert set(made.likelihoods(0, [false, certain], [], cross, 0, 0.0)) == {frozenset(), frozenset({1})}
+    assert made.likelihoods(0, [false], [], cross, 0) == made.likelihoods(0, [false], [], cross, 0, np.inf)
+
+
+@pytest.mark.parametrize(("turns", "excess"), [(6, 25.0), (5, 1.0)])
+def test_a_closed_turn_is_one_that_closes_as_those_without_an_event(turns, excess):
+    """Noise of five sigmas in each of them, whose median counts, from five on: one turn of all has an event."""
+    made = trial(count=turns)
+    made.twin.batch = SimpleNamespace(angles=2)
+    root = np.linalg.cholesky(made.covariance[0])
+    usual = np.sqrt(stats.chi2.ppf(0.5, 2))
+    sizes = np.r_[1e3, 1e2, 1e-2, 5 * usual, 5 * usual, 5 * usual][:turns]
+    made.angles = lambda i, mended, cross, length: root @ [sizes[i], 0.0]
+    assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(excess * stats.chi2.isf(0.01, 2))
+    made.covariance = 1e6 * made.covariance
+    assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(stats.chi2.isf(0.01, 2))
+
+
 def likely(made, tables, hides=0.0, length=0):
     """The trial with given likelihoods of each turn's choices."""
-    made.likelihoods = lambda i, own, others, cross, length: {frozenset(c): v for c, v in tables[i].items()}
+    made.likelihoods = lambda i, own, others, cross, length, most: {frozenset(c): v for c, v in tables[i].items()}
+    made.closed_below = lambda events, cross: np.inf
     made.lost_each_time = lambda events: length
     return patch.object(data_repair, "crossing", lambda samples, event, length: Crossing(1, hides))
 

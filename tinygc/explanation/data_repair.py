@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, chdtri
 
 from session.detect import bridging
 from session.detect.segments import Segment
@@ -96,6 +96,10 @@ CERTAIN = 20.0
 SMEARED = 10
 #: passes over the events: their share converges in a few
 PASSES = 6
+#: probability that a turn in which every event is repaired closes worse than is taken for closed
+OPEN_P = 0.01
+#: turns without an event from which on their median says how a turn closes that has none
+FEWEST_WITHOUT = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,13 +175,20 @@ class ClosureTrial:
         return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
 
     def likelihoods(
-        self, i: int, own: list[RegisterFault], others: list[RegisterFault], cross: Callable[[RegisterFault], Crossing], length: int
+        self,
+        i: int,
+        own: list[RegisterFault],
+        others: list[RegisterFault],
+        cross: Callable[[RegisterFault], Crossing],
+        length: int,
+        most: float = np.inf,
     ) -> dict[Choice, float]:
-        """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired.
+        """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired; most: chi-square of a closed turn.
 
         A choice gains no more than its repair moves the closure to zero: a bridge is uncertain, and its uncertainty alone would excuse a
-        turn that is open for another reason.
+        turn that is open for another reason.  Nor is it one where the turn stays open, unless no sensor outputs such rows.
         """
+        open_still: set[Choice] = set()
         as_recorded = self.angles(i, others, cross, length)
         bridged = sum(cross(event).missed_rad ** 2 for event in others)
 
@@ -193,9 +204,25 @@ class ClosureTrial:
             variance = bridged + sum(cross(event).missed_rad ** 2 for event in chosen)
             repaired = likelihood(angles, variance)
             gain = min(repaired - unrepaired, repaired - likelihood(as_recorded, variance))
+            C = self.covariance[i] + variance * np.eye(len(angles))
+            if float(angles @ np.linalg.solve(C, angles)) > most and not all(e.accel for e in chosen):
+                open_still.add(choice)
             return unrepaired + gain + CERTAIN * sum(e.accel for e in chosen), float(angles @ np.linalg.solve(self.covariance[i], angles))
 
-        return choices(len(own), value)
+        return {choice: each for choice, each in choices(len(own), value).items() if choice not in open_still}
+
+    def closed_below(self, events: list[RegisterFault], cross: Callable[[RegisterFault], Crossing]) -> float:
+        """Chi-square above which the closure of a turn is open: that of noise, times the median excess of the turns without an event,
+        whose effects may be unknown."""
+        freedom = self.twin.batch.angles
+        touched = {self.segment_of(event) for event in events}
+        whole = [i for i in range(len(self.covariance)) if i not in touched]
+        excess = 1.0
+        if len(whole) >= FEWEST_WITHOUT:
+            angles = [self.angles(i, [], cross, 0) for i in whole]
+            chi_square = [float(a @ np.linalg.solve(self.covariance[i], a)) for i, a in zip(whole, angles, strict=True)]
+            excess = max(1.0, float(np.median(chi_square)) / float(chdtri(freedom, 0.5)))
+        return excess * float(chdtri(freedom, OPEN_P))
 
     def lost_each_time(self, losses: list[RegisterFault]) -> int:
         """Number of samples missing after each event, common to all: the one that closes most segments best; 0 for none.
@@ -243,9 +270,10 @@ class ClosureTrial:
         inside = {i: [k for k, at in enumerate(where) if at == i] for i in sorted({i for i in where if i is not None})}
         likely, can_be = {}, name == FALSE or length > 0
         if can_be:
+            most = self.closed_below([*events, *others], cross)
             for i, own in inside.items():
                 beside = [e for e in others if self.segment_of(e) == i]
-                likely[i] = self.likelihoods(i, [events[k] for k in own], beside, cross, length)
+                likely[i] = self.likelihoods(i, [events[k] for k in own], beside, cross, length, most)
         share, chance = 0.5, np.zeros(len(events))
         for _ in range(PASSES if can_be else 0):
             # An event that closure cannot decide gets the share of the others, except a row that no sensor can output.

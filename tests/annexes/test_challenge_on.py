@@ -26,6 +26,7 @@ from tinygc.annexes.challenge.recording import (
     STRONG,
     InjectionTrial,
     draw_trials,
+    drawn_parameter,
     inject,
     rate_changes,
     recording_of,
@@ -83,7 +84,8 @@ def test_what_is_added_is_the_effect_seen_through_the_calibration_within_one_ste
         effect = catalogue()[name]
         effect = effect.at(spoilt.truth["at_s"]) if effect.scan else effect
         theta = np.ravel(spoilt.truth[effect.parameter.name]) * effect.parameter.si
-        assert np.linalg.norm(theta) == pytest.approx(SIZES[name] * effect.parameter.si)
+        own = theta - theta.mean() if name == "gyro.bandwidth" else theta
+        assert np.linalg.norm(own) == pytest.approx(SIZES[name] * effect.parameter.si)
         change = (effect.distort(movement, theta) - movement.rate) @ np.linalg.inv(recording.problem.first.E).T
     step = steps_of(recording.session, 0).gyro
     assert step == pytest.approx(17.5e-3 * DEG, rel=1e-3)
@@ -258,6 +260,19 @@ def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
     answers["case002"] = said(findings=("unknown.oscillation",))
     (seen,) = powers(trials, answers, untouched)[1].tried
     assert (seen.found, seen.lost) == (True, ("gyro.g_sensitivity",))
+
+
+@pytest.mark.parametrize("name", ["gyro.bandwidth", "timing.axis_skew", "gyro.angular_acceleration", "gyro.g_sensitivity"])
+def test_the_size_of_delays_is_of_what_differs_between_the_axes(name):
+    """The common part is the clock's: of lags it is the least that leaves none below zero."""
+    effect = catalogue()[name]
+    shown = drawn_parameter(effect, 0.3, np.random.default_rng(4))
+    own = [] if name == "gyro.g_sensitivity" else list(effect.gauge_convention.delays)
+    apart = shown.copy()
+    apart[own] -= apart[own].mean() if own else 0.0
+    assert np.linalg.norm(apart) == pytest.approx(0.3)
+    assert np.linalg.norm(shown - apart) == pytest.approx(np.sqrt(3) * -apart.min() if name == "gyro.bandwidth" else 0.0, abs=1e-12)
+    assert name != "gyro.bandwidth" or shown.min() == 0.0
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from tinygc.annexes.challenge.other_effects import BURST_SAMPLES, BURSTS, CLIPPE
 from tinygc.annexes.challenge.rate_effects import OFFSET_S, Scene
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
-from tinygc.effects import Effect, Movement, catalogue, movement_of
+from tinygc.effects import CommonDelay, Effect, Movement, catalogue, movement_of
 
 # A recording that receives an injected effect: its measured movement, and the step of its readings.
 
@@ -303,14 +303,27 @@ def rate_changes(recording: HostRecording, trial: InjectionTrial, rng: np.random
         if effect.scan is not None:
             values = effect.scan.grid(recording.movements) if effect.scan.grid else recording.log_s * rng.uniform(0.25, 0.75, 1)
             effect = effect.at(float(rng.choice(values)))
-        direction = rng.standard_normal(effect.parameter.size)
-        if getattr(effect.gauge_convention, "never_negative", False):
-            direction = np.abs(direction)
-        shown = trial.size * direction / np.linalg.norm(direction)
+        shown = drawn_parameter(effect, trial.size, rng)
         truth = {effect.parameter.name: shown.reshape(effect.parameter.shape).tolist(), **effect.shape}
         distorted = [effect.distort(m, shown * effect.parameter.si) for m in recording.movements]
     back = np.linalg.inv(recording.problem.first.E).T
     return [(each - m.rate) @ back for each, m in zip(distorted, recording.movements, strict=True)], truth
+
+
+def drawn_parameter(effect: Effect, size: float, rng: np.random.Generator) -> np.ndarray:
+    """(P,) numbers of this size in a random direction.
+
+    Of delays the size is that of what differs between the axes, which alone the closure observes and a detection limit promises; lags begin
+    at zero.
+    """
+    direction, gauge = rng.standard_normal(effect.parameter.size), effect.gauge_convention
+    own = list(getattr(gauge, "delays", ()))
+    if own:
+        direction[own] -= direction[own].mean()
+    shown = size * direction / np.linalg.norm(direction)
+    if isinstance(gauge, CommonDelay) and gauge.never_negative:
+        shown[own] -= shown[own].min()
+    return shown
 
 
 def requantised(old: np.ndarray, change: np.ndarray, step: float, rng: np.random.Generator) -> np.ndarray:

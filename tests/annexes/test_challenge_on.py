@@ -34,7 +34,7 @@ from tinygc.annexes.challenge.recording import (
     steps_of,
     write_spoilt,
 )
-from tinygc.annexes.challenge.recording_examination import Power, Tried, power_tables, powers, sentences
+from tinygc.annexes.challenge.recording_examination import Power, Tried, not_tried, power_tables, powers, sentences
 from tinygc.effects import Movement, catalogue
 
 SIZES = {"gyro.g_sensitivity": 0.05, "gyro.bias_step": 0.2, "gyro.bandwidth": 0.01, "gyro.thermal_bias": 0.1, "outside.telegraph": 1.0}
@@ -235,6 +235,13 @@ def test_the_page_says_all_three_and_marks_upper_bounds():
     assert "gone" not in page
 
 
+def test_what_should_be_found_is_counted_by_itself():
+    """Twice the detection limit and more, of effects that have one."""
+    page = printed(examined(power({1: False, 2: True}), power({2: False}), power({4: True, 8: True})))
+    assert "of the 4 at twice their detection limit or more, 3 found" in page
+    assert "at twice" not in printed(examined(power({1: True}), Power("a", STRONG, None, (Tried(1.0, True, (), (), ()),))))
+
+
 def test_names_of_its_own_that_went_missing_are_written_and_printed():
     lost = Power("a", "dps", None, (Tried(1.0, True, ("a",), (), ("gyro.g_sensitivity",)), Tried(2.0, True, ("a",), (), ())))
     table = json.loads(json.dumps(recording_examination.to_json(examined(lost))))
@@ -289,6 +296,13 @@ def test_a_delay_that_the_untouched_recording_measures_without_naming_it_is_its_
     (drift,) = powers([InjectionTrial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0)], {"case001": copy}, untouched)
     assert drift.tried[0].found
     assert drift.tried[0].wrong == ((delay,) if wrong else ())
+
+
+def test_an_effect_that_is_not_tried_here_is_not_concealed():
+    names = {name for name, effect in catalogue().items() if effect.kind in ("rate", "force")}
+    assert not_tried({"detection_limits": dict.fromkeys(names)}) == set()
+    assert not_tried({"detection_limits": dict.fromkeys(names - {"reference.accelerometer"})}) == {"reference.accelerometer"}
+    assert "earth.rotation" not in not_tried({"detection_limits": {}})
 
 
 # From end to end

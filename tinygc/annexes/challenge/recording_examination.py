@@ -15,12 +15,15 @@ from tinygc.annexes.challenge.examination import SEALED, SESSIONS, Seal, asked_b
 from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.recording import STRONG, HostRecording, InjectionTrial, draw_trials, inject, recording_of, write_spoilt
 from tinygc.annexes.challenge.score import NAMELESS, score
+from tinygc.effects import catalogue
 from tinygc.reporting.terminal import Group, Table, Text
 
 # The size from which a recording reports each injected effect, compared with the detection limit of ``explain``.
 
 #: a detection limit is confirmed within the step between two sizes that are tried
 AGREES = 2.0
+#: multiple of the detection limit from which on an effect should be found; a little less, for the rounding of sizes
+PLAIN = 1.999
 #: the delay between the clocks is measured whether it is named or not: sigmas by which it is there, and of which a copy has the same
 DELAY, DELAY_SIGMAS = "timing.gyro_accel_offset", 2.0
 #: it turns, whatever was concealed; where a latitude is given it is no candidate
@@ -85,6 +88,12 @@ def own_names(untouched: dict) -> set[str]:
     """Names reported for the untouched recording, with their equivalents."""
     claims = [*untouched["effects"], *untouched.get("findings", ())]
     return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
+
+
+def not_tried(untouched: dict) -> set[str]:
+    """Effects of rates and forces that ``explain`` does not try here, such as another calibration of an accelerometer that is calibrated
+    by the session's own stills."""
+    return {name for name, effect in catalogue().items() if effect.kind in ("rate", "force")} - untouched["detection_limits"].keys()
 
 
 def same_delay(untouched: dict, said: dict) -> bool:
@@ -175,7 +184,7 @@ def examine_recording(
         raise DataError(f"{session}: explain refuses it: {untouched['why']}")
     detection_limits = {name: entry["size"] for name, entry in untouched["detection_limits"].items() if entry["size"]}
     own = own_names(untouched)
-    trials = draw_trials(detection_limits, own, recording.has_temperature, count, seed)
+    trials = draw_trials(detection_limits, own | not_tried(untouched), recording.has_temperature, count, seed)
     trials, closed = _write(recording, trials, folder, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
     said = asked_blind([sessions / trial.name for trial in trials], explained, "explaining blind", progress)
@@ -255,6 +264,8 @@ def sentences(result: OwnExamination) -> list[str]:
     lines.append(
         f"{len(tried)} concealed: {sum(one.found for one in tried)} found, {sum(bool(one.wrong) for one in tried)} with a wrong name"
     )
+    if plain := [one for each in found for one in each.tried if each.detection_limit and one.size >= PLAIN * each.detection_limit]:
+        lines.append(f"of the {len(plain)} at twice their detection limit or more, {sum(one.found for one in plain)} found")
     if t["predicted"]:
         ratio = (
             "" if t["median_ratio"] is None else f"; detected from over detection limit, where no ≤ stands: median {t['median_ratio']:.2g}"

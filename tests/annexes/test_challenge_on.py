@@ -298,6 +298,15 @@ def test_a_delay_that_the_untouched_recording_measures_without_naming_it_is_its_
     assert drift.tried[0].wrong == ((delay,) if wrong else ())
 
 
+def test_a_name_that_the_untouched_recording_weighs_at_one_half_is_its_own():
+    """A rejected effect is reported at one half at most: there it fits, and held-out turns do not decide it."""
+    trials = [InjectionTrial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0)]
+    for chance, wrong in ((0.5, ()), (0.49, ("gyro.bias_step",))):
+        untouched = said() | {"considered": [{"id": "gyro.bias_step", "probability": chance}]}
+        (drift,) = powers(trials, {"case001": said("gyro.bias_drift", "gyro.bias_step")}, untouched)
+        assert drift.tried[0].wrong == wrong
+
+
 def test_an_effect_that_is_not_tried_here_is_not_concealed():
     names = {name for name, effect in catalogue().items() if effect.kind in ("rate", "force")}
     assert not_tried({"detection_limits": dict.fromkeys(names)}) == set()

@@ -16,6 +16,7 @@ from tinygc.annexes.challenge.other_effects import OUTSIDERS
 from tinygc.annexes.challenge.recording import STRONG, HostRecording, InjectionTrial, draw_trials, inject, recording_of, write_spoilt
 from tinygc.annexes.challenge.score import NAMELESS, score
 from tinygc.effects import catalogue
+from tinygc.explanation.decision import SAID
 from tinygc.reporting.terminal import Group, Table, Text
 
 # The size from which a recording reports each injected effect, compared with the detection limit of ``explain``.
@@ -85,9 +86,10 @@ class Power:
 
 
 def own_names(untouched: dict) -> set[str]:
-    """Names reported for the untouched recording, with their equivalents."""
+    """Names reported for the untouched recording, with their equivalents, and those that it weighs as high as a name."""
     claims = [*untouched["effects"], *untouched.get("findings", ())]
-    return {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
+    weighed = {one["id"] for one in untouched.get("considered", ()) if one["probability"] >= SAID}
+    return weighed | {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
 
 
 def not_tried(untouched: dict) -> set[str]:

@@ -412,6 +412,14 @@ def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_fir
     with patch.object(decision, "held_out", lambda twin, whiten, fit: np.full((12, 2), 1.0 + (len(fit.state.claims) > 2))):
         left, fit = no_worse(twin, best, kept, best.fit, 1.5)
     assert [n.effect for n in left] == [A, at_rest]
+    both = effect("both", 1)
+    object.__setattr__(both, "observable_in", ("still", "turn"))
+    best = evidence.of((A, both), evidence.nothing)
+    of_both, of_turns = (SimpleNamespace(effect=each, gain=gain) for each, gain in ((both, 1.0), (A, 30.0)))
+    for ratio, alone, together in ((1.04, [both], [both]), (1.06, [], []), (0.99, [both], [A, both])):
+        with patch.object(decision, "held_out", lambda twin, whiten, fit, ratio=ratio: np.full((12, 2), ratio / np.sqrt(2))):
+            assert [n.effect for n in no_worse(twin, best, [of_both], best.fit, 1.0)[0]] == alone
+            assert [n.effect for n in no_worse(twin, best, [of_turns, of_both], best.fit, 1.0)[0]] == together
     with (
         patch.object(decision, "linear_held_out", lambda *_: np.full((12, 2), 5.0)),
         patch.object(decision, "no_worse", lambda twin, best, kept, fit, before: (kept[:1], (fit, before))),

@@ -239,6 +239,7 @@ def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
     evidence = twin.evidence()
     named, nothing = evidence.of((A,), evidence.nothing), evidence.nothing
     before = np.ones((12, 2))
+    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
     proof = prove(twin.problem, twin, named.whiten, named.fit, FitClosure(before))
     np.testing.assert_array_equal(proof.after, held_out(twin, named.whiten, named.fit))
     assert (proof.changed, proof.floor_rms, proof.before is before) == (True, np.sqrt(2.0), True)
@@ -247,8 +248,9 @@ def test_a_proof_has_both_closures_and_whether_anything_changed(monkeypatch):
     assert (same.changed, same.after is before) == (False, True)
     other = SimpleNamespace(**vars(twin.problem))
     assert prove(other, twin, nothing.whiten, nothing.fit, FitClosure(before)).changed
-    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: 2 * before)
-    np.testing.assert_array_equal(prove(twin.problem, twin, nothing.whiten, nothing.fit).before, 2 * before)
+    for stated, least in ((None, 2), (before, 1), (3 * before, 2)):  # the better of both
+        proof = prove(twin.problem, twin, nothing.whiten, nothing.fit, FitClosure(stated))
+        np.testing.assert_array_equal(proof.before, least * before)
 
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
@@ -259,6 +261,7 @@ def test_where_fit_takes_the_bias_from_the_stills_a_proof_may_do_as_well(monkeyp
     named = twin.evidence().of((A,), twin.evidence().nothing)
     ends, stills = np.ones((12, 2)), size * np.ones((12, 2))
     monkeypatch.setattr(decision, "held_out", lambda twin, whiten, fit, from_stills=False: stills if from_stills else ends)
+    monkeypatch.setattr(decision, "linear_held_out", lambda original, twin, whiten: ends)
     proofs = [prove(twin.problem, twin, named.whiten, named.fit, FitClosure(ends, from_stills)) for from_stills in (False, True)]
     assert [each.after[0, 0] for each in proofs] == [1.0, min(size, 1.0)]
 

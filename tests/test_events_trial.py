@@ -186,7 +186,7 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
 def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
     """By hand for each choice of two events, beside another that is repaired in any case; a row that no sensor outputs adds 20.
 
-    What a gap may hide excuses nothing: as recorded, with the same covariance, the turn must be the less likely one.
+    What a gap may hide excuses nothing: where the turn is as recorded hardly less likely, with the same covariance, that is all it gains.
     """
     made = trial()
     own = [RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)]
@@ -205,8 +205,9 @@ def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
         for some in combinations(range(2), size):
             mended = [*others, *(own[k] for k in some)]
             angles = made.angles(0, mended, None, 0)
-            excused = normal(others, mended) - normal(others, others)
-            expected[frozenset(some)] = normal(mended, mended) - max(excused, 0.0) + 20 * (1 in some)
+            moved = normal(mended, mended) - normal(others, mended)
+            gain = normal(mended, mended) - normal(others, others)
+            expected[frozenset(some)] = normal(others, others) + (gain if moved > np.log(20) else min(gain, moved)) + 20 * (1 in some)
             misfit[frozenset(some)] = angles @ np.linalg.inv(made.covariance[0]) @ angles
     admissible = [c for c in expected if all(misfit[c] < misfit[c - {one}] for one in c)]
     assert found == pytest.approx({choice: expected[choice] for choice in admissible})
@@ -250,6 +251,28 @@ def test_most_turns_decide_the_number_lost_and_not_the_one_that_closes_best():
     made = trial(count=4)
     made._batch = turned_ends(made._batch, np.outer([1, 1, 1, 0], [0.025, 0.0, 0.0]))
     assert made.lost_each_time(shortened(made, {0: 1, 1: 1, 2: 1, 3: 2})) == 1
+
+
+def test_an_uncertain_bridge_alone_excuses_no_open_turn():
+    """The turn is open by 3 rad/s at row 106; bridging row 112 changes next to nothing, and may hide 5 degrees."""
+    made = trial()
+    made._bridged = [made.rates[0].copy()]
+    made.rates[0][106] += 3.0
+    as_recorded = made.angles(0, [], None, 0)
+    C, tried = made.covariance[0] + 0.09**2 * np.eye(2), []
+    for step in (1e-5 * np.eye(3), -1e-5 * np.eye(3)):
+        for change in step:
+            made._bridged[0][112] = made.rates[0][112] + change
+            angles = made.angles(0, [RegisterFault(FALSE, 0, 112, 1)], None, 0)
+            found = made.likelihoods(0, [RegisterFault(FALSE, 0, 112, 1)], [], lambda event: Crossing(1, 0.09), 0)
+            moved = (as_recorded @ np.linalg.solve(C, as_recorded) - angles @ np.linalg.solve(C, angles)) / 2
+            if frozenset({0}) in found and moved > 0:  # it closes a little better
+                assert found[frozenset({0})] - found[frozenset()] == pytest.approx(moved, rel=1e-5)
+                tried.append(moved)
+    assert tried
+    assert max(tried) < 1e-2
+    excused = stats.multivariate_normal(np.zeros(2), C).logpdf(as_recorded)
+    assert excused - stats.multivariate_normal(np.zeros(2), made.covariance[0]).logpdf(as_recorded) > 3
 
 
 def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs():

@@ -96,6 +96,8 @@ CERTAIN = 20.0
 SMEARED = 10
 #: passes over the events: their share converges in a few
 PASSES = 6
+#: log-likelihood ratio, with one covariance, from which on a repair moves the closure: 20 to 1, "strong" (Kass & Raftery 1995)
+MOVED = float(np.log(20))
 #: probability that a turn in which every event is repaired closes worse than is taken for closed
 OPEN_P = 0.01
 #: turns without an event from which on their median says how a turn closes that has none
@@ -185,8 +187,8 @@ class ClosureTrial:
     ) -> dict[Choice, float]:
         """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired; most: chi-square of a closed turn.
 
-        A choice gains no more than its repair moves the closure to zero: a bridge is uncertain, and its uncertainty alone would excuse a
-        turn that is open for another reason.  Nor is it one where the turn stays open, unless no sensor outputs such rows.
+        A choice whose repair hardly moves the closure gains no more than that: a bridge is uncertain, and that alone would excuse a turn
+        that is open for another reason.  Nor is it one where the turn stays open, unless no sensor outputs such rows.
         """
         open_still: set[Choice] = set()
         as_recorded = self.angles(i, others, cross, length)
@@ -203,7 +205,8 @@ class ClosureTrial:
             angles = self.angles(i, [*others, *chosen], cross, length)
             variance = bridged + sum(cross(event).missed_rad ** 2 for event in chosen)
             repaired = likelihood(angles, variance)
-            gain = min(repaired - unrepaired, repaired - likelihood(as_recorded, variance))
+            gain, moved = repaired - unrepaired, repaired - likelihood(as_recorded, variance)
+            gain = gain if moved > MOVED else min(gain, moved)
             C = self.covariance[i] + variance * np.eye(len(angles))
             if float(angles @ np.linalg.solve(C, angles)) > most and not all(e.accel for e in chosen):
                 open_still.add(choice)

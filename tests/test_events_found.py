@@ -571,6 +571,8 @@ def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
     np.testing.assert_array_equal(
         find_ceiling(replace(clipped, gyro=short), 500 * DEG).mask, at.any(axis=1) | np.isin(np.arange(len(at)), [50, 51])
     )
+    short[60:62, 1] = level  # an axis that exceeds it has no ceiling there
+    np.testing.assert_array_equal(find_ceiling(replace(clipped, gyro=short), 500 * DEG).mask, at.any(axis=1))
     assert find_ceiling(replace(clipped, gyro=-np.asarray(clipped.gyro)), 500 * DEG).level == pytest.approx(level - 2 * LSB)
     assert find_ceiling(quiet, 500 * DEG) is None or find_ceiling(quiet, 500 * DEG).level > level
     for share, found in ((19.9, True), (20.1, False)):

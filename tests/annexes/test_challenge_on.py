@@ -307,6 +307,13 @@ def test_a_name_that_the_untouched_recording_weighs_at_one_half_is_its_own():
         assert drift.tried[0].wrong == wrong
 
 
+def test_a_name_that_a_copy_merely_weighs_is_gone():
+    trials = [InjectionTrial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0)]
+    copy = said("gyro.bias_drift") | {"considered": [{"id": "gyro.g_sensitivity", "probability": 0.5}]}
+    (drift,) = powers(trials, {"case001": copy}, said("gyro.g_sensitivity"))
+    assert drift.tried[0].lost == ("gyro.g_sensitivity",)
+
+
 def test_an_effect_that_is_not_tried_here_is_not_concealed():
     names = {name for name, effect in catalogue().items() if effect.kind in ("rate", "force")}
     assert not_tried({"detection_limits": dict.fromkeys(names)}) == set()

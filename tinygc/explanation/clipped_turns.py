@@ -55,8 +55,9 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
-    # A short clip, a sample or two at the level on another axis, loses as much of its turn.
-    short = (np.abs(samples.gyro) >= level - 1.5 * np.array(steps)).any(axis=1)
+    # A clip of a sample or two loses as much of its turn: on any axis that reaches the level, and does not exceed it.
+    size, slack = np.abs(samples.gyro), 1.5 * np.array(steps)
+    short = ((size >= level - slack) & (size.max(axis=0) <= level + slack)).any(axis=1)
     return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 

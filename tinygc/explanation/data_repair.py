@@ -188,7 +188,8 @@ class ClosureTrial:
         """Log-likelihood of each choice of segment i's own events, with ``others`` always repaired; most: chi-square of a closed turn.
 
         A choice whose repair hardly moves the closure gains no more than that: a bridge is uncertain, and that alone would excuse a turn
-        that is open for another reason.  Nor is it one where the turn stays open, unless no sensor outputs such rows.
+        that is open for another reason.  This bounds a choice as a whole.  Nor is it one where the turn stays open, unless no
+        sensor outputs such rows.
         """
         open_still: set[Choice] = set()
         as_recorded = self.angles(i, others, cross, length)
@@ -216,7 +217,7 @@ class ClosureTrial:
 
     def closed_below(self, events: list[RegisterFault], cross: Callable[[RegisterFault], Crossing]) -> float:
         """Chi-square above which the closure of a turn is open: that of noise, times the median excess of the turns without an event,
-        whose effects may be unknown."""
+        whose effects may be unknown.  Where these miss by much, no turn is open."""
         freedom = self.twin.batch.angles
         touched = {self.segment_of(event) for event in events}
         whole = [i for i in range(len(self.covariance)) if i not in touched]

@@ -163,7 +163,7 @@ def by_ends(problem: Problem) -> np.ndarray:
 def held_out(twin: Twin, whiten: Whitener, fit: Refit, from_stills: bool = False) -> np.ndarray:
     """(S, d) rad of each segment, with parameters estimated from all rows except its fold's.
 
-    from_stills: with the bias of each turn moved by what its two stills, which are held out as well, read beside the model.
+    from_stills: with the bias of each turn moved by the residual rate of its two stills, which are held out as well.
     """
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
     left = left_out(twin, whiten, fit.r, fit.J * prior)
@@ -404,9 +404,9 @@ UNUSUAL_P = 0.01
 MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
 
 
-#: ratio of held-out closures within which neither of two fits is better: 1.02 where g-sensitivity of four times its limit is put into a
-#: recording whose stills show it and whose turns miss for another reason (``challenge --on``, mimu e5u4)
-BY_CHANCE = 1.05
+#: ratio of held-out closures that is tolerated of an effect that the stills show: above the 1.02 of a g-sensitivity of four times its limit
+#: in a recording whose turns miss for another reason (``challenge --on``, mimu e5u4)
+TOLERATED = 1.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -513,17 +513,17 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
 
 
 def no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
-    """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad.
+    """Remove the effects with the least gain until held-out segments close no worse than with the linear model, ``before`` rad; or worse by
+    the ratio ``TOLERATED`` at most, where every remaining effect is also seen in stills.
 
-    Effects seen in stills only are tested there.  Those seen in both may do nothing for the closure, where a turn's bias follows its stills
-    anyway: it may be worse by chance, ``BY_CHANCE``.
+    Effects seen in stills only are tested there.  Those seen in both need not improve the closure: a turn's bias follows its stills anyway.
     """
     while turning := [n for n in kept if "turn" in n.effect.observable_in]:
         in_turns_alone = [n for n in turning if "still" not in n.effect.observable_in]
         after = tilt_rms(held_out(twin, best.whiten, fit))
-        if after <= before * (1 if in_turns_alone else BY_CHANCE):
+        if after <= before * (1 if in_turns_alone else TOLERATED):
             break
-        weakest = min(in_turns_alone if after <= before * BY_CHANCE else turning, key=lambda n: n.gain)
+        weakest = min(in_turns_alone if after <= before * TOLERATED else turning, key=lambda n: n.gain)
         kept = [n for n in kept if n is not weakest]
         fit = _refitted(twin, best, kept)
     return kept, fit

@@ -19,7 +19,7 @@ from tinygc.estimation.bias import choose
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import FitClosure, Naming, Proof, decide, linear_held_out, prove, tilt_rms
+from tinygc.explanation.decision import NOT_STATED, FitClosure, Naming, Proof, decide, prove, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
@@ -128,7 +128,7 @@ def explain_session(
     twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
     in_turns = mended.found.keys() - {"reference.not_still"}
-    if in_turns and tilt_rms(proof.after) > tilt_rms(linear_held_out(problem, twin, naming.whiten)):
+    if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
         twin, naming, proof = _decided(problem, mended, seed, progress, known, stated)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
@@ -154,11 +154,11 @@ def explain_session(
 def _by_fit(fitted: Problem, problem: Problem) -> FitClosure:
     """Closure that ``fit`` states for this session; none where it does not settle, or uses other segments."""
     if [segment.number for segment in fitted.used] != [segment.number for segment in problem.used]:
-        return FitClosure()
+        return NOT_STATED
     try:
         source, _, fit = choose(fitted, FitOptions(methods=("least_squares",)))
     except CalibrationError:
-        return FitClosure()
+        return NOT_STATED
     return FitClosure(fit.held_out, source.used == "stills")
 
 

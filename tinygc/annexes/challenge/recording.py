@@ -213,16 +213,16 @@ class InjectionTrial:
 
 
 def draw_trials(
-    detection_limits: dict[str, float], own: Collection[str], has_temperature: bool, count: int | None, seed: int
+    detection_limits: dict[str, float], excluded: Collection[str], has_temperature: bool, count: int | None, seed: int
 ) -> list[InjectionTrial]:
     """Draw trials in random order.
 
-    detection_limits: effect id -> detection limit in its parameter's unit, of those observable in this recording; own: names reported for
-    the untouched recording, which are not injected again; count: most trials, each effect once before any is tried at another size.
+    detection_limits: effect id -> detection limit in its parameter's unit, of those observable in this recording; excluded: effects
+    that are not injected, such as the recording's own; count: most trials, each effect once before any is tried at another size.
     """
     rng = np.random.default_rng(seed)
     sized: list[list[Drawn]] = []
-    for name in sorted({*catalogue(), *OUTSIDERS} - set(own)):
+    for name in sorted({*catalogue(), *OUTSIDERS} - set(excluded)):
         effect = catalogue().get(name)
         if not _can_be_concealed(name, effect, has_temperature):
             continue
@@ -317,12 +317,12 @@ def drawn_parameter(effect: Effect, size: float, rng: np.random.Generator) -> np
     at zero.
     """
     direction, gauge = rng.standard_normal(effect.parameter.size), effect.gauge_convention
-    own = list(getattr(gauge, "delays", ()))
-    if own:
-        direction[own] -= direction[own].mean()
+    delays = list(getattr(gauge, "delays", ()))
+    if delays:
+        direction[delays] -= direction[delays].mean()
     shown = size * direction / np.linalg.norm(direction)
     if isinstance(gauge, CommonDelay) and gauge.never_negative:
-        shown[own] -= shown[own].min()
+        shown[delays] -= shown[delays].min()
     return shown
 
 

@@ -24,10 +24,11 @@ from tinygc.reporting.terminal import Group, Table, Text
 #: a detection limit is confirmed within the step between two sizes that are tried
 AGREES = 2.0
 #: multiple of the detection limit from which on an effect should be found; a little less, for the rounding of sizes
-PLAIN = 1.999
-#: the delay between the clocks is measured whether it is named or not: sigmas by which it is there, and of which a copy has the same
+EXPECTED = 1.999
+#: the delay between the clocks is measured whether it is named or not: sigmas from which on it is the recording's, and within which a
+#: copy's is the same
 DELAY, DELAY_SIGMAS = "timing.gyro_accel_offset", 2.0
-#: it turns, whatever was concealed; where a latitude is given it is no candidate
+#: never wrong, since the Earth turns; where a latitude is given it is no candidate
 EARTH = "earth.rotation"
 
 
@@ -85,11 +86,14 @@ class Power:
         return True if least <= above and at_most <= most else None
 
 
+def reported_names(said: dict) -> set[str]:
+    """Names of an explanation, with their equivalents."""
+    return {name for claim in (*said["effects"], *said.get("findings", ())) for name in (claim["id"], *claim["equivalent"])}
+
+
 def own_names(untouched: dict) -> set[str]:
-    """Names reported for the untouched recording, with their equivalents, and those that it weighs as high as a name."""
-    claims = [*untouched["effects"], *untouched.get("findings", ())]
-    weighed = {one["id"] for one in untouched.get("considered", ()) if one["probability"] >= SAID}
-    return weighed | {name for claim in claims for name in (claim["id"], *claim["equivalent"])}
+    """Names reported for the untouched recording, and those that it weighs as high as a name."""
+    return reported_names(untouched) | {one["id"] for one in untouched.get("considered", ()) if one["probability"] >= SAID}
 
 
 def not_tried(untouched: dict) -> set[str]:
@@ -123,9 +127,9 @@ def _tried_sizes(trial: InjectionTrial, said: dict, own: set[str], untouched: di
     wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
     found = bool(result.found)
     if trial.id in OUTSIDERS:
-        nameless = {name for name in own_names(said) if name.startswith(NAMELESS)}
+        nameless = {name for name in reported_names(said) if name.startswith(NAMELESS)}
         found = bool(nameless - own) or (untouched["verdict"] == "no_mismatch" and result.alarmed and said["verdict"] != "refused")
-    lost = tuple(claim["id"] for claim in untouched["effects"] if claim["id"] not in own_names(said))
+    lost = tuple(claim["id"] for claim in untouched["effects"] if claim["id"] not in reported_names(said))
     return Tried(trial.size, found, result.claimed, wrong, lost)
 
 
@@ -266,7 +270,7 @@ def sentences(result: OwnExamination) -> list[str]:
     lines.append(
         f"{len(tried)} concealed: {sum(one.found for one in tried)} found, {sum(bool(one.wrong) for one in tried)} with a wrong name"
     )
-    if plain := [one for each in found for one in each.tried if each.detection_limit and one.size >= PLAIN * each.detection_limit]:
+    if plain := [one for each in found for one in each.tried if each.detection_limit and one.size >= EXPECTED * each.detection_limit]:
         lines.append(f"of the {len(plain)} at twice their detection limit or more, {sum(one.found for one in plain)} found")
     if t["predicted"]:
         ratio = (

@@ -136,7 +136,7 @@ def _undersampled(whole: list[dict]) -> list[str]:
         return []
     answers = [answer for answer in map(is_predicted, of_set) if answer is not None]
     return [
-        f"- Undersampled motion is said in {len(answers)} of the {len(of_set)} of `{SLOW_SET}`, which have {SLOW_RATE}. "
+        f"- Undersampled motion is named in {len(answers)} of the {len(of_set)} of `{SLOW_SET}`, which have {SLOW_RATE}. "
         f"What it predicts is within a factor of {RIGHT:g} of the excess, √(after² − floor²), in {sum(answers)} of these {len(answers)}."
     ]
 

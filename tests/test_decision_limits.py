@@ -290,6 +290,8 @@ def test_a_bias_that_moves_in_a_turn_and_its_stills_alike_leaves_no_closure_with
     expected = -shared[:, None] * (by_bias[closure] @ bias).reshape(found.shape)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(by_bias).max())
     assert np.abs(expected).max() > 1e-6 * np.abs(by_bias).max()
+    twin.first = np.where(np.arange(12) == 5, -1, twin.first)  # a turn that begins at no still
+    np.testing.assert_array_equal(held_out(twin, nothing.whiten, nothing.fit, from_stills=True).ravel(), moved[closure])
 
 
 # Decisions

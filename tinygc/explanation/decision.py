@@ -173,6 +173,8 @@ def held_out(twin: Twin, whiten: Whitener, fit: Refit, from_stills: bool = False
         return angles
     by_bias = whiten.back(fit.J[:, linear.BIAS])
     ends = np.stack([twin.first, twin.last], axis=1)
+    if ends.min() < 0:
+        return angles  # a turn without two stills has no bias from them
     at_rest = left[still].reshape(-1, 3)[ends].mean(axis=1)
     moved = np.linalg.solve(by_bias[still].reshape(-1, 3, 3)[ends].mean(axis=1), -at_rest[..., None])
     return angles + (by_bias[closure].reshape(*angles.shape, 3) @ moved)[..., 0]
@@ -402,8 +404,6 @@ INSTEAD = 60.0
 #: false-alarm rate for noise unlike a sensor's: a fifth of that for the shapes (benchmarks/null_sessions.py)
 UNUSUAL_P = 0.01
 MOST_FINDINGS = 2  #: unnamed shapes in addition to the named effects: as many as fit on a page
-
-
 #: ratio of held-out closures that is tolerated of an effect that the stills show: above the 1.02 of a g-sensitivity of four times its limit
 #: in a recording whose turns miss for another reason (``challenge --on``, mimu e5u4)
 TOLERATED = 1.05

@@ -44,7 +44,7 @@ from session.io.dialects import Answers
 from session.io.reader import Reader
 from session.io.results import read_json
 from session.io.folder import read_session
-from session.replay.convert import convert_raw
+from session.replay.raw import convert_raw
 
 def as_foreign(path):
     for piece in Reader(path, Answers(gyro_fs_dps=500, accel_fs_g=4)).pieces():

@@ -171,7 +171,7 @@ def test_registers_through_columns_stay_registers(tmp_path):
     folder = write_session(tmp_path / "own", SAMPLES)
     body = (folder / "log0001.csv").read_text().split("\n", 1)[1]
     text, columns = "time,a,b,c,d,e,f,g\n" + body, "t_us=time,gx=a,gy=b,gz=c,ax=d,ay=e,az=f,temp=g"
-    with pytest.raises(FormatError, match="holds registers and does not name the sensor; give --sensor NAME"):
+    with pytest.raises(FormatError, match="does not say whose registers it holds; give --sensor NAME"):
         make(tmp_path, text, columns=columns)
     made = make(tmp_path, text, columns=columns, sensor="asm330lhh")
     same(made, temp=True)
@@ -212,8 +212,7 @@ def test_the_first_look_speaks_where_axes_are_wrong(tmp_path):
     [
         (betaflight(""), {}, ("--gyro-unit",)),
         (betaflight(accel=""), {}, ("--accel-unit",)),
-        (inertial(), {"gyro_fs_dps": None}, ("--gyro-fs",)),
-        (inertial(), {"gyro_fs_dps": None, "accel_fs_g": None}, ("--gyro-fs", "--accel-fs")),
+        (betaflight("", ""), {}, ("--gyro-unit", "--accel-unit")),
         (odd(), {}, ("--columns", "millis")),
         (odd(), {"columns": ODD_COLUMNS.replace("t_ms", "t")}, ("--time-unit",)),
         (odd(), {"columns": ODD_COLUMNS.replace("gz_dps=wz,", "")}, ("gz missing",)),

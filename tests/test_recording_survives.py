@@ -23,7 +23,7 @@ from session.bench.logwriter import LogWriter
 from session.bench.rawfile import RawFile, read_events, read_marks, said_cut
 from session.bench.recorder import Recorder
 from session.io.errors import StorageError
-from session.replay.convert import convert_raw
+from session.replay.raw import convert_raw
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
 from full_disk import FullDisk

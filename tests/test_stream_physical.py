@@ -18,7 +18,7 @@ from session.bench.text_stream import parse_decimals
 from session.io.config import Sensor
 from session.io.logfile import read_log
 from session.io.registers import RegisterUnits
-from session.replay.convert import convert_raw
+from session.replay.raw import convert_raw
 from tinygc import CalibrationError
 
 UNITS = RegisterUnits("ASM330LHH", 500, 4)

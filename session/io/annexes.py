@@ -15,6 +15,8 @@ from session.io.errors import CalibrationError
 #: what an annex serves, as messages name it -> its module
 SERVICES = {
     "recordings of arrays": "session.annexes.arrays.recording",
+    "arrays out of one log": "session.annexes.arrays.importing",
+    "binary logs": "session.annexes.logs.registry",
     "a lot as prior (--lot)": "tinygc.annexes.lots.fit",
     "what a lot knows of one unit (--lot)": "tinygc.annexes.lots.explanation",
     "checks of arrays": "tinygc.annexes.arrays.checks",

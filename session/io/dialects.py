@@ -1,14 +1,14 @@
-"""Log dialects: the layout of a file, the ``--columns`` option, and the table of known logs.  A new dialect is one row."""
+"""Log dialects: the layout of a file, and the table of known logs.  A new dialect is one row."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from session.io.errors import FormatError
 from session.io.registers import RegisterUnits
 from session.io.units import NS_PER_S, Unit
 
@@ -22,8 +22,9 @@ AXES = "x,y,z"
 class Answers:
     """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
 
-    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where: the rows that are meant, as in
-    ``session.io.rows.Wanted``.
+    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where, lines: the rows that are meant, as in
+    ``session.io.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.io.forms``).  like: the dialect's name.
+    topic: of a binary log.
     """
 
     odr_hz: float | None = None
@@ -38,6 +39,10 @@ class Answers:
     sensor: str | None = None
     rows: str | None = None
     where: str | None = None
+    lines: str | None = None
+    packed: str | None = None
+    like: str | None = None
+    topic: str | None = None
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,9 @@ class Layout:
     """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
     counted; time_ns per unit of it; clock: it is a time of day; gyro, accel: what is there; temp: column; names of all columns;
     frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
-    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: the column of a
-    second's fraction beside whole seconds, and its ns per unit; remark: what was chosen without being told."""
+    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: further terms of the
+    time, as a second's fraction beside whole seconds, each a column and its ns per unit; remark: what was chosen without being told;
+    sources: where the unit of ``time``, ``gyro``, ``accel`` is from; facts: what lines before the header say, as comments do."""
 
     dialect: str
     delimiter: str | None
@@ -77,8 +83,10 @@ class Layout:
     frame: str = ""
     header_line: str = ""
     standard: bool = False
-    finer: tuple[int, int] | None = None
+    finer: tuple[tuple[int, int], ...] = ()
     remark: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -89,7 +97,7 @@ class Layout:
     @property
     def used(self) -> tuple[int, ...]:
         """Columns that are read, time first."""
-        stamps = (() if self.time is None else (self.time,)) + (() if self.finer is None else (self.finer[0],))
+        stamps = (() if self.time is None else (self.time,)) + tuple(column for column, _ in self.finer)
         return (*stamps, *self.numbers)
 
     @property
@@ -137,87 +145,28 @@ class Layout:
         return units.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si
 
 
-# ``--columns t_us=NAME,gx_dps=NAME,…``: any CSV at all, in the words of the headers of docs/formats.md.
-
-EXPECTED = (
-    "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign"
-)
-KEY = re.compile(r"(t|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
-#: one column of a log: its position, its unit as text, its sign
-Column = tuple[int, str, int]
-#: None: any run of white space
-DELIMITERS = (",", ";", "\t", None)
-NEEDED = tuple(f"{letter}{axis}" for letter in "ga" for axis in "xyz")
+# What lines before a header say, in the words of comments: units, full scales.
 
 
-def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:
-    """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
-    wanted = _parse(text)
-    for number, line in enumerate(lines):
-        for delimiter in DELIMITERS:
-            names = split(line, delimiter)
-            looked_up = {key: _place(what, names) for key, (what, _, _) in wanted.items()}
-            places = {key: place for key, place in looked_up.items() if place is not None}
-            if len(places) < len(wanted) or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
-                continue
-            if twice := [what for what, _, _ in wanted.values() if not what.isdigit() and names.count(what) > 1]:
-                raise FormatError(
-                    f"{name}: {twice[0]!r} stands {names.count(twice[0])} times in the header; give --columns its number, from 1"
-                )
-            headless = all(what.isdigit() for what, _, _ in wanted.values())
-            columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}
-            if headless:
-                return delimiter, number, tuple(f"column {place + 1}" for place in range(len(names))), columns
-            return delimiter, number + 1, names, columns
-    missing = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
-    problem = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
-    first = next((line.strip()[:60] for line in lines if line.strip()), "")
-    raise FormatError(f"{name}: {problem} (--columns); it begins {first!r}")
+def _betaflight(said: Mapping[str, str]) -> dict[str, str]:
+    """Of ``gyro_scale`` (dps per count; often as the bits of a float) and ``acc_1G``, which the recorder's header lines state."""
+    facts: dict[str, str] = {}
+    with suppress(KeyError, ValueError, struct.error, OverflowError):
+        text = said["gyro_scale"].lower()
+        scale = struct.unpack(">f", bytes.fromhex(text[2:].zfill(8)))[0] if text.startswith("0x") else float(text)
+        if 1e-4 < scale <= 1:
+            facts |= {"gyro_unit": f"{scale:.9g}dps", "gyro_fs_dps": "2000"}
+    with suppress(KeyError, ValueError, ZeroDivisionError):
+        one_g = float(said["acc_1g"])
+        if one_g >= 100:
+            facts |= {"accel_unit": f"g/{one_g:g}", "accel_fs_g": f"{32768 / one_g:g}"}
+    return facts
 
 
-def split(line: str, delimiter: str | None) -> tuple[str, ...]:
-    """A header's names, whatever stands around them."""
-    line = line.strip().lstrip("\ufeff#").strip()
-    if delimiter is None:
-        line = re.sub(r"(?<!\s)\s++(?=[\[(])", "", line)
-    return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
-
-
-def _parse(text: str) -> dict[str, tuple[str, str, int]]:
-    """{gx: (name or number, unit, sign)}."""
-    wanted = {}
-    for entry in text.split(","):
-        key, equals, what = entry.strip().partition("=")
-        match = KEY.fullmatch(key.strip())
-        if not match or not equals or not what.strip().lstrip("-"):
-            raise FormatError(f"--columns: {entry.strip()!r} is no column; {EXPECTED}")
-        kind, unit = match[1], match[2] or ""
-        if kind in wanted:
-            raise FormatError(f"--columns: {kind} is given twice; {EXPECTED}")
-        what, sign = what.strip(), 1
-        if what.startswith("-"):
-            what, sign = what[1:].strip(), -1
-        if not unit and kind[0] in "ga":
-            unit = "lsb"
-        wanted[kind] = what, unit or ("lsb" if kind == "temp" else ""), sign
-    missing = [key for key in NEEDED if key not in wanted]
-    if missing:
-        raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
-    return wanted
-
-
-def _place(what: str, names: tuple[str, ...]) -> int | None:
-    if what in names:
-        return names.index(what)
-    if what.isdigit() and 1 <= int(what) <= len(names):
-        return int(what) - 1
-    lower = [name.lower() for name in names]
-    return lower.index(what.lower()) if what.lower() in lower else None
-
-
-def _numeric(names: tuple[str, ...], places: dict[str, int]) -> bool:
-    """Whether a line is a row, not a header."""
-    return all(re.fullmatch(r"[-+]?[\d.,:eE+-]+", names[place]) for place in places.values())
+def _gyroflow(said: Mapping[str, str]) -> dict[str, str]:
+    """``tscale`` in s, ``gscale`` in rad/s and ``ascale`` in g per count."""
+    named = (("tscale", "time_unit", "s"), ("gscale", "gyro_unit", "rad/s"), ("ascale", "accel_unit", "g"))
+    return {key: f"{said[scale]}{unit}" for scale, key, unit in named if scale in said}
 
 
 # The dialects.  A new one is one entry.
@@ -230,8 +179,10 @@ def _numeric(names: tuple[str, ...], places: dict[str, int]) -> bool:
 @dataclass(frozen=True)
 class Dialect:
     """name as the notes call it; signature: columns that must be there to recognise it; time: column, the first of these that is there
-    (a clock is seen as one); gyro and accel with {} for the axis (axes: its three names); temp; units where the header has none;
-    frame: what is documented of its axes."""
+    (a clock is seen as one; ``a+b`` are whole seconds and nanoseconds); gyro and accel with {} for the axis (axes: its three names);
+    temp; units where the header has none; frame: what is documented of its axes; both: a file of it holds both sensors; by_file: columns
+    are the same for each sensor, and the file's name says which it is; begins: what its first line says; facts: what lines before the
+    header say."""
 
     name: str
     time: tuple[str, ...]
@@ -244,9 +195,30 @@ class Dialect:
     gyro_unit: str = ""
     accel_unit: str = ""
     frame: str = ""
+    both: bool = False
+    by_file: bool = False
+    begins: str = ""
+    facts: Callable[[Mapping[str, str]], dict[str, str]] | None = None
+
+    @property
+    def example(self) -> str:
+        """A header line, as ``import --list`` shows it."""
+        triads = [pattern.format(axis) for pattern in dict.fromkeys((self.gyro, self.accel)) for axis in self.axes]
+        return ",".join((*dict.fromkeys((*self.signature, self.time[0].replace("+", ","))), *triads))
 
 
+PHONE = "a telephone's: x right, y up, z out of the screen"
 DIALECTS = (
+    Dialect(
+        "Gyroflow",
+        time=("t",),
+        gyro="g{}",
+        accel="a{}",
+        begins="GYROFLOW IMU LOG",
+        facts=_gyroflow,
+        frame="as its line `orientation` says",
+    ),
+    Dialect("phyphox", time=("time",), gyro="gyroscope {}", accel="acceleration {}", time_unit="s", signature=("time",), frame=PHONE),
     Dialect(
         "x-IMU3",
         time=("timestamp", "time"),
@@ -254,9 +226,37 @@ DIALECTS = (
         accel="accelerometer {}",
         temp="temperature",
         frame="x-io's axes, z up when level",
+        both=True,
     ),
     Dialect(
         "EuRoC", time=("timestamp",), gyro="w_rs_s_{}", accel="a_rs_s_{}", time_unit="ns", frame="the sensor frame S of its sensor.yaml"
+    ),
+    Dialect(
+        "ROS, rostopic echo -p",
+        time=("field.header.stamp", "%time"),
+        gyro="field.angular_velocity.{}",
+        accel="field.linear_acceleration.{}",
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="as the driver has them; REP 103 asks for x forward, y left, z up",
+    ),
+    Dialect(
+        "ROS, a table of messages",
+        time=(
+            "header.stamp.secs+header.stamp.nsecs",
+            "header.stamp.sec+header.stamp.nanosec",
+            "header_stamp_sec+header_stamp_nanosec",
+            "secs+nsecs",
+            "sec+nanosec",
+            "time",
+        ),
+        gyro="angular_velocity.{}",
+        accel="linear_acceleration.{}",
+        time_unit="s",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="as the driver has them; REP 103 asks for x forward, y left, z up",
     ),
     Dialect(
         "OpenLog Artemis",
@@ -290,6 +290,7 @@ DIALECTS = (
         signature=("loopiteration",),
         time_unit="us",
         frame="forward, left, up",
+        facts=_betaflight,
     ),
     # Of a text log, the rows of one kind: ``--rows IMU``.
     Dialect(
@@ -303,7 +304,40 @@ DIALECTS = (
         accel_unit="m/s2",
         frame="forward, right, down",
     ),
+    # MTi counts SampleTimeFine in 100 us and DOT in us, and rates are in rad/s or in deg/s: the same header.
+    Dialect(
+        "Xsens",
+        time=("sampletimefine",),
+        gyro="gyr_{}",
+        accel="acc_{}",
+        signature=("packetcounter",),
+        accel_unit="m/s2",
+        frame="the sensor's own axes, z up when level",
+    ),
     # Two files, one for each sensor, or their like in one.
     Dialect("ST HSDatalog", time=("time",), gyro="g_{}", accel="a_{}", temp="temp", time_unit="s", frame="the sensor's own axes"),
     Dialect("ST DataLog", time=("timestamp",), gyro="g_{}", accel="a_{}", temp="t", frame="the sensor's own axes"),
+    # Telephones.  What they call linear or user acceleration is without gravity: no reference.
+    Dialect(
+        "Sensor Logger",
+        time=("time",),
+        gyro="{}",
+        accel="{}",
+        signature=("seconds_elapsed",),
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame=PHONE,
+        by_file=True,
+    ),
+    Dialect("Physics Toolbox", time=("time",), gyro="w{}", accel="gf{}", time_unit="s", gyro_unit="rad/s", accel_unit="g", frame=PHONE),
+    Dialect("AndroSensor", time=("time since start in ms",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame=PHONE),
+    Dialect(
+        "SensorLog",
+        time=("gyrotimestamp_sincereboot", "accelerometertimestamp_sincereboot", "loggingtime"),
+        gyro="gyrorotation{}",
+        accel="accelerometeracceleration{}",
+        time_unit="s",
+        frame=PHONE,
+    ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -16,9 +16,11 @@ from session.io.clock import exact_ns
 from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import DataError, FormatError
 from session.io.files import MB
+from session.io.forms import form_of
 from session.io.lines import PIECE_BYTES, Lines
-from session.io.recognise import flagged, recognise, standard_layout
-from session.io.rows import Form, Rows, Wanted, Watch
+from session.io.recognise import recognise
+from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, sensor_kinds, span_of
+from session.io.standard import flagged, standard_layout
 from session.io.units import NS, NS_PER_S, beyond_any_sensor, complaint
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -135,14 +137,14 @@ def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | No
         return np.zeros((0, len(layout.numbers))), None
     if not layout.standard and any(map(_opens, lines)):
         raise ValueError(OPEN)  # NumPy would read on to the next quotation mark, over however many lines
-    if layout.finer is not None:
-        table, time = _load(lines, layout.numbers, layout, np.float64), _in_two_columns(lines, layout)
+    if layout.finer:
+        table, time = _load(lines, layout.numbers, layout, np.float64), _summed(lines, layout)
     elif layout.time is None or layout.clock:
         table, time = _load(lines, layout.numbers, layout, np.float64), None
     else:
         table, time = _with_time(lines, layout)
     _refuse_impossible(table, time, layout)
-    if layout.finer is not None and time is not None:
+    if layout.finer and time is not None:
         return table, time
     return table, None if layout.time is None else _stamps(time, lines, layout)
 
@@ -179,17 +181,25 @@ def _with_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray
     return table, time
 
 
-def _in_two_columns(lines: list[str], layout: Layout) -> np.ndarray:
-    """(N,) int64 ns of whole seconds and their fraction.  RowFault where the fraction is none."""
-    assert layout.finer is not None
-    column, unit_ns = layout.finer
-    parts = _load(lines, (layout.time_column, column), layout, np.int64)
-    most = NS_PER_S // unit_ns
-    if not (fine := (parts[:, 1] >= 0) & (parts[:, 1] < most)).all():
-        row = int(np.argmin(fine))
-        raise RowFault(row, f"{layout.name(column)} is {parts[row, 1]}, expected a second's fraction from 0 to {most - 1}")
-    _require_era(np.abs(parts[:, 0]) < ERA_NS // NS_PER_S, lambda row: parts[row, 0], layout)
-    return np.asarray(parts[:, 0] * NS_PER_S + parts[:, 1] * unit_ns)
+def _summed(lines: list[str], layout: Layout) -> np.ndarray:
+    """(N,) int64 ns of a time in several columns, whole seconds and their fraction.  RowFault where a fraction is more than the unit
+    before it."""
+    columns, units = (layout.time_column, *(column for column, _ in layout.finer)), (layout.time_ns, *(ns for _, ns in layout.finer))
+    try:
+        parts = _load(lines, columns, layout, np.int64)
+    except ValueError:  # fractions: exactly, from their text
+        texts = _load(lines, columns, layout, "U48").tolist()
+        exact = np.array([sum(exact_ns(text, ns) for text, ns in zip(row, units, strict=True)) for row in texts], dtype=object)
+        _require_era(np.abs(exact) < ERA_NS, lambda row: " + ".join(texts[row]), layout)
+        return exact.astype(np.int64)
+    for place, (column, unit_ns) in enumerate(layout.finer, start=1):
+        most = units[place - 1] // unit_ns
+        if most > 1 and not (fine := (parts[:, place] >= 0) & (parts[:, place] < most)).all():
+            row = int(np.argmin(fine))
+            raise RowFault(row, f"{layout.name(column)} is {parts[row, place]}, expected a second's fraction from 0 to {most - 1}")
+    fine = np.all([np.abs(part) < ERA_NS // ns // len(units) for part, ns in zip(parts.T, units, strict=True)], axis=0)
+    _require_era(fine, lambda row: " + ".join(map(str, parts[row])), layout)
+    return np.asarray(parts @ np.array(units))
 
 
 def _with_whole_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray]:
@@ -339,9 +349,10 @@ class Piece:
 class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
-    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None):
+    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None, picking: str | None = None):
         """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
-        wanted: its rows that are meant, where that is not among the answers.
+        wanted: its rows that are meant, where that is not among the answers.  picking: a column whose values tell several sensors apart,
+        of which ``values_of`` gives them.
 
         Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
         """
@@ -349,16 +360,35 @@ class Reader:
         self.notes: list[str] = []
         self.comments: dict[str, str] = {}
         self._stream: Lines | None = None  # what can be read but once: a pipe, standard input
+        self._first_line, self._last_line = span_of(None if answers is None else answers.lines)
         wanted = wanted or (Wanted() if answers is None else Wanted(answers.rows, answers.where))
         head = self._head(wanted)
+        if answers is not None and not wanted.rows and len(kinds := sensor_kinds(head)) == 1:
+            wanted, answers = Wanted(kinds[0], wanted.where), replace(answers, rows=kinds[0])
+            head = self._head(wanted)
+            self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
-        self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
-        self.comments |= flagged(self.layout.names)
+        self._text_form = None if answers is None or wanted else form_of(head, answers.packed, path.name)
+        if answers is None:
+            self.layout: Layout = standard_layout(head, path.name)
+        elif self._text_form is None:
+            self.layout = recognise(head, path.name, answers)
+        else:
+            form, begins = self._text_form, head
+            head = [form.header] * bool(form.header) + form(begins)
+            self.layout = recognise(head, path.name, answers)
+            head = head[bool(form.header) :]
+            self.layout = replace(self.layout, first=self.layout.first - bool(form.header))
+            self.notes.append(f"{form.name}: read as a table")
+            self._text_form = form_of(begins, answers.packed, path.name)  # one that remembers nothing of these lines
+        self.comments |= {**self.layout.facts, **flagged(self.layout.names)}
         self.notes += [self.layout.remark] if self.layout.remark else []
         layout = self.layout
-        form = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line, layout.standard)
-        self._wanted, self._watch = Rows(wanted, form), Watch(Rows(wanted, form)(head[layout.first :]), form)
+        columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line, layout.standard)
+        if picking is not None:
+            columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
+        self._wanted, self._watch = Rows(wanted, columns), Watch(Rows(wanted, columns)(head[layout.first :]), columns)
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
@@ -390,13 +420,32 @@ class Reader:
                 self.comments |= file.comments
                 if file.note and file.note not in self.notes:
                     self.notes.append(file.note)
-                piece = self._piece(self._mine(lines[skip:]), number + skip, last=not following)
+                piece = self._piece(self._mine(self._as_table(lines, number)[skip:]), number + skip, last=not following)
                 if piece is not None:
                     self._require_time(piece, number + skip)
                     yield piece
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
         if self._wanted.left_out:
             self._note(f"{self._wanted.left_out} rows of other kinds or sensors: left out")
+
+    def values_of(self, name: str) -> list[str]:
+        """The values of a column in the rows that are wanted, in their order.  FormatError where they are too many for sensors."""
+        columns = Form(self.path.name, self.layout.delimiter, self.layout.names, ())
+        place, found = place_of(name, columns), dict[str, None]()
+        with Lines(self.path) as file:
+            number, lines = 1, file.take()
+            while lines:
+                skip = max(self.layout.first - number + 1, 0)
+                for line in self._wanted(self._as_table(lines, number)[skip:]):
+                    cells = line.split("#")[0].split(self.layout.delimiter)
+                    if place < len(cells) and (cell := cells[place].strip().strip('"').strip()) and line.strip() != self.layout.header_line:
+                        found[cell] = None
+                if len(found) > MOST_SENSORS:
+                    raise FormatError(
+                        f"{self.path.name}: the column {name!r} holds more than {MOST_SENSORS} values; it tells no sensors apart"
+                    )
+                number, lines = number + len(lines), file.take()
+        return list(found)
 
     def unrolled(self, stamps: np.ndarray) -> np.ndarray:
         """(N,) ns that go on, of all stamps (N,) ns as they were written: all of them together tell a counter from an epoch.
@@ -440,6 +489,13 @@ class Reader:
         if layout.standard:
             return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
         return DAY_NS if layout.clock else COUNTER * layout.time_ns
+
+    def _as_table(self, lines: list[str], number: int) -> list[str]:
+        """The lines from ``number`` on as a table's, with blanks in the place of those that are not meant."""
+        first, last = self._first_line - number, self._last_line - number
+        if first > 0 or last < len(lines) - 1:
+            lines = [line if i < self.layout.first or first <= i <= last else "" for i, line in enumerate(lines)]
+        return lines if self._text_form is None else self._text_form(lines)
 
     def _mine(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted.  FormatError for rows of another kind or sensor."""
@@ -488,7 +544,7 @@ class Reader:
         with Lines(self.path) as file:
             at, lines = 1, file.take()
             while lines:
-                for line in self._wanted(lines):
+                for line in self._wanted(self._as_table(lines, at)):
                     if at >= number and at > self.layout.first and line.split("#")[0].strip():
                         if first == row:
                             return at

@@ -3,175 +3,87 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping
 
 from session.io.clock import find_clock
-from session.io.dialects import DELIMITERS, DIALECTS, Answers, Column, Dialect, Layout, Triad, from_columns, split, three
+from session.io.columns import DELIMITERS, Column, from_columns, split
+from session.io.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
 from session.io.errors import FormatError
+from session.io.questions import Question, QuestionsError
 from session.io.rows import FORMAT_WORD, Form, Rows, Wanted, Watch, refuse_kinds
-from session.io.units import STAMP_NS, Unit, endings, known, parse_unit
+from session.io.standard import MOST_NAMES, OWN, parse_header
+from session.io.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 
-# The header line of a standard log (FORMATS): raw registers, or units in the names.
-
-OWN = "TinyGC"
-TEMPERATURES = {f"temp{ending}": unit for ending, unit in endings("temp").items()}
-#: a temperature that says it is in another unit
-OTHER_TEMPERATURES = ("temp_f", "temp_k", "temp_degf", "temp_fahrenheit", "temp_kelvin", "temperature_f", "temperature_k")
-KNOWN = {
-    "time": tuple(STAMP_NS),
-    "gyroscope": tuple(f"g{axis}{ending}" for ending in endings("gyro") for axis in "xyz"),
-    "accelerometer": tuple(f"a{axis}{ending}" for ending in endings("accel") for axis in "xyz"),
-}
-#: columns that are looked at for a name that was meant
-MOST_NAMES = 200
-SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
-
-
-def standard_layout(lines: list[str], name: str) -> Layout:
-    """The layout of a file whose first line that is neither blank nor a comment is a standard header.  FormatError where it is not."""
-    number, line = next(
-        ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
-    )
-    return parse_header(line, f"{name} line {number + 1}", first=number + 1)
-
-
-#: columns that say of all rows what a comment may say as well: {name: (key, what it adds)}; each row holds 1, so that other programs read
-#: nothing but numbers
-FLAGS = {"gyro_calibrated": ("calibrated", "gyro"), "accel_calibrated": ("calibrated", "accel"), "stamps_counted": ("stamps", "counted")}
-
-
-def flagged(names: Iterable[str]) -> dict[str, str]:
-    """What the flag columns among these names say, as comments say it: ``{"calibrated": "gyro,accel"}``."""
-    said: dict[str, list[str]] = {}
-    for name in names:
-        if name in FLAGS:
-            said.setdefault(FLAGS[name][0], []).append(FLAGS[name][1])
-    return {key: ",".join(dict.fromkeys(values)) for key, values in said.items()}
-
-
-def flags_of(said: Mapping[str, str]) -> list[str]:
-    """The flag columns that say what these comments say."""
-    return [name for name, (key, word) in FLAGS.items() if word in said.get(key, "").split(",")]
-
-
-def parse_header(line: str, where: str, first: int = 1) -> Layout:
-    """Read the header line, behind which the rows begin as line ``first`` from 0.
-
-    FormatError (with ``where``) says which column is missing, doubled or in an unknown unit.
-    """
-    names = tuple(name.strip() for name in line.rstrip(",\r\n").split(","))
-    expected = "expected t_us,gx,gy,gz,ax,ay,az,temp or units in the names (t_s, gx_dps, gx_rps, ax_g, ax_mps2, temp_c)"
-    for separator, called in SEPARATORS.items():
-        if len(names) < 7 and line.count(separator) >= 6:
-            raise FormatError(f"{where}: separated by {called}; expected commas")
-    if len(names) < 7 or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
-        raise FormatError(f"{where}: no header line but {line.strip()[:60]!r}; {expected}")
-    _refuse_doubled_names(names, where)
-    times = [name for name in names if name in STAMP_NS]
-    if len(times) != 1:
-        raise FormatError(f"{where}: {_problem('time', names, times)}; {expected}")
-    gyro = _named_triad(names, "gyro", where, expected)
-    accel = _named_triad(names, "accel", where, expected)
-    temps = [name for name in names if name in TEMPERATURES]
-    if not temps and (other := next((name for name in names if name.lower() in OTHER_TEMPERATURES), None)) is not None:
-        raise FormatError(
-            f"{where}: {other!r}: a temperature is in degC; convert it and call it temp_c, or call it otherwise to leave it out"
-        )
-    if len(temps) > 1:
-        raise FormatError(f"{where}: two temperature columns ({', '.join(temps)[:80]}); keep one")
-    return Layout(
-        dialect=OWN,
-        delimiter=",",
-        first=first,
-        time=names.index(times[0]),
-        time_ns=STAMP_NS[times[0]],
-        clock=False,
-        gyro=gyro,
-        accel=accel,
-        temp=names.index(temps[0]) if temps else None,
-        temp_unit=TEMPERATURES[temps[0]] if temps else None,
-        names=names,
-        header_line=line.strip(),
-        standard=True,
-    )
-
-
-def _refuse_doubled_names(names: tuple[str, ...], where: str) -> None:
-    """Refuse two columns of one name; columns that are not read may repeat."""
-    read = {*TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
-    if twice := [name for name in dict.fromkeys(names) if name in read and names.count(name) > 1]:
-        raise FormatError(f"{where}: the column {twice[0]} stands {names.count(twice[0])} times; keep one, or rename the other")
-
-
-def _named_triad(names: tuple[str, ...], kind: str, where: str, expected: str) -> Triad:
-    """The three columns of one sensor, all in one unit; kind: gyro or accel."""
-    letter, units = kind[0], endings(kind)
-    found = {ending: [names.index(f"{letter}{axis}{ending}") for axis in "xyz" if f"{letter}{axis}{ending}" in names] for ending in units}
-    whole = [ending for ending, columns in found.items() if len(columns) == 3]
-    if len(whole) == 1 and sum(map(len, found.values())) == 3:
-        return Triad(three(found[whole[0]]), (1, 1, 1), units[whole[0]])
-    sensor = {"g": "gyroscope", "a": "accelerometer"}[letter]
-    strangers = [name for name in names if re.fullmatch(rf"{letter}[xyz]_\w+", name) and name[2:] not in units]
-    if strangers:
-        known = ", ".join(f"{letter}x{ending}" for ending in units)
-        raise FormatError(f"{where}: unknown unit in {strangers[0]!r}; known are {known}")
-    raise FormatError(f"{where}: {_problem(sensor, names, [names[i] for columns in found.values() for i in columns])}; {expected}")
-
-
-def _problem(what: str, names: tuple[str, ...], found: list[str]) -> str:
-    near = "" if len(found) > 1 and what == "time" else _near(what, names, found)
-    if not found:
-        return f"no {what} column among {', '.join(names)[:80]}{near}"
-    return f"the {what} columns are {', '.join(found)[:80]}{near}"
-
-
-def _near(what: str, names: tuple[str, ...], found: list[str]) -> str:
-    """The first name that is a known one in other letters, or nearly one: `` (is 'GX' meant as 'gx'?)``."""
-    taken = {*found, *TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
-    for name in names[:MOST_NAMES]:
-        close = [] if name in taken else get_close_matches(name.lower(), KNOWN[what], n=1, cutoff=0.75)
-        if close:
-            return f" (is {name[:40]!r} meant as {close[0]!r}?)"
-    return ""
-
-
-# From a file's first lines to a layout: which column is what, in which unit; or one line that names the missing option.
+# From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
 
 NUMBER = r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
+#: what a table is called that no dialect knows
+OTHER = "other"
+NO_TIME = "when its samples were taken (it has no time stamps)"
+#: where a unit is from, as people are told
+TOLD, BY_HEADER, DOCUMENTED = "as you say", "header", "as that program documents"
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
 def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
-    """The layout of a file that begins with these lines.  Raises FormatError, which names the option to give."""
+    """The layout of a file that begins with these lines.
+
+    Raises FormatError, which names the option to give, and QuestionsError of all that the file does not say.
+    """
     if answers.rows is None:
         refuse_kinds([line for line in lines if line.strip()], Form(name, None, (), (), header_line="not known yet"))
     if answers.columns is not None:
         delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
-        return _layout(name, "other", delimiter, first, names, wanted, answers, "", lines)
-    found = max(_matches(lines), key=lambda match: match[0], default=None)
+        return _layout(name, OTHER, delimiter, first, names, wanted, answers, lines)
+    like = None if answers.like is None else _like(answers.like)
+    found = max(_matches(lines, name, like), key=lambda match: match[0], default=None)
+    if found is None and like is not None:
+        raise FormatError(f"{name}: no header of {answers.like} (--like), such as {_example(like)}; it begins {_first(lines)!r}")
     if found is None:
         own = _own_header(lines)
-        if own is not None:
+        usual = max(_usual_matches(lines), key=lambda match: match[0], default=None)
+        if own is not None and (usual is None or set(STAMP_NS) & set(own[1])):
             number, names = own
             parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
-        _refuse_headless(lines, name)
-        known_ones = ", ".join(dialect.name for dialect in DIALECTS)
-        raise FormatError(
-            f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
-            "name its columns, --columns t_us=NAME,gx_dps=NAME,…,az_g=NAME"
-        )
+        if usual is None:
+            _refuse_headless(lines, name)
+            known_ones = ", ".join(dialect.name for dialect in DIALECTS)
+            raise FormatError(
+                f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
+                "name its columns, --columns t_us=NAME,gx_dps=NAME,…,az_g=NAME"
+            )
+        found = usual
     _, number, delimiter, dialect, columns, names = found
     if dialect is not None:
         _refuse_doubled(names, columns, f"{name} line {number + 1}")
-    else:
+    elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
-    return _layout(
-        name, dialect.name if dialect else OWN, delimiter, number + 1, names, columns, answers, dialect.frame if dialect else "", lines
-    )
+        return _layout(name, OWN, delimiter, number + 1, names, columns, answers, lines)
+    return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect)
+
+
+def dialect_named(text: str) -> Dialect | None:
+    """The dialect that a text names, however it is written; None for another."""
+    plain = re.sub(r"[^a-z0-9]", "", text.lower())
+    return next((dialect for dialect in DIALECTS if re.sub(r"[^a-z0-9]", "", dialect.name.lower()).startswith(plain)), None)
+
+
+def _like(text: str) -> Dialect | str:
+    """The dialect, or our own header."""
+    if text.lower() == OWN.lower():
+        return OWN
+    dialect = dialect_named(text)
+    if dialect is None:
+        known_ones = ", ".join((OWN, *(each.name for each in DIALECTS)))
+        raise FormatError(f"--like is {text[:40]!r}; expected one of {known_ones}, or another name of `import --list`")
+    return dialect
+
+
+def _example(like: Dialect | str) -> str:
+    return like.example if isinstance(like, Dialect) else "t_us,gx,gy,gz,ax,ay,az,temp"
 
 
 def _refuse_headless(lines: list[str], name: str) -> None:
@@ -188,8 +100,11 @@ def _first(lines: list[str]) -> str:
     return next((line.strip()[:60] for line in lines if line.strip()), "")
 
 
-def _matches(lines: list[str]) -> Iterator[Match]:
-    """Every header that fits, with every delimiter and dialect that it fits with."""
+# Which line is the header, and of which dialect.
+
+
+def _headers(lines: list[str]) -> Iterator[tuple[int, str | None, tuple[str, ...]]]:
+    """Each line that may be a header, with every delimiter; of two lines of names, one below the other, the second with both."""
     for number, line in enumerate(lines):
         if not re.search(r"[A-Za-z]", line):
             continue
@@ -197,13 +112,41 @@ def _matches(lines: list[str]) -> Iterator[Match]:
             names = split(line, delimiter)
             if len(names) < 2 or names[0] == FORMAT_WORD:
                 continue
-            if not line.lstrip().startswith("#") and _is_own(names):
-                yield (9, -number), number, delimiter, None, {}, names
-            cells = [_name_and_unit(text) for text in names]
-            for dialect in DIALECTS:
-                columns = _columns_of(dialect, cells)
-                if columns:
-                    yield (len(columns), -number), number, delimiter, dialect, columns, names
+            below = split(lines[number + 1], delimiter) if number + 1 < len(lines) else ()
+            if len(below) == len(names) and len(names) > LEAST_OF_TWO and not any(re.fullmatch(NUMBER, name) for name in below if name):
+                yield number + 1, delimiter, _together(names, below)
+            yield number, delimiter, names
+
+
+#: columns of a table with two lines of names: fewer may be words
+LEAST_OF_TWO = 5
+UNIT_WORDS = re.compile(r"[\[(]?\s*([^\[\]()]*?)\s*[\])]?")
+
+
+def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]:
+    """Names with the units, or the axes, that stand below them; an empty name goes on from the one before it."""
+    whole, before = [], ""
+    for name, under in zip(names, below, strict=True):
+        before = name or before
+        bare = UNIT_WORDS.fullmatch(under)
+        unit = bare[1] if bare else ""
+        is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
+        whole.append(f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip())
+    return tuple(whole)
+
+
+def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
+    """Every header that fits, with every delimiter and dialect that it fits with; like: the one that is meant."""
+    for number, delimiter, names in _headers(lines):
+        if like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names):
+            yield (9, -number), number, delimiter, None, {}, names
+        cells = [_name_and_unit(text) for text in names]
+        for dialect in DIALECTS if like is None else (like,):
+            if not isinstance(dialect, Dialect) or (dialect.begins and dialect.begins != lines[0].strip().lstrip("\ufeff")):
+                continue
+            columns = _columns_of(dialect, cells, name)
+            if columns:
+                yield (len(columns) + 10 * bool(dialect.begins), -number), number, delimiter, dialect, columns, names
 
 
 def _name_and_unit(text: str) -> tuple[str, str]:
@@ -218,22 +161,32 @@ def _name_and_unit(text: str) -> tuple[str, str]:
     return text.strip().lower(), ""
 
 
-def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Column]:
+def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> dict[str, Column]:
     """{t: column, gx: …, temp: …} where the header is of this dialect; empty where it is not."""
     at: dict[str, tuple[int, str]] = {}
     for column, (name, unit) in enumerate(names):
         at.setdefault(name, (column, unit))
-    time = next((at[name] for name in dialect.time if name in at), None)
+    time = next((parts for parts in (each.split("+") for each in dialect.time) if all(part in at for part in parts)), None)
     if time is None or not all(name in at for name in dialect.signature):
         return {}
     found: dict[str, Column] = {}
     for letter, pattern, unit in (("g", dialect.gyro, dialect.gyro_unit), ("a", dialect.accel, dialect.accel_unit)):
         triad = [pattern.format(axis) for axis in dialect.axes]
-        if all(name in at for name in triad):
+        if all(name in at for name in triad) and not (dialect.by_file and not _is_of(file, letter)):
             found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit, 1) for axis, name in zip("xyz", triad, strict=True)}
+    if dialect.both and ("gx" in found) != ("ax" in found):
+        return {}
     if dialect.temp in at:
         found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc", 1
-    return {"t": (time[0], time[1] or dialect.time_unit, 1), **found} if found else {}
+    stamp = {"t": (at[time[0]][0], at[time[0]][1] or dialect.time_unit, 1)}
+    if len(time) == 2:
+        stamp |= {"t": (at[time[0]][0], "s", 1), "t2": (at[time[1]][0], "ns", 1)}
+    return {**stamp, **found} if found else {}
+
+
+def _is_of(file: str, letter: str) -> bool:
+    """Whether a file's name says that it is of this sensor."""
+    return ("gyro" if letter == "g" else "accel") in file.lower()
 
 
 def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:
@@ -242,6 +195,89 @@ def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: s
     for column, _, _ in columns.values():
         if (times := known.count(known[column])) > 1:
             raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
+
+
+# Headers of no dialect whose names say what they are, as people print them themselves: ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``.
+
+#: what stands before or behind an axis, of a name in small letters without what is no letter
+USUAL = {
+    "g": (
+        "g",
+        "gyr",
+        "gyro",
+        "gyroscope",
+        "w",
+        "omega",
+        "rate",
+        "angularvelocity",
+        "angvel",
+        "angularrate",
+        "rotationrate",
+        "gyroraw",
+        "rawgyro",
+    ),
+    "a": (
+        "a",
+        "acc",
+        "accel",
+        "accelerometer",
+        "acceleration",
+        "f",
+        "force",
+        "specificforce",
+        "linearacceleration",
+        "accelraw",
+        "rawaccel",
+    ),
+}
+#: further columns of a file that is taken for one sensor's: a counter and a time, perhaps in two columns
+MOST_BESIDE = 3
+USUAL_TEMPERATURES = ("temp", "temperature", "tempc", "t")
+#: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``
+UNIT_ENDINGS = {
+    "g": {"dps": "dps", "degs": "dps", "degps": "dps", "rads": "rad/s", "radps": "rad/s", "rps": "rad/s", "mdps": "mdps"},
+    "a": {"mps2": "m/s2", "ms2": "m/s2", "mss": "m/s2", "mg": "mg", "g": "g"},
+}
+
+
+def _usual_matches(lines: list[str]) -> Iterator[Match]:
+    for number, delimiter, names in _headers(lines):
+        columns: dict[str, Column] = {}
+        for column, text in enumerate(names[:MOST_NAMES]):
+            name, unit = _name_and_unit(text)
+            if (what := _usual(name)) is None:
+                continue
+            key, ending = what
+            if key in columns:  # two sensors: a person says which
+                columns = {}
+                break
+            columns[key] = column, unit or ending, 1
+        whole = [letter for letter in "ga" if all(f"{letter}{axis}" in columns for axis in "xyz")]
+        if not whole or len([key for key in columns if key != "temp"]) != 3 * len(whole):
+            continue
+        if len(whole) == 1 and len(names) - len(columns) > MOST_BESIDE:
+            continue  # the other sensor may be among the rest, by names that say nothing
+        yield (len(columns), -number), number, delimiter, None, columns, names
+
+
+def _usual(name: str) -> tuple[str, str] | None:
+    """``gyro_x_dps``: (gx, dps); None for a name that says no axis of a sensor."""
+    plain = re.sub(r"^(?:imu|raw|data|sensor|msg|field)+", "", re.sub(r"[^a-z0-9]", "", name.replace("²", "2").replace("^", "")))
+    if plain in USUAL_TEMPERATURES[:3]:
+        return "temp", "degc"
+    for letter, words in USUAL.items():
+        for word in words:
+            for axis, place in (("x", "0"), ("y", "1"), ("z", "2")):
+                for written in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
+                    if plain == written:
+                        return f"{letter}{axis}", ""
+                    rest = plain.removeprefix(written)
+                    if rest != plain and rest in UNIT_ENDINGS[letter]:
+                        return f"{letter}{axis}", UNIT_ENDINGS[letter][rest]
+    return None
+
+
+# One of our own headers, perhaps without stamps, or nearly one.
 
 
 def _is_own(names: tuple[str, ...]) -> bool:
@@ -276,20 +312,30 @@ def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
     return columns
 
 
+# The layout of what was found, with the person's answers in the place of what the file says.
+
+
 def _layout(
     name: str,
-    dialect: str,
+    called: str,
     delimiter: str | None,
     first: int,
     names: tuple[str, ...],
     columns: dict[str, Column],
     answers: Answers,
-    frame: str,
     lines: list[str],
+    dialect: Dialect | None = None,
 ) -> Layout:
-    """columns: {t, gx, …, temp: column}.  FormatError names the option for a missing unit."""
+    """columns: {t, gx, …, temp: column}; first: lines before the rows.  QuestionsError for the units that are not known."""
+    columns = {
+        key: (column, "", sign) if _is_no_register(word, column, delimiter, lines[first:]) else (column, word, sign)
+        for key, (column, word, sign) in columns.items()
+    }
+    facts = dialect.facts(_preamble(lines[: first - 1])) if dialect is not None and dialect.facts is not None else {}
+    questions: list[Question] = []
+    row = _first_row(lines[first:], delimiter)
     time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
-    time_unit = answers.time_unit or time_unit
+    time_unit = answers.time_unit or facts.get("time_unit") or time_unit
     clock = None
     if time_column is None and answers.time_unit != "none":
         read = {column for column, _, _ in columns.values()}
@@ -303,48 +349,88 @@ def _layout(
     if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
-            raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
+            questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
     else:
-        row = next((line for line in lines[first:] if line.strip()), "").split(delimiter)
         is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
-        unit = Unit(1, "clock") if is_clock else _unit("time", time_unit, "--time-unit", name, dialect)
+        unit = Unit(1, "clock") if is_clock else _unit("time", time_unit, "--time-unit", name, questions)
+    finer: tuple[tuple[int, int], ...] = () if clock is None or clock.finer is None else (clock.finer,)
+    if time_column is not None and not answers.time_unit:
+        terms = [columns[key] for key in sorted(columns) if re.fullmatch(r"t\d", key)]
+        finer += tuple((column, int(_unit("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
+    told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
     triads = {
-        letter: _triad(columns, letter, kind, option, unit, axes, name, dialect)
-        for letter, kind, option, unit, axes in (
-            ("g", "gyro", "--gyro-unit", answers.gyro_unit, answers.gyro_axes),
-            ("a", "accel", "--accel-unit", answers.accel_unit, answers.accel_axes),
-        )
+        kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, row, questions)
+        for kind, axes in (("gyro", answers.gyro_axes), ("accel", answers.accel_axes))
     }
     temp = columns.get("temp")
+    temp_unit = None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, questions)
+    if questions:
+        raise QuestionsError(name, called, questions)
     return Layout(
-        dialect=dialect,
+        dialect=called,
         delimiter=delimiter,
         first=first,
         time=time_column,
         time_ns=int(unit.si or 1),
         clock=unit.word == "clock",
-        gyro=triads["g"],
-        accel=triads["a"],
+        gyro=triads["gyro"],
+        accel=triads["accel"],
         temp=None if temp is None else temp[0],
-        temp_unit=None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, dialect),
+        temp_unit=temp_unit,
         names=names,
-        frame=frame,
+        frame="" if dialect is None else dialect.frame,
         header_line=lines[first - 1].strip() if first else "",
-        finer=None if clock is None else clock.finer,
+        finer=finer,
         remark="" if clock is None else clock.says,
+        sources=_sources(columns, names, answers, facts, told),
+        facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
     )
 
 
+def _sources(
+    columns: dict[str, Column], names: tuple[str, ...], answers: Answers, facts: Mapping[str, str], told: Mapping[str, str | None]
+) -> dict[str, str]:
+    """Where each unit is from."""
+    found = {}
+    for kind, key, stated in (("time", "t", answers.time_unit), ("gyro", "gx", told["gyro"]), ("accel", "ax", told["accel"])):
+        if key not in columns:
+            continue
+        column, word, _ = columns[key]
+        written = column < len(names) and (word in names[column] or word in COUNTS) and bool(word)
+        said = TOLD if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
+        found[kind] = said or (BY_HEADER if written else DOCUMENTED)
+    return found
+
+
+def _preamble(lines: list[str]) -> dict[str, str]:
+    """What ``key,value`` lines before a header say, quoted or not."""
+    pairs = [[part.strip().strip('"') for part in line.split(",", 1)] for line in lines]
+    return {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
+
+
+def _is_no_register(word: str, column: int, delimiter: str | None, lines: list[str]) -> bool:
+    """Whether a column that is taken for registers has fractions: it is in a unit that nobody named."""
+    if word not in COUNTS:
+        return False
+    cells = [row[column] for line in lines[:MOST_NAMES] if column < len(row := line.split("#")[0].split(delimiter))]
+    return any(re.fullmatch(NUMBER, cell.strip()) and not re.fullmatch(r"[-+]?\d+(?:[.,]0*)?", cell.strip()) for cell in cells)
+
+
+def _first_row(lines: list[str], delimiter: str | None) -> list[str]:
+    return next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "").split(delimiter)
+
+
 def _triad(
-    columns: dict[str, Column], letter: str, kind: str, option: str, stated: str | None, axes: str, name: str, dialect: str
+    columns: dict[str, Column], kind: str, stated: str | None, axes: str, name: str, row: list[str], questions: list[Question]
 ) -> Triad | None:
+    letter = kind[0]
     if f"{letter}x" not in columns:
         return None
     found = [columns[f"{letter}{axis}"] for axis in "xyz"]
     units = {entry[1] for entry in found}
     if len(units) > 1 and not stated:
         raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
-    unit = _unit(kind, stated or found[0][1], option, name, dialect)
+    unit = _unit(kind, stated or found[0][1], f"--{kind}-unit", name, questions)
     order, turned = parse_axes(axes, f"--{kind}-axes")
     return Triad(three(found[i][0] for i in order), three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)), unit)
 
@@ -358,11 +444,16 @@ def parse_axes(text: str, option: str) -> tuple[list[int], list[int]]:
     return order, [-1 if word.startswith("-") else 1 for word in words]
 
 
-def _unit(kind: str, text: str, option: str, name: str, dialect: str) -> Unit:
+def _unit(kind: str, text: str, option: str, name: str, questions: list[Question]) -> Unit:
+    """The unit; where there is none, a question, and any unit."""
     what = {"time": "time stamps", "gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
     if not text:
-        raise FormatError(f"{name} ({dialect}) does not say the unit of the {what}; give {option} ({known(kind)}, or one count: 0.061dps)")
+        questions.append(Question(f"the unit of the {what}", option, f"{known(kind)}, or one count: {ONE_COUNT[kind]}"))
+        return Unit(1, "")
     unit = parse_unit(kind, text)
     if unit is None:
         raise FormatError(f"{name}: {text[:30]!r} is no unit of the {what} that is known; give {option} ({known(kind)})")
     return unit
+
+
+ONE_COUNT = {"time": "25us", "gyro": "0.061dps", "accel": "g/2048", "temp": "0.01c"}

@@ -44,6 +44,8 @@ SENSORS = (
 MOST_SENSORS = 16
 #: rows that are looked through for another kind, and the share of them that is no accident
 LEAST_ROWS, SHARE = 8, 0.1
+#: of a log: beyond any
+MOST_LINES = 10**12
 #: a comma at the end of some rows makes one column more
 WIDER = 2
 
@@ -94,12 +96,21 @@ class Form:
     standard: bool = False
 
 
+def span_of(lines: str | None) -> tuple[int, int]:
+    """The first line and the last, from 1, of ``FIRST-LAST``; all where None.  FormatError where it is no such span."""
+    first, dash, last = (lines if lines is not None else "-").partition("-")
+    begin, end = (int(text) if text.isdigit() else default if not text else -1 for text, default in ((first, 1), (last, MOST_LINES)))
+    if not dash or not 1 <= begin <= end:
+        raise FormatError(f"--lines is {(lines or '')[:40]!r}, expected FIRST-LAST, such as 1-2991")
+    return begin, end
+
+
 class Rows:
     """Keeps the rows that are wanted; ``left_out`` counts the others.  Raises FormatError for a column that is not there."""
 
     def __init__(self, wanted: Wanted, form: Form):
         self._wanted, self._delimiter, self.left_out = wanted, form.delimiter, 0
-        self._column, self._value = (0, "") if wanted.where is None else _place(wanted.where, form)
+        self._column, self._value = (0, "") if wanted.where is None else _place_and_value(wanted.where, form)
 
     def __call__(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
@@ -163,6 +174,17 @@ class Watch:
             )
 
 
+def sensor_kinds(lines: Sequence[str]) -> list[str]:
+    """The kinds of rows that an ArduPilot log's lines describe with a gyroscope's and an accelerometer's columns."""
+    found = []
+    for line in lines:
+        kind = _described_kind(line)
+        names = [cell.strip().lower() for cell in line.split(",")[FORMAT_NAMES:]] if kind is not None else []
+        if kind is not None and {"gyrx", "accx"} <= set(names):
+            found.append(kind)
+    return list(dict.fromkeys(found))
+
+
 def word_of(line: str) -> str | None:
     """The word that a row begins with; None where it begins with a number."""
     found = WORD.match(line)
@@ -217,16 +239,21 @@ def _described(line: str, kind: str) -> str | None:
     return ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
 
 
-def _place(where: str, form: Form) -> tuple[int, str]:
+def _place_and_value(where: str, form: Form) -> tuple[int, str]:
     called, equals, value = (part.strip() for part in where.partition("="))
-    names = [each.lower() for each in form.names]
     if not equals or not called or not value:
         raise FormatError(f"where is {where!r}, expected NAME=VALUE, the column's name or its number from 1")
+    return place_of(called, form), value
+
+
+def place_of(called: str, form: Form) -> int:
+    """The column of a name, or of a number from 1.  FormatError where there is none."""
+    names = [each.lower() for each in form.names]
     if called.lower() in names:
-        return names.index(called.lower()), value
+        return names.index(called.lower())
     if called.isdigit() and 1 <= int(called) <= len(names):
-        return int(called) - 1, value
-    raise FormatError(f"{form.file}: no column {called!r} (where {where}) among {', '.join(form.names)[:80]}")
+        return int(called) - 1
+    raise FormatError(f"{form.file}: no column {called!r} (where {called}=…) among {', '.join(form.names)[:80]}")
 
 
 def _bare(cell: str) -> str:

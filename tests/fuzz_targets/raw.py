@@ -14,7 +14,7 @@ from session.bench.rawfile import RAW, TIMES, TIMES_HEADER, decision_of, read_ma
 from session.io.config import read_config
 from session.io.errors import DataError
 from session.io.logfile import read_log
-from session.replay.convert import convert_raw
+from session.replay.raw import convert_raw
 
 SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
 MODES = (

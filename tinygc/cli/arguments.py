@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from session.io.errors import CalibrationError
 from session.io.names import has_recorded_name, is_session
 from session.io.texts import printable, program
-from tinygc.cli.commands import COMMANDS, command_module, present_commands
+from tinygc.cli.commands import ALIASES, COMMANDS, command_module, present_commands
 from tinygc.cli.extensions import add_annex_arguments
 from tinygc.estimation.options import CHOSEN
 
@@ -229,10 +229,12 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name in words[:1] if words and words[0] in COMMANDS else present_commands():
+    first = ALIASES.get(words[0], words[0]) if words else ""
+    for name in [first] if first in COMMANDS else present_commands():
         module = command_module(name)
         summary = module.SUMMARY
-        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        aliases = [alias for alias, of in ALIASES.items() if of == name]
+        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".", aliases=aliases)
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")

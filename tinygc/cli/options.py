@@ -120,7 +120,12 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
     asked.add_argument("--time-unit", metavar="UNIT", help="s, ms, us, ns, 25us; none: count samples at --odr")
     asked.add_argument("--gyro-unit", metavar="UNIT", help="dps, mdps, rad/s, lsb, or one count: 0.061dps")
     asked.add_argument("--accel-unit", metavar="UNIT", help="g, mg, m/s2, lsb, or one count: g/2048")
-    asked.add_argument("--columns", metavar="LIST", help="of any other CSV: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME")
+    what = "of any other table: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; once for each file"
+    asked.add_argument("--columns", action="append", metavar="LIST", help=what)
+    asked.add_argument("--lines", metavar="FIRST-LAST", help="the rows that are meant, by their lines: 1-2991")
+    asked.add_argument("--packed", metavar="ORDER", help="of registers in one hexadecimal word: st, mpu, or big:ax,ay,az,temp,gx,gy,gz")
+    asked.add_argument("--topic", metavar="NAME", help="of a binary log that holds several; or two, GYROSCOPE,ACCELEROMETER")
+    asked.add_argument("--like", metavar="PROGRAM", help="take it for this program's log (`import --list` names them)")
     asked.add_argument("--rows", metavar="WORD", help="of several kinds of rows: those that begin with this word, or have so many columns")
     asked.add_argument("--where", metavar="NAME=VALUE", help="of several sensors' rows: those with this value in a column: I=0")
     asked.add_argument("--gyro-axes", default="x,y,z", metavar="X,Y,Z", help="the log's axes that become x,y,z: y,-x,z")
@@ -129,9 +134,19 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def answers_of(args: argparse.Namespace) -> Answers:
-    """Return ``session.io.dialects.Answers`` of the options."""
-    from session.io.dialects import Answers
+def answers_of(args: argparse.Namespace, files: int = 1) -> Answers:
+    """Return ``session.io.dialects.Answers`` of the options; files: how many the command reads.
 
-    same_name = ("time_unit", "gyro_unit", "accel_unit", "columns", "gyro_axes", "accel_axes", "sensor", "rows", "where")
-    return Answers(odr_hz=args.odr, gyro_fs_dps=args.gyro_fs, accel_fs_g=args.accel_fs, **{name: getattr(args, name) for name in same_name})
+    Raises FormatError where ``--columns`` is given more often than that.
+    """
+    from session.io.dialects import Answers
+    from session.io.errors import FormatError
+
+    if len(args.columns or ()) > files:
+        raise FormatError(f"--columns is given {len(args.columns)} times for {files} file{'s' * (files != 1)}; give it once for each")
+
+    same_name = ("time_unit", "gyro_unit", "accel_unit", "gyro_axes", "accel_axes", "sensor", "rows", "where")
+    more = ("lines", "packed", "topic", "like")
+    columns = args.columns[0] if args.columns and len(args.columns) == 1 else None
+    told = {name: getattr(args, name) for name in same_name + more}
+    return Answers(odr_hz=args.odr, gyro_fs_dps=args.gyro_fs, accel_fs_g=args.accel_fs, columns=columns, **told)

@@ -22,7 +22,7 @@ COMMANDS = {
     "ports": "tinygc.cli.commands.ports",
     "board": "tinygc.cli.commands.board",
     "record": "tinygc.cli.commands.record",
-    "replay": "tinygc.cli.commands.replay",
+    "import": "tinygc.cli.commands.import_",
     "list": "tinygc.cli.commands.list",
     "check": "tinygc.cli.commands.check",
     "accelerometer": "tinygc.cli.commands.accelerometer",
@@ -39,6 +39,9 @@ COMMANDS = {
     "simulate": "tinygc.cli.commands.simulate",
     "completion": "tinygc.cli.commands.completion",
 }
+
+#: earlier names of commands, which still work
+ALIASES = {"replay": "import"}
 
 
 def command_module(name: str) -> ModuleType:

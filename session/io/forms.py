@@ -1,0 +1,320 @@
+"""Text that is no table yet, as lines of a table: ``ax:1 ay:2``, JSON lines, hexadecimal, a serial monitor's clock.
+
+Each form turns lines into lines, one for one, so that a complaint still names the line of the file.  Where the form brings names of its
+own, it has a header, which the reader of tables then recognises like any other.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+from session.io.errors import FormatError
+
+#: lines that are looked at, and the share of them that must be of a form
+LOOKED_AT, SHARE = 200, 0.5
+#: numbers of a line, or of a record, from which on it may be a sensor's: three axes
+LEAST_PAIRS = 3
+#: of a record: a phone's with everything switched on has some dozens
+MOST_PAIRS = 200
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+class TextForm(Protocol):
+    """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own."""
+
+    name: str
+    header: str
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        """As many lines: rows of the table, and blanks where no row ends."""
+        ...
+
+
+def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
+    """The form of a log that begins with these lines; None where it is a table already.
+
+    packed: what is known of registers that are written as one hexadecimal word.  FormatError where they are, and it is not known.
+    """
+    some = [line for line in lines if line.strip()][:LOOKED_AT]
+    if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
+        without = [MONITOR.sub("", line) for line in some]
+        return _Monitor(form_of(without, packed, name), without)
+    for kind in (_JsonLines, _Pairs):
+        if (form := kind.found(some)) is not None:
+            return form
+    return _packed(some, packed, name) or _hexadecimal(some)
+
+
+# The clock that a serial monitor puts before each line: ``12:30:01.123 -> 1,2,3``.
+
+MONITOR = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d\.\d+) -> ?")
+
+
+class _Monitor:
+    """The clock becomes the last column: what the board itself says of the time comes before it."""
+
+    name = "a serial monitor's lines"
+
+    def __init__(self, inner: TextForm | None, lines: list[str]):
+        """lines: without the clock."""
+        self._inner, self._delimiter = inner, next((sign for sign in ",;\t" if any(line.count(sign) >= 2 for line in lines)), ",")
+        self.header = f"{inner.header},monitor_time" if inner is not None and inner.header else ""
+        if inner is not None:
+            self.name = f"{inner.name}, with a serial monitor's clock"
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        clocks = [MONITOR.match(line) for line in lines]
+        bare = [MONITOR.sub("", line) for line in lines]
+        made = bare if self._inner is None else self._inner(bare)
+        sign = self._delimiter if self._inner is None else ","
+        with_clock = []
+        for line, clock in zip(made, clocks, strict=True):
+            names = self._inner is None and re.match(r"\s*[A-Za-z_]", line) is not None
+            end = "" if clock is None or not line.strip() else f"{sign}monitor_time" if names else f"{sign}{clock[1]}"
+            with_clock.append(line.rstrip("\r") + end)
+        return with_clock
+
+
+# Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
+
+PAIR = re.compile(
+    r"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]*?)\s*[:=]\s*"
+    rf"(?P<value>{NUMBER})(?![\w.:])(?:[ \t]*(?P<unit>[A-Za-z°µ%][\w°/^²µ%]*))?(?!\s*[:=])"
+)
+AXES = ("x", "y", "z")
+
+
+class _Record:
+    """Gathers names and numbers until all that a record has are there; then it is a row."""
+
+    def __init__(self, names: list[str], units: dict[str, str]):
+        self._names, self._have = names, dict[str, str]()
+        self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in names)
+
+    def row(self, pairs: list[tuple[str, str]]) -> str:
+        """The row that these complete, or that they show to be torn; else empty."""
+        torn = ""
+        for name, value in pairs:
+            if name in self._have:  # the next record begins, and this one has holes: the reader of tables refuses it by its line
+                torn, self._have = self._text(), {}
+            self._have[name] = value
+        if torn:
+            return torn
+        if len(self._have) < len(self._names) or not self._have.keys() >= set(self._names):
+            return ""
+        text, self._have = self._text(), {}
+        return text
+
+    def _text(self) -> str:
+        return ",".join(self._have.get(name, "") for name in self._names)
+
+
+class _Pairs:
+    name = "names and numbers in turn"
+
+    def __init__(self, names: list[str], units: dict[str, str]):
+        self._record, self._names = _Record(names, units), set(names)
+        self.header = self._record.header
+
+    @classmethod
+    def found(cls, lines: list[str]) -> _Pairs | None:
+        """Where lines hold them: the names are those of a whole record, up to the first that comes again."""
+        parsed = [pairs for line in lines if not line.lstrip().startswith("#") and (pairs := list(_pairs(line)))]
+        if len(parsed) <= SHARE * len(lines) or not parsed:
+            return None
+        counts: dict[str, int] = {}
+        units: dict[str, str] = {}
+        for pairs in parsed:
+            for name, _, unit in pairs:
+                counts[name] = counts.get(name, 0) + 1
+                units.setdefault(name, unit)
+        most = max(counts.values())
+        names = [name for name, count in counts.items() if count >= 0.8 * most]
+        return cls(names, units) if most > 1 and 2 * LEAST_PAIRS <= len(names) <= MOST_PAIRS else None
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        return [self._record.row([(name, value) for name, value, _ in _pairs(line) if name in self._names]) for line in lines]
+
+
+def _pairs(line: str) -> Iterator[tuple[str, str, str]]:
+    """``(name, number, unit)``; a bare axis has the name before it, and the unit behind the last axis is that of all three."""
+    found = [(match["name"].strip(), match["value"], match["unit"] or "") for match in PAIR.finditer(line)]
+    before = ""
+    named = []
+    for name, value, unit in found:
+        bare = name.lower() in AXES
+        name = f"{before} {name}" if bare and before else name
+        if not bare and name[-1:].lower() in AXES:
+            before = name[:-1].rstrip(" _.")
+        named.append((name, value, "" if unit.lower() in AXES else unit))
+    for place, (name, value, unit) in enumerate(named):
+        later = next((each[2] for each in named[place : place + 3] if each[2]), "")
+        yield name, value, unit or (later if name[-1:].lower() in AXES else "")
+
+
+# JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
+
+
+class _JsonLines:
+    name = "JSON, an object a line"
+
+    def __init__(self, names: list[str]):
+        self._record, self._names = _Record(names, {}), set(names)
+        self.header = self._record.header
+
+    @classmethod
+    def found(cls, lines: list[str]) -> _JsonLines | None:
+        objects = [found for line in lines if (found := _flat(line))]
+        if len(objects) <= SHARE * len(lines) or not objects:
+            return None
+        names = list(dict.fromkeys(name for found in objects for name in found))
+        return cls(names) if LEAST_PAIRS <= len(names) <= MOST_PAIRS else None
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            found = _flat(line)
+            torn = not found and line.strip().startswith("{")
+            pairs = [(name, value) for name, value in found.items() if name in self._names]
+            rows.append("torn" if torn else self._record.row(pairs))
+        return rows
+
+
+def _flat(line: str) -> dict[str, str]:
+    """Numbers of an object by their path, ``gyro.x``, ``gyro[0]``, as they were written; empty where the line is none."""
+    line = line.strip().rstrip(",")
+    if not line.startswith("{"):
+        return {}
+    try:
+        whole = json.loads(line, parse_float=_Number, parse_int=_Number)
+    except (ValueError, RecursionError):
+        return {}
+    found: dict[str, str] = {}
+
+    def walk(value: object, name: str, depth: int) -> None:
+        if isinstance(value, _Number):
+            found[name] = str(value)
+        elif isinstance(value, dict) and depth:
+            for key, inner in value.items():
+                walk(inner, f"{name}.{key}".lstrip(".").replace(",", " "), depth - 1)
+        elif isinstance(value, list) and depth:
+            for place, inner in enumerate(value[:MOST_PAIRS]):
+                walk(inner, f"{name}[{place}]", depth - 1)
+
+    walk(whole, "", 4)
+    return found
+
+
+class _Number(str):
+    """A number of JSON as it was written: no digit of a stamp is lost."""
+
+    __slots__ = ()
+
+
+# Registers in hexadecimal: cells of their own, or one word a sample.
+
+CELL = re.compile(r"(?<![\w.])(0[xX])?([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|[0-9A-Fa-f]{8})(?![\w.])")
+PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
+
+
+class _Hexadecimal:
+    name = "registers in hexadecimal"
+    header = ""
+
+    def __init__(self, pattern: re.Pattern[str]):
+        self._pattern = pattern
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        return [self._pattern.sub(_decimal, line) if re.search(r"\d", line) else line for line in lines]
+
+
+def _decimal(match: re.Match[str]) -> str:
+    """Sixteen bits are a register with a sign, more are a stamp or a counter."""
+    digits = match[match.lastindex or 0]
+    value = int(digits, 16)
+    return str(value - 0x10000 if len(digits) == 4 and value >= 0x8000 else value)
+
+
+def _hexadecimal(lines: list[str]) -> _Hexadecimal | None:
+    prefixed = sum(len(PREFIXED.findall(line)) >= LEAST_PAIRS for line in lines)
+    if prefixed > SHARE * len(lines):
+        return _Hexadecimal(PREFIXED)
+    rows = [re.split(r"[,;\s]+", line.strip()) for line in lines]
+    of_four = [row for row in rows if sum(re.fullmatch(r"[0-9A-Fa-f]{4}", cell) is not None for cell in row) >= 2 * LEAST_PAIRS]
+    letters = any(re.fullmatch(r"[0-9A-Fa-f]{4}", cell) and not cell.isdigit() for row in of_four for cell in row)
+    return _Hexadecimal(CELL) if letters and len(of_four) > SHARE * len(lines) else None
+
+
+#: what a sensor's burst of registers holds, and which byte of a register comes first
+PRESETS = {
+    "st": ("little", ("gx", "gy", "gz", "ax", "ay", "az")),
+    "st-temp": ("little", ("temp", "gx", "gy", "gz", "ax", "ay", "az")),
+    "mpu": ("big", ("ax", "ay", "az", "temp", "gx", "gy", "gz")),
+    "icm42688": ("big", ("temp", "ax", "ay", "az", "gx", "gy", "gz")),
+}
+FIELDS = ("gx", "gy", "gz", "ax", "ay", "az", "temp", "-")
+EXPECTED_PACKED = f"expected {', '.join(PRESETS)}, or the order by hand: little:gx,gy,gz,ax,ay,az or big:ax,ay,az,temp,gx,gy,gz (- skips)"
+WORD = re.compile(r"(?<![\w.])(?:0x)?((?:[0-9A-Fa-f]{4}){6,16})(?![\w.])")
+
+
+class _Packed:
+    name = "registers, packed in hexadecimal"
+
+    def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
+        self._order, self._fields, self._stamped = order, fields, stamped
+        self.header = ",".join((*(["time"] if stamped else []), *(field for field in fields if field != "-")))
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            match = WORD.search(line)
+            if match is None or len(match[1]) != 4 * len(self._fields):
+                rows.append("torn" if match is not None else "")
+                continue
+            data = bytes.fromhex(match[1])
+            values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
+            kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]
+            stamp = [re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []
+            rows.append(",".join((*stamp, *kept)))
+        return rows
+
+
+def _packed(lines: list[str], told: str | None, name: str) -> _Packed | None:
+    words = [match[1] for line in lines if (match := WORD.search(line)) is not None]
+    words = [word for word in words if not word.isdigit()]
+    if len(words) <= SHARE * len(lines) or not words:
+        if told:
+            raise FormatError(f"{name}: --packed is {told!r}, but its lines hold no words of hexadecimal registers; leave it out")
+        return None
+    registers = len(words[0]) // 4
+    if told is None:
+        what = f"{registers} registers a line, packed in hexadecimal, and it does not say their order"
+        raise FormatError(f"{name}: {what}; give --packed, {EXPECTED_PACKED}")
+    order, fields = _fields(told)
+    if len(fields) != registers:
+        raise FormatError(f"{name}: {registers} registers a line, but --packed {told} has {len(fields)}; {EXPECTED_PACKED}")
+    stamped = sum(re.match(rf"\s*{NUMBER}[,;\s]", line) is not None for line in lines) > SHARE * len(lines)
+    return _Packed(order, fields, stamped)
+
+
+def _fields(told: str) -> tuple[str, tuple[str, ...]]:
+    if told in PRESETS:
+        return PRESETS[told]
+    order, colon, listed = told.partition(":")
+    fields = tuple(field.strip() for field in listed.split(","))
+    known = order in ("little", "big") and colon and all(field in FIELDS for field in fields)
+    if not known or any(fields.count(field) != 1 for field in FIELDS[:6]):
+        raise FormatError(f"--packed is {told[:60]!r}; {EXPECTED_PACKED}")
+    return order, fields
+
+
+#: of each form: what begins such a log
+EXAMPLES: dict[str, tuple[Callable[..., object], str]] = {
+    _Pairs.name: (_Pairs, "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2"),
+    _JsonLines.name: (_JsonLines, '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}'),
+    _Hexadecimal.name: (_Hexadecimal, "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE"),
+    _Packed.name: (_Packed, "1000,0C00F9FF00100300000000FE   (--packed st)"),
+}

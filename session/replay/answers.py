@@ -1,0 +1,133 @@
+"""What a log does not say of its sensor: taken from its comments, asked, or assumed, and then said."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from session.bench.session_file import ASSUMED, UNKNOWN
+from session.io.config import Sensor
+from session.io.dialects import Answers
+from session.io.numeric import runs_of
+from session.io.questions import Question, QuestionsError
+from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
+from session.io.samples import USUAL_DPS, USUAL_G
+from session.io.standard import OWN
+from session.io.units import DEG, G
+from session.replay.join import Joined
+from session.replay.sources import Source
+
+#: of a note on a full scale that nobody has stated
+ASSUMED_RANGE = "is assumed"
+#: readings in a row that stand at the largest value of all: the range ends there
+AT_THE_END = 4
+#: a rate that small is a rest's, whose few values come again and again
+LEAST_AT_END = {"gyro": 60 * DEG, "accel": 1.5 * G}
+#: of g, the median length of a hand-turned accelerometer's readings: gravity, whatever its scale error
+GRAVITY_WITHIN = (0.5, 2.0)
+
+
+def with_comments(answers: Answers, sources: Sequence[Source]) -> Answers:
+    """What a log's own comments say (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person says otherwise."""
+    stated: dict[str, float] = {}
+    for source in sources:
+        for key in ("gyro_fs_dps", "accel_fs_g", "odr_hz"):
+            with contextlib.suppress(KeyError, ValueError):
+                stated[key] = float(source.comments[key])
+    return replace(
+        answers,
+        gyro_fs_dps=stated.get("gyro_fs_dps") if answers.gyro_fs_dps is None else answers.gyro_fs_dps,
+        accel_fs_g=stated.get("accel_fs_g") if answers.accel_fs_g is None else answers.accel_fs_g,
+        odr_hz=stated.get("odr_hz") if answers.odr_hz is None else answers.odr_hz,
+        sensor=answers.sensor or next((source.comments["sensor"] for source in sources if "sensor" in source.comments), None),
+    )
+
+
+def with_sensor(sources: Sequence[Source], answers: Answers) -> tuple[Answers, tuple[str, ...]]:
+    """The answers with the sensor, and notes: registers must be some sensor's, numbers in physical units may be anyone's.
+
+    Raises FormatError where the registers are of a sensor that is not known, QuestionsError where they are of a foreign log that names
+    neither the sensor nor its full scales.
+    """
+    registers = {kind for source in sources for kind, _, unit in source.layout.kinds if unit.si is None}
+    ours = all(source.layout.dialect == OWN for source in sources)
+    questions = []
+    if registers and answers.sensor is None and not ours:
+        questions.append(Question("whose registers it holds", "--sensor NAME", "`calibrate.py sensors` lists them"))
+    if "gyro" in registers and answers.gyro_fs_dps is None:
+        questions.append(Question("the gyroscope's full scale", "--gyro-fs DPS"))
+    if "accel" in registers and answers.accel_fs_g is None:
+        questions.append(Question("the accelerometer's full scale", "--accel-fs G"))
+    if questions:
+        named = " and ".join(dict.fromkeys(source.path.name for source in sources))
+        raise QuestionsError(named, " and ".join(dict.fromkeys(source.layout.dialect for source in sources)), questions)
+    if answers.sensor:
+        if registers:
+            require_profile(answers.sensor)
+        if profile_of(answers.sensor) is not None:
+            return answers, ()
+        near = nearest_name(answers.sensor)
+        note = f"{answers.sensor} is no sensor that is known{f' (is {near} meant?)' if near else ''}"
+        return answers, (f"{note}: it has no yardstick (`calibrate.py sensors` lists those that have one)",)
+    return (replace(answers, sensor=DEFAULT), (ASSUMED,)) if registers else (answers, ())
+
+
+def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers) -> tuple[Answers, tuple[str, ...]]:
+    """The answers with full scales, and notes: where none is stated, the smallest usual range that holds the readings is assumed.  A note
+    says where the accelerometer does not show gravity.
+
+    Raises QuestionsError where the readings stand at the end of their range.
+    """
+    name = " and ".join(dict.fromkeys(source.path.name for source in sources))
+    dialect = " and ".join(dict.fromkeys(source.layout.dialect for source in sources))
+    gyro, accel = joined.gyro_layout.gyro, joined.accel_layout.accel
+    assert gyro is not None and accel is not None  # noqa: PT018  # ``join`` chose the files that have them
+    questions, assumed, found, warned = [], [], {}, ""
+    for kind, called, option, unit, told, values, si, usual, word in (
+        ("gyro", "gyroscope", "--gyro-fs", DEG, answers.gyro_fs_dps, joined.gyro, gyro.unit.si, USUAL_DPS, "dps"),
+        ("accel", "accelerometer", "--accel-fs", G, answers.accel_fs_g, joined.accel, accel.unit.si, USUAL_G, "g"),
+    ):
+        if kind == "accel" and si is not None:
+            warned = _without_gravity(float(np.median(np.linalg.norm(values, axis=1))) * si / G)
+        if told is not None or si is None:
+            found[kind] = told
+            continue
+        in_unit = values * (si / unit)
+        most = float(np.abs(in_unit).max())
+        if (run := _standing(in_unit)) >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
+            what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
+            questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
+            continue
+        found[kind] = next((float(range_) for range_ in usual if range_ > most), float(np.ceil(most)))
+        assumed.append((called, f"±{found[kind]:g} {word}", f"{most:.4g} {word}", option))
+    if questions:
+        raise QuestionsError(name, dialect, questions)
+    notes = [
+        f"the {called}'s full scale of {range_} {ASSUMED_RANGE}, the smallest usual one that holds its readings, up to {most}: {option}"
+        for called, range_, most, option in assumed
+    ]
+    return replace(answers, gyro_fs_dps=found["gyro"], accel_fs_g=found["accel"]), (*notes, *([warned] if warned else []))
+
+
+def _without_gravity(length_g: float) -> str:
+    """What an accelerometer whose readings have this length, g, is warned of; empty for one that shows gravity."""
+    shows = f"its accelerometer shows {length_g:.3g} g where gravity belongs"
+    if length_g < GRAVITY_WITHIN[0]:
+        return f"{shows}: a telephone's linear or user acceleration, or another unit; give the file with gravity, or --accel-unit"
+    return f"{shows}; is its unit right? give --accel-unit" if length_g > GRAVITY_WITHIN[1] else ""
+
+
+def _standing(values: np.ndarray) -> int:
+    """The longest run of readings (N, 3) of one axis that are all as large as the largest of any axis."""
+    most = np.abs(values).max()
+    lengths = [int((stop - start).max()) for axis in values.T for start, stop in [runs_of(np.abs(axis) == most)] if len(start)]
+    return max(lengths, default=0)
+
+
+def sensor_of(answers: Answers) -> Sensor:
+    """The sensor of a session.toml to be, of answers with full scales."""
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
+    return Sensor(answers.sensor or UNKNOWN, "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)

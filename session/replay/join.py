@@ -1,0 +1,138 @@
+"""One log from one file, or from one for the gyroscope and one for the accelerometer, joined on time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.io.dialects import Layout
+from session.io.errors import DataError, FormatError
+from session.io.reader import Piece, counted, evenly, fresh
+from session.io.units import NS_PER_S
+from session.replay.sources import Source
+
+#: beyond this many of its own periods a second file's neighbours are too far apart to read between them
+WIDEST = 3.5
+#: all of which are held at once: two days at 208 Hz
+MOST_ROWS = 40_000_000
+#: of notes on stamps that are none
+COUNTED = "samples were counted at"
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
+    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given."""
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp: np.ndarray | None
+    gyro_layout: Layout
+    accel_layout: Layout
+    temp_layout: Layout | None
+    notes: tuple[str, ...]
+    counted: bool = False
+
+
+def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
+    """Raises FormatError where the files do not hold one gyroscope and one accelerometer, DataError where their times do not meet."""
+    notes: list[str] = []
+    whole = [(reader, _whole(reader, odr_hz, notes)) for reader in sources]
+    gyro_reader, gyro = _only(whole, "gyro", "gyroscope")
+    accel_reader, accel = _only(whole, "accel", "accelerometer")
+    gyro_ns, accel_ns, rate, force = gyro.t_ns, accel.t_ns, gyro.gyro, accel.accel
+    assert gyro_ns is not None and accel_ns is not None  # noqa: PT018  # ``_whole`` gives stamps to what has none
+    assert rate is not None and force is not None  # noqa: PT018  # ``_only`` has looked
+    keep = np.ones(len(gyro_ns), dtype=bool)
+    if accel_reader is not gyro_reader:
+        force, keep = _at(gyro_ns, accel_ns, force)
+        notes.append(_joined_note(gyro_ns, accel_ns, keep))
+        if not keep.any():
+            raise DataError(f"{gyro_reader.path.name} and {accel_reader.path.name} share no time; are they of one recording, on one clock?")
+    temps = [(reader, piece) for reader, piece in whole if piece.temp is not None]
+    # The gyro's own temperature before any other's.
+    temp_reader, temp = next((entry for entry in temps if entry[0] is gyro_reader), temps[0] if temps else (None, None))
+    values = None if temp is None else temp.temp
+    if temp is not None and values is not None and temp.t_ns is not None and temp_reader is not gyro_reader:
+        values = np.interp(gyro_ns, temp.t_ns, values)
+    return Joined(
+        gyro_ns[keep],
+        rate[keep],
+        force[keep],
+        None if values is None else values[keep],
+        gyro_reader.layout,
+        accel_reader.layout,
+        None if temp_reader is None else temp_reader.layout,
+        tuple(notes),
+        any(COUNTED in note for note in notes),
+    )
+
+
+def _whole(reader: Source, odr_hz: float | None, notes: list[str]) -> Piece:
+    pieces, rows = [], 0
+    name = reader.path.name
+    for piece in reader.pieces():
+        pieces.append(piece)
+        rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
+        if rows > MOST_ROWS:
+            raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
+    notes += [f"{name}: {note}" for note in reader.notes]
+    if reader.wraps:
+        notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")
+    if not pieces:
+        raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
+    columns = [
+        None if getattr(pieces[0], part) is None else np.concatenate([getattr(piece, part) for piece in pieces])
+        for part in ("t_ns", "gyro", "accel", "temp")
+    ]
+    whole = Piece(*columns)
+    if whole.t_ns is None:
+        if odr_hz is None:  # of a file with neither sensor: ``recognise`` requires it of the others
+            raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
+        rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
+        notes.append(f"{name}: no stamps: {COUNTED} {odr_hz:g} Hz")
+        return Piece(counted(rows, odr_hz), *columns[1:])
+    stamps, note = evenly(whole.t_ns, odr_hz, name)
+    if note:
+        notes.append(f"{name}: {note}")
+    return Piece(stamps, *columns[1:])
+
+
+def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[Source, Piece]:
+    there = [(reader, piece) for reader, piece in whole if getattr(piece, part) is not None]
+    if len(there) == 1:
+        return there[0]
+    if there:
+        raise FormatError(f"{' and '.join(reader.path.name for reader, _ in there)} both hold a {called}; give the files of one sensor")
+    named = ", ".join(reader.path.name for reader, _ in whole)
+    raise FormatError(f"{named}: no {called}; give its file as well (this log needs the gyroscope's and the accelerometer's)")
+
+
+def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """values (M, 3) at the moments t_ns, straight between neighbours, and where that can be trusted."""
+    later = fresh(there_ns)
+    there_ns, values = there_ns[later], values[later]
+    if len(there_ns) < 2:
+        return np.zeros((len(t_ns), 3)), np.zeros(len(t_ns), dtype=bool)
+    after = np.clip(np.searchsorted(there_ns, t_ns), 1, len(there_ns) - 1)
+    gap = there_ns[after] - there_ns[after - 1]
+    part = ((t_ns - there_ns[after - 1]) / gap)[:, None]
+    # On the stamp itself the value must be the value, not nearly.
+    between = np.where(
+        part >= 1, values[after], np.where(part <= 0, values[after - 1], values[after - 1] * (1 - part) + values[after] * part)
+    )
+    inside = (t_ns >= there_ns[0]) & (t_ns <= there_ns[-1])
+    near = (gap <= WIDEST * np.median(np.diff(there_ns))) | (part[:, 0] == 0) | (part[:, 0] == 1)
+    return between, inside & near
+
+
+def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) -> str:
+    rates = [NS_PER_S / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
+    text = f"joined on time: gyroscope at {rates[0]:.4g} Hz, accelerometer at {rates[1]:.4g} Hz"
+    if not np.isin(gyro_ns[keep], accel_ns).all():
+        text += ", read between its samples"
+    lost = np.count_nonzero(~keep)
+    return text + (f"; {lost} samples of the gyroscope without accelerometer samples are left out" if lost else "")

@@ -1,0 +1,115 @@
+"""A session folder from a raw file: the logs that a recording made, or would have made, from the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+from session.bench.decoder import StreamDecoder
+from session.bench.frames import cannot_be_told
+from session.bench.logwriter import FOREIGN, LogWriter, said_not_logged
+from session.bench.rawfile import said_cut
+from session.bench.recorder import BLOCK, stream
+from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
+from session.detect.first_look import check_folder
+from session.io.errors import CalibrationError, FormatError, StorageError
+from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
+from session.io.texts import command_line
+from session.replay.convert import Converted
+
+SUFFIX = ".bin"
+#: bytes without a sample: three hours of a port that listens at a wrong speed
+MOST_SILENT = 128 * MB
+
+
+def is_raw(path: Path) -> bool:
+    """Whether a file is what a port gave, rather than a log: by its name."""
+    return path.suffix.lower() == SUFFIX
+
+
+def convert_raw(
+    raw_path: Path,
+    out: Path,
+    odr_hz: float | None = None,
+    gyro_fs_dps: float | None = None,
+    accel_fs_g: float | None = None,
+    sensor: str | None = None,
+    header: str | None = None,
+) -> Converted:
+    """Make a session folder of a raw file; session.toml is the one in its folder, or is made from the board's data and the arguments.
+
+    Nothing is left behind where it fails.  Raises FormatError and StorageError.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: exists; give --out a new folder")
+    open_file(raw_path).close()  # before anything is made
+    missing = [path for path in (out, *out.parents) if not path.exists()]
+    decoder, logs = StreamDecoder(header), LogWriter(out)
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"{out}: {error.strerror or error}; give --out another folder") from None
+        silent, samples = 0, 0
+        for _ in stream(raw_path, decoder, logs):
+            silent, samples = silent + 1 if decoder.samples == samples else 0, decoder.samples
+            if silent * BLOCK > MOST_SILENT:
+                raise FormatError(f"{raw_path}: no sample among {MOST_SILENT} bytes, behind {samples} samples; cut the file there")
+        logs.write(decoder.finish())
+        logs.close()
+        own = [path for path in logs.paths if not path.name.startswith(FOREIGN)]
+        if not own:
+            raise FormatError(
+                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
+                "text in physical units that does not say its header needs --header t_us,gx_dps,…"
+            )
+        with naming(out):
+            assumed = _configure(raw_path, out, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
+    except (CalibrationError, OSError):
+        for path in [*logs.paths, out / NAME]:
+            path.unlink(missing_ok=True)
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+        raise
+    notes = [f"{path.name} written" for path in logs.paths[1:]]
+    counts = {
+        "samples lost": decoder.lost,
+        "frames with a bad CRC": decoder.crc_errors,
+        "bytes of garbage": decoder.garbage,
+        "samples left out as implausible": decoder.implausible,
+        "resets": decoder.resets,
+    }
+    notes += [f"{count} {what}" for what, count in counts.items() if count]
+    if decoder.crc_errors:
+        notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
+    if logs.not_logged:
+        notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
+    notes += [words] if (words := said_cut(raw_path)) else []
+    notes += [ASSUMED] * assumed
+    next_steps = (command_line("check", out), command_line("fit", out))
+    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
+
+
+def _configure(
+    raw_path: Path,
+    out: Path,
+    decoder: StreamDecoder,
+    logs: LogWriter,
+    odr_hz: float | None,
+    gyro_fs_dps: float | None,
+    accel_fs_g: float | None,
+    sensor: str | None,
+) -> bool:
+    """Write session.toml; whether its sensor is only assumed."""
+    beside = raw_path.with_name(NAME)
+    if beside.exists():
+        (out / NAME).write_bytes(read_bytes(beside, MOST_TOML))
+        return False
+    rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
+    file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
+    if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
+        raise FormatError(
+            f"{raw_path}: the board does not say its ranges, and no {NAME} lies in its folder; give --gyro-fs DPS --accel-fs G"
+        )
+    return file.assumed

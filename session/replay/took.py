@@ -1,0 +1,64 @@
+"""What an import took for what: program, columns, units, full scales, clock and rate, each with how sure it is, in three lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from session.io.dialects import Answers, Layout, Triad
+from session.io.recognise import OTHER
+from session.io.standard import OWN
+from session.io.units import NS_PER_S, TIME
+from session.replay.join import Joined
+from session.replay.sources import Source
+
+#: columns of one sensor that are named one by one
+NAMED = 3
+
+
+def said_took(
+    sources: Sequence[Source], joined: Joined, answers: Answers, assumed: Sequence[str], rate_hz: float, duration_s: float
+) -> tuple[str, ...]:
+    """Three lines for people."""
+    files = "; ".join(f"{source.path.name}: {_program(source.layout, answers)}" for source in sources)
+    ranges = [
+        _range(word, full_scale, any(called in note and "assumed" in note for note in assumed))
+        for called, word, full_scale in (("gyroscope", "dps", answers.gyro_fs_dps), ("accelerometer", "g", answers.accel_fs_g))
+    ]
+    gyro, accel = joined.gyro_layout, joined.accel_layout
+    sensors = (
+        f"gyroscope: {_triad(gyro, gyro.gyro, 'gyro')}, {ranges[0]}; accelerometer: {_triad(accel, accel.accel, 'accel')}, {ranges[1]}"
+    )
+    return files, sensors, f"clock: {_clock(gyro, answers, joined.counted)}; {rate_hz:g} Hz for {duration_s:.1f} s"
+
+
+def _program(layout: Layout, answers: Answers) -> str:
+    if layout.dialect == OTHER:
+        return "columns as you say" if answers.columns else "columns by their names; no program that is known"
+    how = "as --like says" if answers.like else "by its header" if layout.header_line else "by its bytes"
+    called = "this tool's own log" if layout.dialect == OWN else layout.dialect
+    return f"{called}, {how}"
+
+
+def _triad(layout: Layout, triad: Triad | None, kind: str) -> str:
+    assert triad is not None  # ``join`` chose the files that have them
+    columns = ", ".join(f"{'-' if sign < 0 else ''}{layout.name(column)}" for column, sign in zip(triad.columns, triad.signs, strict=True))
+    unit = "registers" if triad.unit.si is None else f"in {triad.unit.word}"
+    return f"{columns} {unit} ({layout.sources.get(kind, 'header')})"
+
+
+def _range(word: str, full_scale: float | None, assumed: bool) -> str:
+    return f"±{full_scale:g} {word}{' (assumed)' if assumed else ''}"
+
+
+def _clock(layout: Layout, answers: Answers, counted: bool) -> str:
+    if counted or layout.time is None:
+        return f"none, samples counted at {answers.odr_hz:g} Hz (as you say)" if answers.odr_hz else "none, samples counted"
+    columns = " + ".join(layout.name(column) for column in (layout.time, *(column for column, _ in layout.finer)))
+    unit = "as a time of day" if layout.clock else f"in {_unit(layout.time_ns)}"
+    return f"{columns} {unit} ({layout.sources.get('time') or 'by its name and its pace'})"
+
+
+def _unit(ns: int) -> str:
+    """The unit of a stamp, as people write it."""
+    word = next((word for word in ("s", "ms", "us", "ns") if TIME[word] == ns), None)
+    return word or (f"{ns / 1000:g} us" if ns < NS_PER_S else f"{ns / NS_PER_S:g} s")

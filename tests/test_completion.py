@@ -15,7 +15,7 @@ from tinygc.cli.completion import SHELLS, commands_of, script
 #: what is typed -> some of what is offered; what is not
 TYPED = [
     ("calibrate ", set(COMMANDS) | {"--version"}, {"--json"}),
-    ("calibrate re", {"record", "replay", "report"}, {"fit"}),
+    ("calibrate re", {"record", "report"}, {"fit"}),
     ("calibrate fit --acc", {"--accelerometer"}, {"--json"}),
     ("calibrate fit --quiet --bi", {"--bias", "--bias-dps", "--bias-per-log"}, {"--bi"}),
     ("calibrate fit --bias ", {"auto", "ends", "stills", "gravity"}, {"--json"}),

@@ -17,15 +17,17 @@ import numpy as np
 from session.io.errors import FormatError
 from session.io.units import NS, NS_PER_S, TIME, parse_unit
 
+#: behind a time of day: Z, +01:00
+ZONE = re.compile(r"(?:Z|[+-]\d\d:?\d\d)$")
 #: no time, whatever its unit
 BEYOND = Decimal(10) ** 40
 
 
 def exact_ns(text: str, unit_ns: int) -> int:
-    """A decimal number or a clock (hh:mm:ss.ss) as integer nanoseconds.  Raises ValueError for anything else."""
+    """A decimal number or a clock (hh:mm:ss.ss, a date before it or not) as integer nanoseconds.  Raises ValueError for anything else."""
     text = text.strip().strip('"')
     if ":" in text:
-        hours, minutes, seconds = text.split(" ")[-1].split("T")[-1].split(":")
+        hours, minutes, seconds = ZONE.sub("", text).split(" ")[-1].split("T")[-1].split(":")
         return (int(hours) * 60 + int(minutes)) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
     try:
         return int(text) * unit_ns

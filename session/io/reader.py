@@ -81,23 +81,41 @@ def fresh(t_ns: np.ndarray) -> np.ndarray:
     return np.diff(t_ns, prepend=t_ns[:1] - 1) > 0
 
 
-def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
-    """Stamps as they are, and None; or, where many samples share one, the samples counted along the stamps, and a note.
+#: of the mean step: a shorter one is a burst's, and the share of them from which on stamps are those of bursts
+BURST, BURSTS = 0.3, 0.15
+#: samples among which one was handed over at once
+AMONG = 64
 
-    Raises DataError where samples must be missing, which coarse stamps cannot place.
+
+def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
+    """Stamps as they are, and None; or, where many samples share one or come in bursts, the samples counted along them, and a note.
+
+    A burst's samples were taken one after the other and stamped when they were handed over.  Raises DataError where samples must be
+    missing, which coarse stamps cannot place.
     """
     steps = np.diff(t_ns)
     shared = np.count_nonzero(steps == 0)
-    if len(steps) < 10 or shared <= COARSE * len(steps):
+    if len(steps) < 10:
+        return t_ns, None
+    bursts = np.count_nonzero(steps < BURST * steps.mean())
+    if shared <= COARSE * len(steps) and bursts <= BURSTS * len(steps):
         return t_ns, None
     count = np.arange(len(t_ns))
+    slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
+    late_ns = t_ns - t_ns[0] - start - slope * count
+    if shared <= COARSE * len(steps):
+        shares = f"{bursts} of {len(t_ns)} samples come in bursts"
+        # A stamp is late by the wait for the hand-over; the least late of some dozens shows whether samples are missing.
+        least = late_ns[: len(late_ns) // AMONG * AMONG].reshape(-1, AMONG).min(axis=1)
+        if len(least) and np.ptp(least) <= OFF * slope:
+            even = t_ns[0] + np.rint(start + float(np.median(least)) + slope * count).astype(np.int64)
+            return even, f"{shares}: samples were counted along their stamps, {NS_PER_S / slope:.3f} Hz"
+        return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; stamps stay as they are"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
-    if step_ns:
-        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
-        if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
-            even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+    if step_ns and np.abs(late_ns).max() <= OFF * step_ns:
+        even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
+        return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
     if odr_hz is None:
         raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
     return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"

@@ -24,6 +24,8 @@ from session.replay.sources import Source
 ASSUMED_RANGE = "is assumed"
 #: readings in a row that stand at the largest value of all: the range ends there
 AT_THE_END = 4
+#: of a range: up to where a register's last count lies
+AT_LAST = 1.0005
 #: a rate that small is a rest's, whose few values come again and again
 LEAST_AT_END = {"gyro": 60 * DEG, "accel": 1.5 * G}
 #: of g, the median length of a hand-turned accelerometer's readings: gravity, whatever its scale error
@@ -101,7 +103,7 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
             what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
             continue
-        found[kind] = next((float(range_) for range_ in usual if range_ > most), float(np.ceil(most)))
+        found[kind] = next((float(range_) for range_ in usual if range_ * AT_LAST > most), float(np.ceil(most)))
         assumed.append((called, f"±{found[kind]:g} {word}", f"{most:.4g} {word}", option))
     if questions:
         raise QuestionsError(name, dialect, questions)

@@ -12,6 +12,7 @@ from session.io.forms import EXAMPLES
 from session.io.standard import OWN
 from session.replay.convert import Converted, convert
 from session.replay.raw import convert_raw, is_raw
+from session.replay.sources import head_of
 
 
 def import_log(
@@ -52,10 +53,7 @@ def _stem(path: Path) -> str:
 def _is_known(path: Path) -> bool:
     """Whether a file with the name of a port's bytes is a binary log after all."""
     registry = find("binary logs")
-    if registry is None or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return registry.reader_of(path, file.read(1 << 16)) is not None
+    return registry is not None and path.is_file() and registry.reader_of(path, head_of(path)) is not None
 
 
 def known_logs() -> Iterator[tuple[str, str, str]]:

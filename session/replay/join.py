@@ -71,34 +71,55 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     )
 
 
-def _whole(reader: Source, odr_hz: float | None, notes: list[str]) -> Piece:
+def _whole(source: Source, odr_hz: float | None, notes: list[str]) -> Piece:
     pieces, rows = [], 0
-    name = reader.path.name
-    for piece in reader.pieces():
+    name = source.path.name
+    for piece in source.pieces(as_written=True):
         pieces.append(piece)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
         if rows > MOST_ROWS:
             raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
-    notes += [f"{name}: {note}" for note in reader.notes]
-    if reader.wraps:
-        notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")
+    notes += [f"{name}: {note}" for note in source.notes]
     if not pieces:
         raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
     columns = [
         None if getattr(pieces[0], part) is None else np.concatenate([getattr(piece, part) for piece in pieces])
         for part in ("t_ns", "gyro", "accel", "temp")
     ]
-    whole = Piece(*columns)
-    if whole.t_ns is None:
+    t_ns = columns[0]
+    if t_ns is None:
         if odr_hz is None:  # of a file with neither sensor: ``recognise`` requires it of the others
             raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
-        rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
         notes.append(f"{name}: no stamps: {COUNTED} {odr_hz:g} Hz")
         return Piece(counted(rows, odr_hz), *columns[1:])
-    stamps, note = evenly(whole.t_ns, odr_hz, name)
+    if (again := _repeated_end(t_ns)) is not None:
+        notes.append(f"{name}: its last {len(t_ns) - again} rows repeat the time before them, as a program's display does: left out")
+        columns = [None if column is None else column[:again] for column in columns]
+    stamps = source.unrolled(t_ns[:again])
+    if source.wraps:
+        notes.append(f"{name}: the time counter came round {source.wraps}x: unrolled")
+    stamps, note = evenly(stamps, odr_hz, name)
     if note:
         notes.append(f"{name}: {note}")
     return Piece(stamps, *columns[1:])
+
+
+#: of a log: rows at its end that may repeat what is before them, and how near their last stamp is to the last before them, in periods
+MOST_REPEATED, ENDS_WITHIN = 0.3, 5
+
+
+def _repeated_end(t_ns: np.ndarray) -> int | None:
+    """The row from which the last rows cover once more a time that is covered; None where none do.
+
+    Stamps go back once, less than a tenth of a counter's way, and end where they were.
+    """
+    back = np.flatnonzero(np.diff(t_ns) < 0)
+    if len(back) != 1:
+        return None
+    row = int(back[0]) + 1
+    period = float(np.median(np.diff(t_ns[:row]))) if row > 2 else 0.0
+    covered = t_ns[row] > t_ns[0] and abs(t_ns[-1] - t_ns[row - 1]) <= ENDS_WITHIN * period
+    return row if covered and len(t_ns) - row <= MOST_REPEATED * len(t_ns) else None
 
 
 def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[Source, Piece]:

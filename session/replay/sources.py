@@ -39,8 +39,12 @@ class Source(Protocol):
         """How often the counter of the stamps has come round."""
         ...
 
-    def pieces(self) -> Iterator[Piece]:
-        """All rows.  Raises FormatError for what cannot be read."""
+    def pieces(self, *, as_written: bool) -> Iterator[Piece]:
+        """All rows, stamps as the file has them.  Raises FormatError for what cannot be read."""
+        ...
+
+    def unrolled(self, stamps: np.ndarray) -> np.ndarray:
+        """(N,) ns that go on, of all stamps (N,) ns as written.  FormatError where they go back."""
         ...
 
 
@@ -82,7 +86,7 @@ def _sources_of(path: Path, answers: Answers, stack: ExitStack) -> list[Source]:
         return _of_folder(path, answers)
     if not path.is_file():
         return [Reader(path, answers)]  # a pipe
-    head = _head(path)
+    head = head_of(path)
     registry = find("binary logs")
     reader = None if registry is None else registry.reader_of(path, head)
     if reader is not None:
@@ -96,7 +100,8 @@ def _sources_of(path: Path, answers: Answers, stack: ExitStack) -> list[Source]:
 HEAD_BYTES = 1 << 16
 
 
-def _head(path: Path) -> bytes:
+def head_of(path: Path) -> bytes:
+    """The first bytes of a file.  FormatError where it cannot be read."""
     try:
         with open_file(path) as file:
             return file.read(HEAD_BYTES)
@@ -140,8 +145,7 @@ def _unpacked(path: Path, stack: ExitStack) -> Path:
             if sum(each.file_size for each in members) > MOST_ARCHIVE:
                 raise FormatError(f"{path.name}: its text files are larger than {MOST_ARCHIVE} bytes; unpack it, and give the files")
             for each in members:
-                with archive.open(each) as member:  # no name of the archive's is a path here
-                    (folder / Path(each.filename).name).write_bytes(member.read(each.file_size + 1))
+                (folder / Path(each.filename).name).write_bytes(archive.read(each))  # no name of the archive's is a path here
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         raise FormatError(f"{path.name}: a damaged zip archive ({error}); unpack it as far as it goes, and give the files") from None
     return folder
@@ -161,7 +165,11 @@ class StreamSource:
     comments: dict[str, str] = field(default_factory=dict)
     wraps: int = 0
 
-    def pieces(self) -> Iterator[Piece]:
+    def unrolled(self, stamps: np.ndarray) -> np.ndarray:
+        """They do: ``pieces`` puts rows in the order of their stamps."""
+        return stamps
+
+    def pieces(self, *, as_written: bool = True) -> Iterator[Piece]:
         """All rows at once.  FormatError for values that no sensor measures."""
         t_ns, gyro, accel, temp = self.stream.t_ns, self.stream.gyro, self.stream.accel, self.stream.temp
         arrays = [array for array in (gyro, accel, temp) if array is not None]

@@ -222,6 +222,11 @@ class _Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None if command else action, said)
 
 
+def present_words(words: Sequence[str]) -> list[str]:
+    """Return the words with today's name of the command in the place of an earlier one."""
+    return [ALIASES.get(words[0], words[0]), *words[1:]] if words else []
+
+
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """Return the parser of every command of ``tinygc.cli.commands``, or of the single command that ``words`` begins with."""
     whole = _Parser(
@@ -229,12 +234,10 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    first = ALIASES.get(words[0], words[0]) if words else ""
-    for name in [first] if first in COMMANDS else present_commands():
+    for name in words[:1] if words and words[0] in COMMANDS else present_commands():
         module = command_module(name)
         summary = module.SUMMARY
-        aliases = [alias for alias, of in ALIASES.items() if of == name]
-        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".", aliases=aliases)
+        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")

@@ -168,7 +168,7 @@ def left_out(recorder: Recorder) -> Iterator[str]:
     if crc_errors := recorder.decoder.crc_errors:
         yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
     if recorder.undecoded:
-        yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or replay {raw} --out DIR"
+        yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or import {raw} --out DIR"
     if logs.not_logged:
         yield f"{raw}: {said_not_logged(logs.not_logged, logs.not_logged_starts)}"
 

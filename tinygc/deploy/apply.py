@@ -125,7 +125,7 @@ def apply_model(
     channels = {"acc": ("the accelerometer", reader.layout.accel), "temp": ("the temperature", reader.layout.temp)}
     if missing := [named for what, (named, there) in channels.items() if what in calibration.needs and there is None]:
         needed_for = ", ".join(calibration.effects)
-        raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); replay joins two files")
+        raise DataError(f"{log.name} lacks {' and '.join(missing)}, which the model needs ({needed_for}); import joins two files")
     if reader.layout.accel is not None:
         notes.append(f"specific force: {known.says}")
     if (spread := table.get("bias_sigma_rps")) is not None:

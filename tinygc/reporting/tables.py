@@ -117,7 +117,7 @@ NUMBERS = ("logs", "segments", "held out", "floor", "closure runs")
 def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableType:
     """Table of sessions, one row each; the row of an unreadable session states the error."""
     if not sessions:
-        return one_line(f"{folder}: no session here (folders with session.toml); {command_line('record')} or replay makes one")
+        return one_line(f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one")
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for column in COLUMNS:
         table.add_column(column, justify="right" if column in NUMBERS else "left")

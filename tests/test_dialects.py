@@ -154,8 +154,10 @@ def test_own_log_from_a_spreadsheet(delimiter, tmp_path):
 
 
 def test_own_header_with_semicolons_that_is_not_whole_says_what_it_lacks(tmp_path):
-    with pytest.raises(FormatError, match="is 'GX' meant as 'gx'"):
-        make(tmp_path, "t_us;GX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n")
+    with pytest.raises(FormatError, match="is 'GXX' meant as 'gx'"):
+        make(tmp_path, "t_us;GXX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n")
+    with pytest.raises(FormatError, match="does not say the unit of the gyroscope and the unit of the accelerometer"):
+        make(tmp_path, "t_us;GX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n2;2;3;4;5;6;7;8\n")
 
 
 def test_columns_by_number_without_a_header(tmp_path):

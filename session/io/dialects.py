@@ -331,6 +331,17 @@ DIALECTS = (
         by_file=True,
     ),
     Dialect("Physics Toolbox", time=("time",), gyro="w{}", accel="gf{}", time_unit="s", gyro_unit="rad/s", accel_unit="g", frame=PHONE),
+    Dialect(
+        "Physics Toolbox, linear",
+        time=("time",),
+        gyro="w{}",
+        accel="a{}",
+        time_unit="s",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame=PHONE,
+        both=True,
+    ),
     Dialect("AndroSensor", time=("time since start in ms",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame=PHONE),
     Dialect(
         "SensorLog",

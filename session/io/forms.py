@@ -40,7 +40,7 @@ def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
     """
     some = [line for line in lines if line.strip()][:LOOKED_AT]
     if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
-        without = [MONITOR.sub("", line) for line in some]
+        without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
         return _Monitor(form_of(without, packed, name), without)
     for kind in (_JsonLines, _Pairs):
         if (form := kind.found(some)) is not None:
@@ -80,9 +80,10 @@ class _Monitor:
 
 # Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
 
+UNIT = r"[A-Za-z°µ%][\w°/^²µ%]*"
 PAIR = re.compile(
     r"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]*?)\s*[:=]\s*"
-    rf"(?P<value>{NUMBER})(?![\w.:])(?:[ \t]*(?P<unit>[A-Za-z°µ%][\w°/^²µ%]*))?(?!\s*[:=])"
+    rf"(?P<value>{NUMBER})(?![\w.:])(?:[ \t]*(?P<unit>{UNIT})(?![\w°/^²µ%]|\s*[:=]))?"
 )
 AXES = ("x", "y", "z")
 

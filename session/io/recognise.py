@@ -45,7 +45,7 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
     if found is None:
         own = _own_header(lines)
         usual = max(_usual_matches(lines), key=lambda match: match[0], default=None)
-        if own is not None and (usual is None or set(STAMP_NS) & set(own[1])):
+        if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
             number, names = own
             parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
         if usual is None:
@@ -103,8 +103,8 @@ def _first(lines: list[str]) -> str:
 # Which line is the header, and of which dialect.
 
 
-def _headers(lines: list[str]) -> Iterator[tuple[int, str | None, tuple[str, ...]]]:
-    """Each line that may be a header, with every delimiter; of two lines of names, one below the other, the second with both."""
+def _headers(lines: list[str]) -> Iterator[tuple[int, bool, str | None, tuple[str, ...]]]:
+    """Each line that may be a header, with every delimiter; of two lines of names, one below the other, the second with both: then True."""
     for number, line in enumerate(lines):
         if not re.search(r"[A-Za-z]", line):
             continue
@@ -114,8 +114,8 @@ def _headers(lines: list[str]) -> Iterator[tuple[int, str | None, tuple[str, ...
                 continue
             below = split(lines[number + 1], delimiter) if number + 1 < len(lines) else ()
             if len(below) == len(names) and len(names) > LEAST_OF_TWO and not any(re.fullmatch(NUMBER, name) for name in below if name):
-                yield number + 1, delimiter, _together(names, below)
-            yield number, delimiter, names
+                yield number + 1, True, delimiter, _together(names, below)
+            yield number, False, delimiter, names
 
 
 #: columns of a table with two lines of names: fewer may be words
@@ -137,16 +137,16 @@ def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]
 
 def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
     """Every header that fits, with every delimiter and dialect that it fits with; like: the one that is meant."""
-    for number, delimiter, names in _headers(lines):
+    for number, both, delimiter, names in _headers(lines):
         if like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names):
-            yield (9, -number), number, delimiter, None, {}, names
+            yield (18, -number), number, delimiter, None, {}, names
         cells = [_name_and_unit(text) for text in names]
         for dialect in DIALECTS if like is None else (like,):
             if not isinstance(dialect, Dialect) or (dialect.begins and dialect.begins != lines[0].strip().lstrip("\ufeff")):
                 continue
             columns = _columns_of(dialect, cells, name)
             if columns:
-                yield (len(columns) + 10 * bool(dialect.begins), -number), number, delimiter, dialect, columns, names
+                yield (2 * len(columns) + 20 * bool(dialect.begins) + both, -number), number, delimiter, dialect, columns, names
 
 
 def _name_and_unit(text: str) -> tuple[str, str]:
@@ -213,6 +213,9 @@ USUAL = {
         "angvel",
         "angularrate",
         "rotationrate",
+        "rotation",
+        "rot",
+        "angular",
         "gyroraw",
         "rawgyro",
     ),
@@ -241,7 +244,7 @@ UNIT_ENDINGS = {
 
 
 def _usual_matches(lines: list[str]) -> Iterator[Match]:
-    for number, delimiter, names in _headers(lines):
+    for number, both, delimiter, names in _headers(lines):
         columns: dict[str, Column] = {}
         for column, text in enumerate(names[:MOST_NAMES]):
             name, unit = _name_and_unit(text)
@@ -257,7 +260,7 @@ def _usual_matches(lines: list[str]) -> Iterator[Match]:
             continue
         if len(whole) == 1 and len(names) - len(columns) > MOST_BESIDE:
             continue  # the other sensor may be among the rest, by names that say nothing
-        yield (len(columns), -number), number, delimiter, None, columns, names
+        yield (2 * len(columns) + both, -number), number, delimiter, None, columns, names
 
 
 def _usual(name: str) -> tuple[str, str] | None:
@@ -269,11 +272,12 @@ def _usual(name: str) -> tuple[str, str] | None:
         for word in words:
             for axis, place in (("x", "0"), ("y", "1"), ("z", "2")):
                 for written in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
-                    if plain == written:
-                        return f"{letter}{axis}", ""
                     rest = plain.removeprefix(written)
-                    if rest != plain and rest in UNIT_ENDINGS[letter]:
-                        return f"{letter}{axis}", UNIT_ENDINGS[letter][rest]
+                    if not rest or (rest != plain and rest in UNIT_ENDINGS[letter]):
+                        return f"{letter}{axis}", UNIT_ENDINGS[letter].get(rest, "")
+                before = plain.removeprefix(word)[:-1]
+                if plain[-1:] in (axis, place) and before in UNIT_ENDINGS[letter] and plain.startswith(word):
+                    return f"{letter}{axis}", UNIT_ENDINGS[letter][before]
     return None
 
 

@@ -17,7 +17,7 @@ from session.io.registers import DEFAULT, nearest_name, profile_of, require_prof
 from session.io.samples import USUAL_DPS, USUAL_G
 from session.io.standard import OWN
 from session.io.units import DEG, G
-from session.replay.join import Joined
+from session.replay.join import LEAST_GRAVITY, Joined
 from session.replay.sources import Source
 
 #: of a note on a full scale that nobody has stated
@@ -28,8 +28,8 @@ AT_THE_END = 4
 AT_LAST = 1.0005
 #: a rate that small is a rest's, whose few values come again and again
 LEAST_AT_END = {"gyro": 60 * DEG, "accel": 1.5 * G}
-#: of g, the median length of a hand-turned accelerometer's readings: gravity, whatever its scale error
-GRAVITY_WITHIN = (0.5, 2.0)
+#: of g, the most that readings have as their median length: twice, whatever the scale's error
+MOST_GRAVITY = 2.0
 
 
 def with_comments(answers: Answers, sources: Sequence[Source]) -> Answers:
@@ -117,9 +117,9 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
 def _without_gravity(length_g: float) -> str:
     """What an accelerometer whose readings have this length, g, is warned of; empty for one that shows gravity."""
     shows = f"its accelerometer shows {length_g:.3g} g where gravity belongs"
-    if length_g < GRAVITY_WITHIN[0]:
+    if length_g < LEAST_GRAVITY:
         return f"{shows}: a telephone's linear or user acceleration, or another unit; give the file with gravity, or --accel-unit"
-    return f"{shows}; is its unit right? give --accel-unit" if length_g > GRAVITY_WITHIN[1] else ""
+    return f"{shows}; is its unit right? give --accel-unit" if length_g > MOST_GRAVITY else ""
 
 
 def _standing(values: np.ndarray) -> int:

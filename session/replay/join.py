@@ -10,13 +10,15 @@ import numpy as np
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.reader import Piece, counted, evenly, fresh
-from session.io.units import NS_PER_S
+from session.io.units import NS_PER_S, G
 from session.replay.sources import Source
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
 #: all of which are held at once: two days at 208 Hz
 MOST_ROWS = 40_000_000
+#: of g, the least median length of readings that gravity is in: half, whatever the scale's error
+LEAST_GRAVITY = 0.5
 #: of notes on stamps that are none
 COUNTED = "samples were counted at"
 
@@ -40,32 +42,33 @@ class Joined:
 def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     """Raises FormatError where the files do not hold one gyroscope and one accelerometer, DataError where their times do not meet."""
     notes: list[str] = []
-    whole = [(reader, _whole(reader, odr_hz, notes)) for reader in sources]
-    gyro_reader, gyro = _only(whole, "gyro", "gyroscope")
-    accel_reader, accel = _only(whole, "accel", "accelerometer")
+    whole = [(source, _whole(source, odr_hz, notes)) for source in sources]
+    whole = _showing_gravity(whole, notes)
+    gyro_source, gyro = _only(whole, "gyro", "gyroscope")
+    accel_source, accel = _only(whole, "accel", "accelerometer")
     gyro_ns, accel_ns, rate, force = gyro.t_ns, accel.t_ns, gyro.gyro, accel.accel
     assert gyro_ns is not None and accel_ns is not None  # noqa: PT018  # ``_whole`` gives stamps to what has none
     assert rate is not None and force is not None  # noqa: PT018  # ``_only`` has looked
     keep = np.ones(len(gyro_ns), dtype=bool)
-    if accel_reader is not gyro_reader:
+    if accel_source is not gyro_source:
         force, keep = _at(gyro_ns, accel_ns, force)
         notes.append(_joined_note(gyro_ns, accel_ns, keep))
         if not keep.any():
-            raise DataError(f"{gyro_reader.path.name} and {accel_reader.path.name} share no time; are they of one recording, on one clock?")
-    temps = [(reader, piece) for reader, piece in whole if piece.temp is not None]
+            raise DataError(f"{gyro_source.path.name} and {accel_source.path.name} share no time; are they of one recording, on one clock?")
+    temps = [(source, piece) for source, piece in whole if piece.temp is not None]
     # The gyro's own temperature before any other's.
-    temp_reader, temp = next((entry for entry in temps if entry[0] is gyro_reader), temps[0] if temps else (None, None))
+    temp_source, temp = next((entry for entry in temps if entry[0] is gyro_source), temps[0] if temps else (None, None))
     values = None if temp is None else temp.temp
-    if temp is not None and values is not None and temp.t_ns is not None and temp_reader is not gyro_reader:
+    if temp is not None and values is not None and temp.t_ns is not None and temp_source is not gyro_source:
         values = np.interp(gyro_ns, temp.t_ns, values)
     return Joined(
         gyro_ns[keep],
         rate[keep],
         force[keep],
         None if values is None else values[keep],
-        gyro_reader.layout,
-        accel_reader.layout,
-        None if temp_reader is None else temp_reader.layout,
+        gyro_source.layout,
+        accel_source.layout,
+        None if temp_source is None else temp_source.layout,
         tuple(notes),
         any(COUNTED in note for note in notes),
     )
@@ -123,13 +126,33 @@ def _repeated_end(t_ns: np.ndarray) -> int | None:
 
 
 def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[Source, Piece]:
-    there = [(reader, piece) for reader, piece in whole if getattr(piece, part) is not None]
+    there = [(source, piece) for source, piece in whole if getattr(piece, part) is not None]
     if len(there) == 1:
         return there[0]
     if there:
-        raise FormatError(f"{' and '.join(reader.path.name for reader, _ in there)} both hold a {called}; give the files of one sensor")
-    named = ", ".join(reader.path.name for reader, _ in whole)
-    raise FormatError(f"{named}: no {called}; give its file as well (this log needs the gyroscope's and the accelerometer's)")
+        raise FormatError(f"{' and '.join(source.path.name for source, _ in there)} both hold a {called}; give the files of one sensor")
+    named = ", ".join(dict.fromkeys(source.path.name for source, _ in whole))
+    if part == "accel":
+        turns = "of a gyroscope alone the turns must be known: --turns FILE (docs/gyroscope-alone.md)"
+        raise FormatError(f"{named}: no accelerometer; give its file as well; {turns}")
+    raise FormatError(f"{named}: no gyroscope; give its file as well (this log needs the gyroscope's and the accelerometer's)")
+
+
+def without_gravity(accel: np.ndarray, layout: Layout) -> bool:
+    """Whether specific force (N, 3), as written, is far too small for gravity to be in it; registers are not judged."""
+    si = None if layout.accel is None else layout.accel.unit.si
+    return si is not None and float(np.median(np.linalg.norm(accel, axis=1))) * si < LEAST_GRAVITY * G
+
+
+def _showing_gravity(whole: list[tuple[Source, Piece]], notes: list[str]) -> list[tuple[Source, Piece]]:
+    """Without the files of an accelerometer that gravity was taken out of, where another one has it."""
+    bare = [
+        source for source, piece in whole if piece.gyro is None and piece.accel is not None and without_gravity(piece.accel, source.layout)
+    ]
+    if not bare or not any(piece.accel is not None and source not in bare for source, piece in whole):
+        return whole
+    notes += [f"{source.path.name}: acceleration without gravity, which is no reference: left out" for source in bare]
+    return [(source, piece) for source, piece in whole if source not in bare]
 
 
 def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,6 +177,6 @@ def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) ->
     rates = [NS_PER_S / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
     text = f"joined on time: gyroscope at {rates[0]:.4g} Hz, accelerometer at {rates[1]:.4g} Hz"
     if not np.isin(gyro_ns[keep], accel_ns).all():
-        text += ", read between its samples"
+        text += ", read between its samples; an offset between their clocks stays, and `explain` looks for it"
     lost = np.count_nonzero(~keep)
     return text + (f"; {lost} samples of the gyroscope without accelerometer samples are left out" if lost else "")

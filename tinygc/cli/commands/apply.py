@@ -16,7 +16,9 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
-    command.add_argument("log", type=path_read, help="any text log that import reads; -: standard input; of an array's model the array's folder")
+    command.add_argument(
+        "log", type=path_read, help="a text log that import reads; -: standard input; of an array's model the array's folder"
+    )
     command.add_argument(
         "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
     )

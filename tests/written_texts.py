@@ -354,7 +354,7 @@ TEXTS = {
     "SensorLog": Text(sensorlog),
     "Gyroflow": Text(gyroflow, **STEPS),
     "names and numbers": Text(key_value, MPU, **STEPS),
-    "Adafruit's sketch in a serial monitor": Text(adafruit, accel_lsb=1e-6),
+    "Adafruit's sketch in a serial monitor": Text(adafruit, gyro_lsb=1e-8, accel_lsb=1e-6),
     "JSON lines": Text(json_lines),
     "hexadecimal registers": Text(hexadecimal, MPU, **STEPS),
     "packed hexadecimal": Text(packed, ("--packed", "mpu", "--time-unit", "us", *MPU), **STEPS),

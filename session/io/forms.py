@@ -23,10 +23,12 @@ NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 class TextForm(Protocol):
-    """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own."""
+    """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own;
+    left_out: how many lines so far held nothing of it."""
 
     name: str
     header: str
+    left_out: int
 
     def __call__(self, lines: list[str]) -> list[str]:
         """As many lines: rows of the table, and blanks where no row ends."""
@@ -57,6 +59,7 @@ class _Monitor:
     """The clock becomes the last column: what the board itself says of the time comes before it."""
 
     name = "a serial monitor's lines"
+    left_out = 0
 
     def __init__(self, inner: TextForm | None, lines: list[str]):
         """lines: without the clock."""
@@ -69,6 +72,7 @@ class _Monitor:
         clocks = [MONITOR.match(line) for line in lines]
         bare = [MONITOR.sub("", line) for line in lines]
         made = bare if self._inner is None else self._inner(bare)
+        self.left_out = 0 if self._inner is None else self._inner.left_out
         sign = self._delimiter if self._inner is None else ","
         with_clock = []
         for line, clock in zip(made, clocks, strict=True):
@@ -118,7 +122,7 @@ class _Pairs:
 
     def __init__(self, names: list[str], units: dict[str, str]):
         self._record, self._names = _Record(names, units), set(names)
-        self.header = self._record.header
+        self.header, self.left_out = self._record.header, 0
 
     @classmethod
     def found(cls, lines: list[str]) -> _Pairs | None:
@@ -137,7 +141,12 @@ class _Pairs:
         return cls(names, units) if most > 1 and 2 * LEAST_PAIRS <= len(names) <= MOST_PAIRS else None
 
     def __call__(self, lines: list[str]) -> list[str]:
-        return [self._record.row([(name, value) for name, value, _ in _pairs(line) if name in self._names]) for line in lines]
+        rows = []
+        for line in lines:
+            pairs = [(name, value) for name, value, _ in _pairs(line) if name in self._names]
+            self.left_out += bool(line.strip()) and not pairs
+            rows.append(self._record.row(pairs))
+        return rows
 
 
 def _pairs(line: str) -> Iterator[tuple[str, str, str]]:
@@ -164,7 +173,7 @@ class _JsonLines:
 
     def __init__(self, names: list[str]):
         self._record, self._names = _Record(names, {}), set(names)
-        self.header = self._record.header
+        self.header, self.left_out = self._record.header, 0
 
     @classmethod
     def found(cls, lines: list[str]) -> _JsonLines | None:
@@ -180,6 +189,7 @@ class _JsonLines:
             found = _flat(line)
             torn = not found and line.strip().startswith("{")
             pairs = [(name, value) for name, value in found.items() if name in self._names]
+            self.left_out += bool(line.strip()) and not pairs and not torn
             rows.append("torn" if torn else self._record.row(pairs))
         return rows
 
@@ -224,6 +234,7 @@ PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
 class _Hexadecimal:
     name = "registers in hexadecimal"
     header = ""
+    left_out = 0
 
     def __init__(self, pattern: re.Pattern[str]):
         self._pattern = pattern
@@ -265,7 +276,8 @@ class _Packed:
     name = "registers, packed in hexadecimal"
 
     def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
-        self._order, self._fields, self._stamped = order, fields, stamped
+        self._order, self._fields, self._stamped, self._begun = order, fields, stamped, False
+        self.left_out = 0
         self.header = ",".join((*(["time"] if stamped else []), *(field for field in fields if field != "-")))
 
     def __call__(self, lines: list[str]) -> list[str]:
@@ -273,8 +285,11 @@ class _Packed:
         for line in lines:
             match = WORD.search(line)
             if match is None or len(match[1]) != 4 * len(self._fields):
-                rows.append("torn" if match is not None else "")
+                torn = match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#"))
+                self.left_out += bool(line.strip()) and not torn
+                rows.append("torn" if torn else "")
                 continue
+            self._begun = True
             data = bytes.fromhex(match[1])
             values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
             kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]

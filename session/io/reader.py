@@ -101,11 +101,11 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
     if shared <= COARSE * len(steps) and bursts <= BURSTS * len(steps):
         return t_ns, None
     count = np.arange(len(t_ns))
-    slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
-    late_ns = t_ns - t_ns[0] - start - slope * count
     if shared <= COARSE * len(steps):
+        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
         shares = f"{bursts} of {len(t_ns)} samples come in bursts"
         # A stamp is late by the wait for the hand-over; the least late of some dozens shows whether samples are missing.
+        late_ns = t_ns - t_ns[0] - start - slope * count
         least = late_ns[: len(late_ns) // AMONG * AMONG].reshape(-1, AMONG).min(axis=1)
         if len(least) and np.ptp(least) <= OFF * slope:
             even = t_ns[0] + np.rint(start + float(np.median(least)) + slope * count).astype(np.int64)
@@ -113,9 +113,14 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; stamps stay as they are"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
     shares = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
-    if step_ns and np.abs(late_ns).max() <= OFF * step_ns:
-        even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-        return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
+    if step_ns:
+        # Where a stamp changes, it is right to within a sample; everywhere else only to within its own step.
+        change = np.flatnonzero(steps > 0) + 1
+        at = change if len(change) > 2 else count
+        slope, start = np.polyfit(at, (t_ns[at] - t_ns[0]).astype(float), 1)
+        if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
+            even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
+            return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
     if odr_hz is None:
         raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
     return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
@@ -443,6 +448,8 @@ class Reader:
                     self._require_time(piece, number + skip)
                     yield piece
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
+        if self._text_form is not None and self._text_form.left_out:
+            self._note(f"{self._text_form.left_out} lines hold no reading: left out")
         if self._wanted.left_out:
             self._note(f"{self._wanted.left_out} rows of other kinds or sensors: left out")
 

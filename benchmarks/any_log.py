@@ -1,0 +1,225 @@
+"""One simulated session as the logs of many programs: what is typed, what is asked, the fit against the truth, and damaged files.
+
+``python benchmarks/any_log.py`` writes each log by the writers of ``tests/``, imports it by the command line, fits it, and compares the
+twelve numbers with the truth.  Then it damages each file in five ways; each must be refused in one line, or read to the damage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from common import markdown
+
+import calibrate
+import tinygc
+from session.io.errors import CalibrationError
+from session.io.samples import Samples
+from session.io.units import DEG
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+import written_logs as binary
+from written_texts import TEXTS, Files
+
+#: the session: turns, Hz
+TURNS, RATE_HZ, SEED = 30, 104.0, 11
+#: what a person fills in: the accelerometer's calibration, and where the table stands
+GIVEN = """[accelerometer]
+matrix = {matrix}
+bias_mps2 = {bias}
+[site]
+latitude_deg = 52.0
+gravity_mps2 = 9.8127
+"""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of log: files of a recording's samples in a folder, and the options that answer what it does not say."""
+
+    name: str
+    write: Callable[[Samples, Path], list[Path]]
+    options: tuple[str, ...] = ()
+
+
+def _text(name: str) -> Kind:
+    def write(samples: Samples, folder: Path) -> list[Path]:
+        files: Files = TEXTS[name].write(samples)
+        for called, data in files:
+            (folder / called).write_bytes(data)
+        return [folder / called for called, _ in files]
+
+    return Kind(name, write, TEXTS[name].options)
+
+
+def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = (), **more: object) -> Kind:
+    def write(samples: Samples, folder: Path) -> list[Path]:
+        temp = np.full(len(samples), 25.0) if samples.temp_c is None else np.asarray(samples.temp_c)
+        made = writer(folder / file, samples.t_ns, np.asarray(samples.gyro), np.asarray(samples.accel), temp, **more)
+        return [made if isinstance(made, Path) else folder / file]
+
+    return Kind(name, write, options)
+
+
+KINDS = [
+    *map(_text, TEXTS),
+    _binary("PX4 ULog", binary.write_ulog, "log.ulg"),
+    _binary("ROS 1 bag", binary.write_ros1, "imu.bag"),
+    _binary("ROS 2 bag (sqlite)", binary.write_ros2, "imu_bag"),
+    _binary("MCAP", binary.write_mcap, "imu.mcap"),
+    _binary("ArduPilot .BIN", binary.write_ardupilot, "00000042.BIN"),
+    _binary("Betaflight .bbl", binary.write_blackbox, "LOG00001.BBL"),
+    _binary("HDF5", binary.write_hdf5, "imu.h5"),
+    _binary("MATLAB 5", binary.write_mat, "imu.mat"),
+    _binary("MATLAB 7.3", binary.write_mat73, "imu73.mat"),
+    _binary("npz", binary.write_npz, "imu.npz"),
+    _binary("parquet", binary.write_parquet, "imu.parquet"),
+]
+
+
+def called(*words: object) -> tuple[int, str]:
+    """The exit code of a command, and what it says on standard error."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        try:
+            code = calibrate.main([str(word) for word in words])
+        except SystemExit as left:
+            code = int(left.code or 0)
+    return code, said.getvalue()
+
+
+def asked(message: str) -> int:
+    """How many options a refusal names."""
+    given = message.partition("; give ")[2]
+    return given.count("--") if given else int("--" in message)
+
+
+def damages(data: bytes) -> Iterator[tuple[str, bytes]]:
+    """Cut in half, its last byte missing, a byte changed, zeros in the middle, nothing but its head."""
+    half = len(data) // 2
+    yield "half", data[:half]
+    yield "last byte", data[:-1]
+    yield "a byte", data[:half] + bytes([data[half] ^ 0xFF]) + data[half + 1 :]
+    yield "zeros", data[:half] + bytes(min(200, len(data) - half)) + data[half + 200 :]
+    yield "head", data[:64]
+
+
+def files_of(path: Path) -> list[Path]:
+    return [path] if path.is_file() else sorted(each for each in path.rglob("*") if each.is_file())
+
+
+def of_damage(kind: Kind, samples: Samples, work: Path) -> tuple[int, int, list[str]]:
+    """How many damaged logs were read, how many refused in one line, and what else happened."""
+    read = refused = 0
+    wrong: list[str] = []
+    for number in range(5):
+        folder = Path(tempfile.mkdtemp(dir=work))
+        paths = kind.write(samples, folder)
+        largest = max((each for path in paths for each in files_of(path)), key=lambda each: each.stat().st_size)
+        how, data = list(damages(largest.read_bytes()))[number]
+        largest.write_bytes(data)
+        try:
+            code, said = called("import", *paths, "--out", folder / "made", *kind.options)
+        except Exception as error:  # a traceback is what is looked for
+            wrong.append(f"{how}: {type(error).__name__}: {error}"[:150])
+            continue
+        one_line = code in (2, 3) and said.startswith("calibrate: ") and said.count("\n") == 1
+        read, refused = read + (code == 0), refused + one_line
+        if code != 0 and not one_line:
+            wrong.append(f"{how}: code {code}, {said[:120]!r}")
+        shutil.rmtree(folder)
+    return read, refused, wrong
+
+
+def row_of(
+    kind: Kind, samples: Samples, truth: np.ndarray, native: tinygc.Fit | None, given: str, work: Path
+) -> tuple[dict, tinygc.Fit | None]:
+    folder = work / "".join(letter for letter in kind.name if letter.isalnum())
+    folder.mkdir()
+    start = time.perf_counter()
+    paths = kind.write(samples, folder)
+    wrote_s, out = time.perf_counter() - start, folder / "made"
+    start = time.perf_counter()
+    code, said = called("import", *paths, "--out", out)
+    questions = 0 if code == 0 else asked(said)
+    if code != 0:
+        code, said = called("import", *paths, "--out", out, *kind.options)
+    imported_s = time.perf_counter() - start
+    row: dict = {"log": kind.name, "typed": " ".join(kind.options), "questions": questions, "read": code == 0, "import_s": imported_s}
+    if code != 0:
+        return row | {"said": said.strip()}, None
+    with (out / "session.toml").open("a") as toml:
+        toml.write(given)
+    start = time.perf_counter()
+    try:
+        fit = tinygc.fit(out, methods=("raw", "least_squares"))
+    except CalibrationError as error:
+        return row | {"said": str(error)}, None
+    fit_s = time.perf_counter() - start
+    values = np.array([each.value for each in fit.parameters.values()])
+    sigmas = np.array([each.sigma for each in fit.parameters.values()])
+    z = (values - truth) / sigmas
+    other = z if native is None else (values - np.array([each.value for each in native.parameters.values()])) / sigmas
+    return row | {
+        "wrote_s": wrote_s,
+        "fit_s": fit_s,
+        "rms_sigmas": float(np.sqrt(np.mean(z**2))),
+        "most_sigmas": float(np.abs(z).max()),
+        "from_native": float(np.abs(other).max()) if native is not None else 0.0,
+    }, fit
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="kinds whose name holds this")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--no-damage", action="store_true")
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    simulated = tinygc.simulate(
+        segments=TURNS, odr_hz=RATE_HZ, closure_s=0.0, seed=args.seed, latitude_deg=52.0, gravity_mps2=9.8127, gyro_fs_dps=500.0
+    )
+    (log,) = simulated.session.logs
+    truth = np.array([*np.ravel(simulated.truth["E"]), *np.multiply(simulated.truth["B_dps"], DEG)])
+    accelerometer = simulated.session.config.accelerometer
+    given = GIVEN.format(matrix=accelerometer.matrix.tolist(), bias=accelerometer.bias_mps2.tolist())
+    short = Samples(log.samples.t_ns[:1500], log.samples.gyro[:1500], log.samples.accel[:1500])
+    rows, native = [], None
+    with tempfile.TemporaryDirectory() as place:
+        work = Path(place)
+        for kind in KINDS:
+            if args.only.lower() not in kind.name.lower() and native is not None:
+                continue
+            row, fit = row_of(kind, log.samples, truth, native, given, work)
+            native = native or fit
+            if not args.no_damage:
+                read, refused, wrong = of_damage(kind, short, work)
+                row |= {"damaged_read": read, "damaged_refused": refused, "damaged_wrong": wrong}
+            rows.append(row)
+            print(json.dumps(row), file=sys.stderr, flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(rows, indent=1))
+    head = ["log", "options typed", "asked", "import, s", "fit, s", "rms σ", "most σ", "from own σ", "damaged: read", "refused", "else"]
+    print(markdown(head, map(_cells, rows)))
+
+
+def _cells(row: dict) -> list[str]:
+    keys = ("fit_s", "rms_sigmas", "most_sigmas", "from_native")
+    fitted = [f"{row[key]:.2f}" for key in keys] if "fit_s" in row else [row["said"], "", "", ""]
+    damaged = [str(row.get(f"damaged_{what}", "")) for what in ("read", "refused")] + ["; ".join(row.get("damaged_wrong", ()))]
+    typed = f"`{row['typed']}`" if row["typed"] else ""
+    return [row["log"], typed, str(row["questions"]), f"{row['import_s']:.2f}", *fitted, *damaged]
+
+
+if __name__ == "__main__":
+    main()

@@ -84,7 +84,7 @@ def test_a_clock_that_is_there_is_taken_and_said(names, declared_hz, samples, tm
 def test_a_column_that_may_be_the_clock_is_named_and_not_passed_over(name, samples, tmp_path):
     """Of no clock's name, or in a unit that no declared rate confirms."""
     text = log_of(samples, name, ticks(samples, 1e-4))
-    with pytest.raises(FormatError, match=f"column {name!r} rises steadily, by 94.8.* a row.*--time-unit.*--odr HZ"):
+    with pytest.raises(FormatError, match=f"column {name!r}, which rises steadily by 94.8.* a row.*--time-unit.*--odr HZ"):
         make(tmp_path, text, odr_hz=NOMINAL_HZ)
     assert read_session(make(tmp_path, text, time_unit="100us").folder).nominal_rate is None
 

@@ -15,6 +15,7 @@ from decimal import Decimal
 import numpy as np
 
 from session.io.errors import FormatError
+from session.io.questions import Question, QuestionsError
 from session.io.units import NS, NS_PER_S, TIME, parse_unit
 
 #: behind a time of day: Z, +01:00
@@ -129,8 +130,8 @@ def find_clock(
 ) -> Clock | None:
     """The clock among the columns that are not ``read``, by the first rows' cells; None where no column rises as a clock does.
 
-    odr_hz: the declared rate; stated: the unit, where the person gives it.  FormatError names the column where its unit, or whether it is
-    the clock, cannot be told.
+    odr_hz: the declared rate; stated: the unit, where the person gives it.  QuestionsError names the column where it cannot be told whether
+    it is the clock, or in which unit; FormatError names several that may be it.
     """
     left = [column for column in range(max(map(len, rows), default=0)) if column not in read]
     if (pair := _pair(rows, names, left)) is not None:
@@ -151,10 +152,8 @@ def find_clock(
         return Clock(best.column, best.unit, f"{best.name!r} is taken for the clock, in {best.unit} by its name{_pace(best, best.unit)}")
     unit = _plausible_unit(best.step, odr_hz) if best.named else None
     if unit is None:
-        raise FormatError(
-            f"{where}: the column {best.name!r} rises steadily, by {best.step:.6g} a row: it may be the clock, in a unit that is not said; "
-            "give --time-unit s, ms, us, ns or a multiple, or --time-unit none --odr HZ if it is none"
-        )
+        what = f"whether the column {best.name!r}, which rises steadily by {best.step:.6g} a row, is its clock, and in which unit"
+        raise QuestionsError(where, "", [Question(what, "--time-unit", "s, ms, us, ns or a multiple, or none with --odr HZ if it is none")])
     why = f"as {odr_hz:g} Hz are declared" if odr_hz else "the only unit that gives a sensor's rate"
     return Clock(best.column, unit, f"{best.name!r} is taken for the clock, in {unit}, {why}{_pace(best, unit)}")
 

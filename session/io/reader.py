@@ -102,13 +102,14 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         return t_ns, None
     count = np.arange(len(t_ns))
     if shared <= COARSE * len(steps):
-        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
         shares = f"{bursts} of {len(t_ns)} samples come in bursts"
-        # A stamp is late by the wait for the hand-over; the least late of some dozens shows whether samples are missing.
-        late_ns = t_ns - t_ns[0] - start - slope * count
-        least = late_ns[: len(late_ns) // AMONG * AMONG].reshape(-1, AMONG).min(axis=1)
-        if len(least) and np.ptp(least) <= OFF * slope:
-            even = t_ns[0] + np.rint(start + float(np.median(least)) + slope * count).astype(np.int64)
+        # A stamp is late by the wait for the hand-over; the least late of some dozens are right, and show whether samples are missing.
+        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
+        late_ns = (t_ns - t_ns[0] - start - slope * count)[: len(t_ns) // AMONG * AMONG].reshape(-1, AMONG)
+        if len(late_ns) > 1 and np.ptp(late_ns.min(axis=1)) <= OFF * slope:
+            least = np.arange(len(late_ns)) * AMONG + late_ns.argmin(axis=1)
+            slope, start = np.polyfit(least, (t_ns[least] - t_ns[0]).astype(float), 1)
+            even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
             return even, f"{shares}: samples were counted along their stamps, {NS_PER_S / slope:.3f} Hz"
         return t_ns, f"{shares}, and counting along them misses them: samples are missing, or the rate changes; stamps stay as they are"
     step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0

@@ -347,12 +347,15 @@ def _layout(
         mine = Rows(Wanted(answers.rows, answers.where), form)(lines[first:])
         Watch(mine, form)  # two sensors in turn have no clock that rises steadily
         rows = [line.split(delimiter) for line in mine if line.split("#")[0].strip()]
-        clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name)
+        try:
+            clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name)
+        except QuestionsError as unknown:
+            questions += unknown.questions
     if clock is not None:
         time_column, time_unit = clock.column, clock.unit
     if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
-        if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
+        if answers.odr_hz is None and ("gx" in columns or "ax" in columns) and not questions:
             questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
     else:
         is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from session.io.dialects import Answers, Layout, Triad
@@ -42,7 +43,9 @@ def _program(layout: Layout, answers: Answers) -> str:
 def _triad(layout: Layout, triad: Triad | None, kind: str) -> str:
     assert triad is not None  # ``join`` chose the files that have them
     columns = ", ".join(f"{'-' if sign < 0 else ''}{layout.name(column)}" for column, sign in zip(triad.columns, triad.signs, strict=True))
-    unit = "registers" if triad.unit.si is None else f"in {triad.unit.word}"
+    counts = re.fullmatch(r"([0-9.e+-]+) ?(.+)", triad.unit.word)
+    word = f"counts of {float(counts[1]):.4g} {counts[2]}" if counts else triad.unit.word
+    unit = "registers" if triad.unit.si is None else f"in {word}"
     return f"{columns} {unit} ({layout.sources.get(kind, 'header')})"
 
 

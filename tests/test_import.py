@@ -1,0 +1,353 @@
+"""``import``: what it asks, what it assumes and says, which rows it takes, and what it does with several sensors."""
+
+import json
+import re
+import zipfile
+
+import numpy as np
+import pytest
+from conftest import DEG, Table
+from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, betaflight, make, rows, same, triads
+from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logger
+
+import calibrate
+from session.io.errors import FormatError
+from session.io.forms import form_of
+from session.io.questions import QuestionsError
+from session.io.reader import evenly
+from session.io.units import G
+from tinygc import read_session
+
+USUAL = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *GYRO["dps"].T)
+
+
+# What is asked, all at once
+
+
+def test_all_that_a_log_does_not_say_is_asked_at_once(tmp_path):
+    with pytest.raises(QuestionsError) as asked:
+        make(tmp_path, betaflight("", ""))
+    assert [question.option for question in asked.value.questions] == ["--gyro-unit", "--accel-unit"]
+    with pytest.raises(QuestionsError) as asked:
+        make(tmp_path, USUAL.replace("time_ms", "n").replace(",", ";"), gyro_fs_dps=None)
+    assert [question.option for question in asked.value.questions] == ["--time-unit", "--gyro-unit", "--accel-unit"]
+    said = str(asked.value)
+    assert "\n" not in said
+    assert all(each.option in said.partition("; give ")[2] for each in asked.value.questions)
+
+
+def test_the_questions_of_two_files_are_one(tmp_path):
+    gyro = "t,gx,gy,gz\n" + rows(T_US, *GYRO["dps"].T)
+    accel = "t,ax,ay,az\n" + rows(T_US, *ACCEL["g"].T)
+    with pytest.raises(QuestionsError) as asked:
+        make(tmp_path, gyro, accel)
+    assert {question.option for question in asked.value.questions} == {"--gyro-unit", "--accel-unit"}
+    assert "LOG.CSV and 1LOG.CSV" in str(asked.value)
+    same(make(tmp_path, gyro, accel, gyro_unit="dps", accel_unit="g"))
+
+
+def test_registers_ask_for_the_sensor_and_both_full_scales(tmp_path):
+    raw = "ms;gx;gy;gz;ax;ay;az\n" + rows(
+        T_US // 1000, *np.rint(GYRO["dps"].T).astype(int), *np.rint(ACCEL["g"].T * 8000).astype(int), delimiter=";"
+    )
+    with pytest.raises(QuestionsError) as asked:
+        make(
+            tmp_path,
+            raw,
+            gyro_unit="lsb",
+            accel_unit="lsb",
+            gyro_fs_dps=None,
+            accel_fs_g=None,
+            like=None,
+            columns="t_ms=1,gx=2,gy=3,gz=4,ax=5,ay=6,az=7",
+        )
+    assert [question.option for question in asked.value.questions] == ["--sensor NAME", "--gyro-fs DPS", "--accel-fs G"]
+
+
+# What is assumed
+
+
+def test_a_full_scale_that_nobody_states_is_assumed_and_said(tmp_path):
+    made = make(tmp_path, USUAL, gyro_unit="dps", accel_unit="g", gyro_fs_dps=None, accel_fs_g=None)
+    sensor = read_session(made.folder).config.sensor
+    most = np.abs(GYRO["dps"]).max()
+    assert sensor.gyro_fs_dps == next(each for each in (125, 250, 500, 1000) if each > most)
+    assert sensor.accel_fs_g == 2
+    assert sum("is assumed" in note for note in made.notes) == 2
+    assert made.took[1].count("(assumed)") == 2
+    assert (made.folder / "session.toml").read_text().count("is assumed") == 2
+
+
+@pytest.mark.parametrize(("rows_at_end", "asks"), [(3, False), (4, True)])
+def test_readings_that_stand_at_the_end_of_a_range_are_asked_about(rows_at_end, asks, tmp_path):
+    gyro = GYRO["dps"].copy()
+    gyro[500 : 500 + rows_at_end, 1] = 573.4375
+    text = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *gyro.T)
+    told = {"gyro_unit": "dps", "accel_unit": "g", "gyro_fs_dps": None}
+    if not asks:
+        assert read_session(make(tmp_path, text, **told).folder).config.sensor.gyro_fs_dps == 1000
+        return
+    with pytest.raises(QuestionsError, match=r"its readings stand at 573\.438 dps for 4 rows; give --gyro-fs DPS"):
+        make(tmp_path, text, **told)
+
+
+def test_acceleration_without_gravity_is_said(tmp_path):
+    text = "time,ax,ay,az,wx,wy,wz\n" + rows(T_US / 1e6, *(0.05 * ACCEL["mps2"].T), *GYRO["rps"].T)
+    made = make(tmp_path, text)
+    assert made.dialects == ("Physics Toolbox, linear",)
+    assert any(re.search(r"shows 0\.0(?:50*|4[89]\d*) g where gravity belongs", note) for note in made.notes)
+
+
+# Which rows
+
+
+def test_rows_by_their_lines(tmp_path):
+    head, *body = USUAL.splitlines()
+    garbage = [line if i < 1000 else "~~~garbage~~~" for i, line in enumerate(body)]
+    text = "\n".join([head, *garbage]) + "\n"
+    told = {"gyro_unit": "dps", "accel_unit": "g"}
+    with pytest.raises(FormatError, match="line 1002"):
+        make(tmp_path, text, **told)
+    samples = read_session(make(tmp_path, text, lines="1-1001", **told).folder).logs[0].samples
+    np.testing.assert_allclose(samples.gyro, SAMPLES.gyro[:1000], atol=1e-10)
+    later = read_session(make(tmp_path, text, lines="12-1001", out="later", **told).folder).logs[0].samples
+    np.testing.assert_allclose(later.gyro, SAMPLES.gyro[10:1000], atol=1e-10)
+
+
+@pytest.mark.parametrize("wrong", ["", "5", "0-3", "9-2", "a-b", "-1-3"])
+def test_lines_that_are_no_span_are_refused(wrong, tmp_path):
+    with pytest.raises(FormatError, match="expected FIRST-LAST"):
+        make(tmp_path, USUAL, lines=wrong)
+
+
+def test_a_reader_that_is_forced(tmp_path):
+    """A gyroscope's and an accelerometer's columns that two programs use."""
+    text = "Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),"
+    text += "Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)\n" + rows(T_US, *triads("dps", "g"))
+    assert make(tmp_path, text, like="x-imu3").dialects == ("x-IMU3",)
+    with pytest.raises(FormatError, match="no header of phyphox"):
+        make(tmp_path, text, like="phyphox", out="b")
+    with pytest.raises(FormatError, match="--like is 'nonsense'"):
+        make(tmp_path, text, like="nonsense", out="c")
+
+
+# Several sensors
+
+
+def six(units=3):
+    cells = [
+        f"{t},{unit},{','.join(f'{v:.12f}' for v in (*(GYRO['dps'][i] * (1 + 0.01 * unit)), *ACCEL['g'][i]))}\n"
+        for i, t in enumerate(T_US)
+        for unit in range(units)
+    ]
+    return "t_us,id,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + "".join(cells)
+
+
+def test_one_file_becomes_an_array(tmp_path, run):
+    log, out = tmp_path / "six.csv", tmp_path / "array"
+    log.write_text(six())
+    code, _, said = run("import", log, "--out", out)
+    assert code == 2
+    assert "give --where id=0" in said
+    assert run("import", log, "--out", out, "--array-by", "id", "--gyro-fs", "500", "--accel-fs", "4")[0] == 0
+    from session.annexes.arrays.recording import read_array
+
+    array = read_array(out)
+    assert array.numbers == (0, 1, 2)
+    for unit, session in enumerate(array.units):
+        np.testing.assert_allclose(session.logs[0].samples.gyro, SAMPLES.gyro * (1 + 0.01 * unit), atol=1e-10)
+
+
+def test_a_column_that_tells_no_sensors_apart_makes_no_array(tmp_path, run):
+    (tmp_path / "log.csv").write_text(USUAL)
+    told = ("--gyro-unit", "dps", "--accel-unit", "g")
+    code, _, said = run("import", tmp_path / "log.csv", "--out", tmp_path / "a", "--array-by", "time_ms", *told)
+    assert code == 2
+    assert "holds more than 16 values" in said
+    assert not (tmp_path / "a").exists()
+
+
+def test_each_file_has_columns_of_its_own(tmp_path, run):
+    (tmp_path / "g.csv").write_text("a,b,c,d\n" + rows(T_US, *GYRO["dps"].T))
+    (tmp_path / "a.csv").write_text("u,v,w,x\n" + rows(T_US, *ACCEL["g"].T))
+    gyro, accel = "t_us=a,gx_dps=b,gy_dps=c,gz_dps=d", "t_us=u,ax_g=v,ay_g=w,az_g=x"
+    paths = (tmp_path / "g.csv", tmp_path / "a.csv")
+    assert run("import", *paths, "--out", tmp_path / "s", "--columns", gyro, "--columns", accel)[0] == 0
+    (log,) = read_session(tmp_path / "s").logs
+    np.testing.assert_allclose(log.samples.gyro, SAMPLES.gyro, atol=1e-10)
+    code, _, said = run("import", *paths, "--out", tmp_path / "t", *["--columns", gyro] * 3)
+    assert code == 2
+    assert "3 times for 2 files" in said
+
+
+# Clocks
+
+
+def test_a_gap_of_the_other_file_stays_a_gap(tmp_path):
+    """Two files with clocks of their own: readings are put between neighbours, and none where the other file has a hole."""
+    (_, gyro), (_, accel) = phyphox(SAMPLES)
+    head, *body = accel.decode().splitlines()
+    hole = [line for line in body if not 3.0 < float(line.split(",")[0]) < 3.5]
+    made = make(tmp_path, gyro, "\n".join([head, *hole]) + "\n")
+    t_s = read_session(made.folder).logs[0].samples.t_ns * 1e-9
+    assert not ((t_s > 3.01) & (t_s < 3.49)).any()
+    assert ((t_s > 2.5) & (t_s < 2.99)).sum() >= 50
+    assert any("an offset between their clocks stays" in note for note in made.notes)
+
+
+def test_an_end_that_is_repeated_is_left_out(tmp_path):
+    """A display's last second, as a telephone's program appends it; a single row that steps back is no repeated end."""
+    head, *body = USUAL.splitlines()
+    told = {"gyro_unit": "dps", "accel_unit": "g"}
+    made = make(tmp_path, "\n".join([head, *body, *body[-60:]]) + "\n", **told)
+    same(made)
+    assert any("its last 60 rows repeat the time before them" in note for note in made.notes)
+    with pytest.raises(FormatError, match="goes backward"):
+        make(tmp_path, "\n".join([head, *body, *body[500:560]]) + "\n", out="other", **told)
+
+
+def test_bursts_are_counted_along_their_stamps():
+    """The rate is the mean one; a stamp is late by the wait, so the least late of a burst is the time."""
+    table = Table().tumble(2, rest_s=2.0).samples(odr_hz=104)
+    _, data = bursts(table)[0]
+    stamps = np.array([round(float(line.split(";")[0]) * 1e9) for line in data.decode().splitlines()[1:]])
+    even, note = evenly(stamps, None, "x")
+    assert "come in bursts" in note
+    steps = np.diff(even)
+    assert np.ptp(steps) <= 1
+    assert steps.mean() == pytest.approx(1e9 / 104, rel=2e-5)
+
+
+def test_bursts_with_samples_missing_keep_their_stamps():
+    count = np.arange(5000)
+    t_ns = count // 7 * 7 * 10_000_000 + count % 7 * 100_000
+    kept = np.delete(t_ns, np.s_[2000:2042])
+    even, note = evenly(kept, None, "x")
+    assert "samples are missing" in note
+    np.testing.assert_array_equal(even, kept)
+
+
+def test_coarse_stamps_are_counted_along_their_changes():
+    """Whole seconds, cut off: where a stamp changes it is right to a sample."""
+    true_ns = np.round(np.arange(16_000) * (1e9 / 104.03)).astype(np.int64) + 370_000_000
+    even, note = evenly(true_ns // 10**9 * 10**9, None, "x")
+    assert "share a stamp" in note
+    assert 1e9 / np.diff(even).mean() == pytest.approx(104.03, rel=1e-5)
+
+
+@pytest.mark.parametrize("stamp", ["2025-01-27T11:03:{:09.6f}Z", "2025-01-27 11:03:{:09.6f}", "11:03:{:09.6f}+01:00"])
+def test_stamps_as_people_write_dates(stamp, tmp_path):
+    few = T_US < 50e6
+    text = "time,wx,wy,wz,gFx,gFy,gFz\n" + rows([stamp.format(t / 1e6) for t in T_US[few]], *GYRO["rps"][few].T, *ACCEL["g"][few].T)
+    t_ns = read_session(make(tmp_path, text).folder).logs[0].samples.t_ns
+    np.testing.assert_array_equal(t_ns - t_ns[0], SAMPLES.t_ns[few])
+
+
+# Forms of text
+
+
+@pytest.mark.parametrize(
+    ("line", "torn"), [("ax:1 ay:2 az:3 gx:4 gy:5", True), ("the battery is low", False), ("ax:1 ay:x az:3 gx:4 gy:5 gz:6", True)]
+)
+def test_a_torn_record_is_refused_and_chatter_is_counted(line, torn, tmp_path):
+    body = [f"t:{t} ax:{i % 7} ay:0 az:8192 gx:{i % 5} gy:0 gz:1" for i, t in enumerate(T_US)]
+    text = "\n".join([*body[:50], line, *body[50:]]) + "\n"
+    told = {"sensor": "MPU-6050"}
+    if torn:
+        with pytest.raises(FormatError, match=r"LOG\.CSV line 5[12]"):
+            make(tmp_path, text, **told)
+    else:
+        assert any("1 lines hold no reading" in note for note in make(tmp_path, text, **told).notes)
+
+
+def test_the_order_of_packed_registers_is_asked_for():
+    words = ["0C00F9FF00100300000000FE"] * 20
+    with pytest.raises(FormatError, match=r"6 registers a line, packed in hexadecimal.*give --packed"):
+        form_of(words, None, "x")
+    form = form_of(words, "st", "x")
+    assert form.header == "gx,gy,gz,ax,ay,az"
+    assert form(words[:1]) == ["12,-7,4096,3,0,-512"]
+    with pytest.raises(FormatError, match="6 registers a line, but --packed mpu has 7"):
+        form_of(words, "mpu", "x")
+    with pytest.raises(FormatError, match="--packed is 'middle:gx'"):
+        form_of(words, "middle:gx", "x")
+
+
+def test_json_keeps_every_digit_of_a_stamp():
+    form = form_of(['{"t_ns": 1732600000123456789, "g": [1, 2, 3], "a": {"x": 0.10, "y": 1e-3, "z": 9}}'] * 9, None, "x")
+    assert form.header == "t_ns,g[0],g[1],g[2],a.x,a.y,a.z"
+    assert form(['{"t_ns": 1732600000123456789, "g": [1, 2, 3], "a": {"x": 0.10, "y": 1e-3, "z": 9}}']) == [
+        "1732600000123456789,1,2,3,0.10,1e-3,9"
+    ]
+
+
+# Archives
+
+
+def test_an_archive_that_is_damaged_or_holds_no_sensor_is_refused_in_one_line(tmp_path, run):
+    ((name, data),) = sensor_logger(SAMPLES)
+    path = tmp_path / name
+    for spoilt in (data[: len(data) // 2], data[:40], data[:200] + bytes(300) + data[500:]):
+        path.write_bytes(spoilt)
+        code, _, said = run("import", path, "--out", tmp_path / "s")
+        assert (code, said.count("\n")) == (2, 1)
+        assert not (tmp_path / "s").exists()
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("../../evil.csv", "a,b\n1,2\n")
+    code, _, said = run("import", path, "--out", tmp_path / "s")
+    assert code == 2
+    assert "none of its 1 text files holds a gyroscope" in said
+    assert not (tmp_path.parent.parent / "evil.csv").exists()
+
+
+def test_an_archives_words_do_not_exceed_any_log(tmp_path, run, monkeypatch):
+    import session.replay.sources as module
+
+    monkeypatch.setattr(module, "MOST_ARCHIVE", 1000)
+    ((name, data),) = sensor_logger(SAMPLES)
+    (tmp_path / name).write_bytes(data)
+    code, _, said = run("import", tmp_path / name, "--out", tmp_path / "s")
+    assert code == 2
+    assert "larger than 1000 bytes" in said
+
+
+# The command
+
+
+def test_every_kind_of_log_is_listed(run, tmp_path):
+    code, out, _ = run("import", "--list", "--json", tmp_path / "x.json")
+    assert code == 0
+    readers = json.loads((tmp_path / "x.json").read_text())["readers"]
+    assert len(readers) > 20
+    assert all(each["name"] in out and each["example"] in out for each in readers)
+
+
+def test_the_folder_is_named_as_the_log(tmp_path, run, monkeypatch):
+    (tmp_path / "flight_3.csv").write_bytes(TEXTS["EuRoC"].write(SAMPLES)[0][1])
+    monkeypatch.chdir(tmp_path)
+    assert run("import", "flight_3.csv")[0] == 0
+    assert (tmp_path / "flight_3" / "session.toml").exists()
+    code, _, said = run("import")
+    assert code == 2
+    assert "no log" in said
+
+
+def test_the_earlier_name_of_the_command_works(tmp_path, capsys):
+    path = tmp_path / "data.csv"
+    path.write_bytes(TEXTS["EuRoC"].write(SAMPLES)[0][1])
+    assert calibrate.main(["replay", str(path), "--out", str(tmp_path / "s")]) == 0
+    assert re.search(r"clock: #?timestamp \[ns\] in ns \(header\); 104 Hz for", capsys.readouterr().out)
+
+
+def test_what_was_written_is_in_si(tmp_path):
+    """rad/s and m/s² stay as they were written."""
+    text = "time_s,gyro_x_rads,gyro_y_rads,gyro_z_rads,acc_x_ms2,acc_y_ms2,acc_z_ms2\n" + lines(
+        T_US / 1e6, *rps(SAMPLES), *mps2(SAMPLES), digits=12
+    )
+    made = make(tmp_path, text)
+    assert made.log.read_text().splitlines()[0] == "t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+    samples = read_session(made.folder).logs[0].samples
+    np.testing.assert_allclose(samples.gyro, SAMPLES.gyro, atol=1e-12)
+    np.testing.assert_allclose(samples.accel, SAMPLES.accel, atol=1e-11)
+    assert np.abs(samples.gyro).max() > 10 * DEG
+    assert np.abs(samples.accel).max() > 0.9 * G

@@ -25,7 +25,7 @@ import calibrate
 import tinygc
 from session.io.errors import CalibrationError
 from session.io.samples import Samples
-from session.io.units import DEG
+from session.io.units import DEG, G
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import written_logs as binary
@@ -186,21 +186,26 @@ def main() -> None:
     parser.add_argument("--no-damage", action="store_true")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
-    simulated = tinygc.simulate(
-        segments=TURNS, odr_hz=RATE_HZ, closure_s=0.0, seed=args.seed, latitude_deg=52.0, gravity_mps2=9.8127, gyro_fs_dps=500.0
-    )
+    simulated = tinygc.simulate(segments=TURNS, odr_hz=RATE_HZ, closure_s=0.0, seed=args.seed, latitude_deg=52.0, gravity_mps2=9.8127)
     (log,) = simulated.session.logs
+    # Registers that are rounded again, to other steps, would be rounded twice; spread over their own step, they are what was measured.
+    rng, steps = np.random.default_rng(args.seed), (17.5e-3 * DEG, 0.122e-3 * G)
+    gyro, accel = (
+        np.asarray(values) + step * rng.uniform(-0.5, 0.5, values.shape)
+        for values, step in zip((log.samples.gyro, log.samples.accel), steps, strict=True)
+    )
+    samples = Samples(log.samples.t_ns, gyro, accel)
     truth = np.array([*np.ravel(simulated.truth["E"]), *np.multiply(simulated.truth["B_dps"], DEG)])
     accelerometer = simulated.session.config.accelerometer
     given = GIVEN.format(matrix=accelerometer.matrix.tolist(), bias=accelerometer.bias_mps2.tolist())
-    short = Samples(log.samples.t_ns[:1500], log.samples.gyro[:1500], log.samples.accel[:1500])
+    short = samples.between(0, 1500)
     rows, native = [], None
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
         for kind in KINDS:
             if args.only.lower() not in kind.name.lower() and native is not None:
                 continue
-            row, fit = row_of(kind, log.samples, truth, native, given, work)
+            row, fit = row_of(kind, samples, truth, native, given, work)
             native = native or fit
             if not args.no_damage:
                 read, refused, wrong = of_damage(kind, short, work)

@@ -6,7 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from conftest import DEG, Table
+from conftest import DEG, ROOT, Table
 from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, betaflight, make, rows, same, triads
 from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logger
 
@@ -18,6 +18,7 @@ from session.io.reader import evenly
 from session.io.units import G
 from tinygc import read_session
 
+WILD = ROOT.parent / "shared" / "wild"
 USUAL = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *GYRO["dps"].T)
 
 
@@ -351,3 +352,30 @@ def test_what_was_written_is_in_si(tmp_path):
     np.testing.assert_allclose(samples.accel, SAMPLES.accel, atol=1e-11)
     assert np.abs(samples.gyro).max() > 10 * DEG
     assert np.abs(samples.accel).max() > 0.9 * G
+
+
+@pytest.mark.skipif(not (WILD / "repoimu").exists(), reason="the public recordings are not beside the project")
+def test_a_public_table_with_two_lines_of_names(tmp_path, run):
+    """RepoIMU: groups in the first line, axes in the second, a time without a second name, and a semicolon at each end."""
+    path = WILD / "repoimu" / "TStick_Test06_Trial1.csv"
+    code, _, said = run("import", path, "--out", tmp_path / "s")
+    assert code == 2
+    assert "does not say the unit of the gyroscope and the unit of the accelerometer; give" in said
+    assert run("import", path, "--out", tmp_path / "s", "--gyro-unit", "rad/s", "--accel-unit", "m/s2")[0] == 0
+    first = path.read_text().splitlines()[2].split(";")
+    samples = read_session(tmp_path / "s").logs[0].samples
+    np.testing.assert_allclose(samples.accel[0], [float(cell) for cell in first[5:8]])
+    np.testing.assert_allclose(samples.gyro[0], [float(cell) for cell in first[8:11]])
+
+
+@pytest.mark.skipif(not (WILD / "sundevil").exists(), reason="the public recordings are not beside the project")
+def test_a_public_log_whose_rates_are_half_of_the_truth_is_found_out(tmp_path, run):
+    """A rocket's board: no header, rows of garbage from line 2992 on, and a full scale that was read as another."""
+    path = WILD / "sundevil" / "rev2" / "IMU_Rev2_Data_Long.txt"
+    assert "no header, 13 columns of numbers" in run("import", path, "--out", tmp_path / "s")[2]
+    columns = "t_s=1,ax_mps2=2,ay_mps2=3,az_mps2=4,gx_dps=5,gy_dps=6,gz_dps=7,temp_c=13"
+    code, out, _ = run("import", path, "--out", tmp_path / "s", "--columns", columns, "--lines", "1-2991")
+    assert code == 0
+    assert "gravity requires rates x 1.9" in out
+    assert read_session(tmp_path / "s").config.sensor.gyro_fs_dps == 250
+    assert len(read_session(tmp_path / "s").logs[0].samples) == 2991

@@ -514,7 +514,9 @@ class Reader:
         layout = self.layout
         if layout.standard:
             return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
-        return DAY_NS if layout.clock else COUNTER * layout.time_ns
+        if layout.clock:
+            return DAY_NS
+        return None if layout.finer or COUNTER * layout.time_ns > ERA_NS else COUNTER * layout.time_ns
 
     def _as_table(self, lines: list[str], number: int) -> list[str]:
         """The lines from ``number`` on as a table's, with blanks in the place of those that are not meant."""

@@ -176,7 +176,7 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
             found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit, 1) for axis, name in zip("xyz", triad, strict=True)}
     if dialect.both and ("gx" in found) != ("ax" in found):
         return {}
-    if dialect.temp in at:
+    if dialect.temp and dialect.temp in at:
         found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc", 1
     stamp = {"t": (at[time[0]][0], at[time[0]][1] or dialect.time_unit, 1)}
     if len(time) == 2:
@@ -273,7 +273,7 @@ def _usual(name: str) -> tuple[str, str] | None:
             for axis, place in (("x", "0"), ("y", "1"), ("z", "2")):
                 for written in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
                     rest = plain.removeprefix(written)
-                    if not rest or (rest != plain and rest in UNIT_ENDINGS[letter]):
+                    if plain == written or (rest != plain and rest in UNIT_ENDINGS[letter]):
                         return f"{letter}{axis}", UNIT_ENDINGS[letter].get(rest, "")
                 before = plain.removeprefix(word)[:-1]
                 if plain[-1:] in (axis, place) and before in UNIT_ENDINGS[letter] and plain.startswith(word):
@@ -455,7 +455,7 @@ def _unit(kind: str, text: str, option: str, name: str, questions: list[Question
     """The unit; where there is none, a question, and any unit."""
     what = {"time": "time stamps", "gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
     if not text:
-        questions.append(Question(f"the unit of the {what}", option, f"{known(kind)}, or one count: {ONE_COUNT[kind]}"))
+        questions.append(Question(f"the unit of the {what}", option, CHOICES[kind]))
         return Unit(1, "")
     unit = parse_unit(kind, text)
     if unit is None:
@@ -463,4 +463,10 @@ def _unit(kind: str, text: str, option: str, name: str, questions: list[Question
     return unit
 
 
-ONE_COUNT = {"time": "25us", "gyro": "0.061dps", "accel": "g/2048", "temp": "0.01c"}
+#: of a question, in the words that people use most
+CHOICES = {
+    "time": "s, ms, us, ns, or one count: 25us",
+    "gyro": "dps, mdps, rad/s, lsb, or one count: 0.061dps",
+    "accel": "g, mg, m/s2, lsb, or one count: g/2048",
+    "temp": "c, lsb, or one count: 0.01c",
+}

@@ -21,7 +21,7 @@ from session.io.files import MOST_ARCHIVE, open_file, unreadable
 from session.io.lines import STANDARD
 from session.io.questions import Question, QuestionsError, all_of
 from session.io.reader import Piece, Reader
-from session.io.recognise import NO_TIME, ONE_COUNT, parse_axes
+from session.io.recognise import CHOICES, NO_TIME, parse_axes
 from session.io.streams import Stream, Topic
 from session.io.units import Unit, beyond_any_sensor, known, parse_unit
 
@@ -236,7 +236,7 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) ->
                 raise FormatError(
                     f"{path.name}: {(told or word)[:30]!r} is no unit of the {what} that is known; give --{kind}-unit ({known(kind)})"
                 )
-            questions.append(Question(f"the unit of the {what}", f"--{kind}-unit", f"{known(kind)}, or one count: {ONE_COUNT[kind]}"))
+            questions.append(Question(f"the unit of the {what}", f"--{kind}-unit", CHOICES[kind]))
         return unit or Unit(1, "")
 
     def triad(kind: str, told: str | None, word: str, axes: str, first: int) -> Triad:

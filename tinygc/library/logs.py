@@ -1,0 +1,226 @@
+"""``tinygc.import_log`` and ``tinygc.read_log``: any program's log as a session folder, or as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.detect.findings import Finding
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError
+from session.io.folder import Session, read_session
+from session.io.questions import QuestionsError
+from session.replay.answers import sensor_of, with_comments, with_full_scales, with_sensor
+from session.replay.importing import import_log as import_files
+from session.replay.join import join
+from session.replay.sources import Sources
+from session.replay.took import said_took
+from tinygc.library.sessions import public
+
+Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Result of ``tinygc.import_log``: a session folder, and what was taken for what."""
+
+    #: the session folder
+    folder: Path
+    #: program, columns, units and full scales, clock and rate, in three lines
+    took: tuple[str, ...]
+    #: what was repaired, assumed or left out
+    notes: tuple[str, ...]
+    #: results of the first look, as ``tinygc.check`` has them
+    findings: tuple[Finding, ...]
+    #: commands to go on with
+    next: tuple[str, ...]
+
+    @cached_property
+    def session(self) -> Session:
+        """The session, read from its folder."""
+        return read_session(self.folder)
+
+
+@dataclass(frozen=True, eq=False)
+class LogArrays:
+    """Result of ``tinygc.read_log``: readings of a gyroscope and an accelerometer, as plain arrays in SI."""
+
+    #: (N,) s, from the first sample on
+    t_s: np.ndarray
+    #: (N, 3) rad/s
+    gyro_rps: np.ndarray
+    #: (N, 3) m/s^2
+    accel_mps2: np.ndarray
+    #: (N,) °C, or None
+    temp_c: np.ndarray | None
+    #: as stated, or assumed: then a note says so
+    gyro_fs_dps: float
+    #: as stated, or assumed
+    accel_fs_g: float
+    #: program, columns, units and full scales, clock and rate, in three lines
+    took: tuple[str, ...]
+    #: what was repaired, assumed or left out
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"<LogArrays {len(self.t_s)} samples, {self.t_s[-1]:.1f} s>"
+
+    def session(self, **more: Any) -> Session:
+        """A session of these arrays; more: further arguments of ``Session.from_arrays``."""
+        told = {"gyro_fs_dps": self.gyro_fs_dps, "accel_fs_g": self.accel_fs_g} | more
+        return Session.from_arrays(self.t_s, self.gyro_rps, self.accel_mps2, self.temp_c, **told)
+
+
+def _paths(paths: Paths) -> list[Path]:
+    given = [paths] if isinstance(paths, str | PathLike) else list(paths)
+    if not given or not all(isinstance(path, str | PathLike) for path in given):
+        raise CalibrationError(f"paths is {paths!r:.80}, expected the path of a log, or of the gyroscope's and the accelerometer's")
+    return [Path(fspath(path)) for path in given]
+
+
+#: options of the command whose keywords are called otherwise
+KEYWORDS = {"--gyro-fs": "gyro_fs_dps", "--accel-fs": "accel_fs_g", "--odr": "odr_hz"}
+
+
+@contextmanager
+def _asking_for_keywords() -> Iterator[None]:
+    """Let questions name keywords instead of the command's options."""
+    try:
+        yield
+    except QuestionsError as asked:
+        words = [question.option.split(" ") for question in asked.questions]
+        named = [KEYWORDS.get(word[0], word[0].removeprefix("--").replace("-", "_")) + "=" + "".join(word[1:2]) for word in words]
+        questions = [replace(question, option=name) for question, name in zip(asked.questions, named, strict=True)]
+        raise QuestionsError(asked.file, asked.dialect, questions) from None
+
+
+def _columns(columns: str | Sequence[str] | None) -> tuple[str, ...]:
+    return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
+
+
+@public(Answers)
+def import_log(
+    paths: Paths,
+    out: str | PathLike[str] | None = None,
+    *,
+    add: str | None = None,
+    serial: str = "",
+    columns: str | Sequence[str] | None = None,
+    header: str | None = None,
+    array_by: str | None = None,
+    turns: str | PathLike[str] | None = None,
+    **answers: Any,
+) -> Imported:
+    """Make a session folder of any program's log, as the command ``import`` does.
+
+    Parameters
+    ----------
+    paths : str, Path or sequence of them
+        The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them.
+    out : str or Path, optional
+        The session folder to make; named as the log by default.
+    add : {"log", "closure"}, optional
+        Add to the session that is in ``out``.
+    serial : str, optional
+        Serial number of the sensor.
+    columns : str or sequence of str, optional
+        Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
+    header : str, optional
+        Header line of a port's bytes in text.
+    array_by : str, optional
+        Column that tells the units of an array apart.
+    turns : str or Path, optional
+        ``turns.csv`` of a gyroscope alone.
+    **answers
+        What the log does not say: ``sensor="MPU-6050"``, ``gyro_fs_dps=500``, ``gyro_unit="dps"``, ``odr_hz=100`` and others, as the
+        command's options.
+
+    Returns
+    -------
+    Imported
+        ``folder``, ``session``, ``took``, ``notes``, ``findings``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read, with the line; for all that the log does not say, with each option.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> made = tinygc.import_log("flight.csv", "data/flight", gyro_fs_dps=500)  # doctest: +SKIP
+    >>> tinygc.fit(made.session)  # doctest: +SKIP
+
+    """
+    with _asking_for_keywords():
+        made = import_files(
+            _paths(paths),
+            None if out is None else Path(fspath(out)),
+            Answers(**answers),
+            add=add,
+            serial=serial,
+            columns=_columns(columns),
+            header=header,
+            array_by=array_by,
+            turns=None if turns is None else Path(fspath(turns)),
+        )
+    return Imported(made.folder, made.took, made.notes, made.findings, made.next)
+
+
+@public(Answers)
+def read_log(paths: Paths, *, columns: str | Sequence[str] | None = None, **answers: Any) -> LogArrays:
+    """Read any program's log as arrays in SI, without a folder.
+
+    Parameters
+    ----------
+    paths : str, Path or sequence of them
+        The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them.
+    columns : str or sequence of str, optional
+        Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
+    **answers
+        What the log does not say, as in ``import_log``.
+
+    Returns
+    -------
+    LogArrays
+        ``t_s`` (N,) s, ``gyro_rps`` (N, 3) rad/s, ``accel_mps2`` (N, 3) m/s², ``temp_c`` (N,) °C or None; ``session()``.
+
+    Raises
+    ------
+    CalibrationError
+        As ``import_log``.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> log = tinygc.read_log("flight.csv")  # doctest: +SKIP
+    >>> session = log.session()  # doctest: +SKIP
+
+    """
+    with _asking_for_keywords(), Sources(_paths(paths), Answers(**answers), _columns(columns)) as sources:
+        told = with_comments(Answers(**answers), sources)
+        told, assumed = with_sensor(sources, told)
+        joined = join(sources, told.odr_hz)
+        told, ranges = with_full_scales(sources, joined, told)
+    units = sensor_of(told).register_units
+    temp = None if joined.temp is None or joined.temp_layout is None else joined.temp_layout.temperature_c(joined.temp, units)
+    t_s = (joined.t_ns - joined.t_ns[0]) * 1e-9
+    rate_hz = float(f"{(len(t_s) - 1) / max(t_s[-1], 1e-9):.4g}")
+    notes = (*assumed, *ranges)
+    return LogArrays(
+        t_s,
+        joined.gyro * joined.gyro_layout.gyro_si(units),
+        joined.accel * joined.accel_layout.accel_si(units),
+        temp,
+        float(told.gyro_fs_dps or 0),
+        float(told.accel_fs_g or 0),
+        said_took(sources, joined, told, notes, rate_hz, float(t_s[-1])),
+        (*joined.notes, *notes),
+    )

@@ -17,7 +17,7 @@ from processes import environment, run
 pytestmark = pytest.mark.wheel
 
 #: what lies in a checkout and is not of it
-NOT_OURS = shutil.ignore_patterns(".git", "__pycache__", "*.egg-info", "build", "dist", ".venv", ".*_cache", ".hypothesis", "explain", "fit")
+NOT_OURS = shutil.ignore_patterns(".git", "__pycache__", "*.egg-info", "build", "dist", ".venv", ".*_cache", ".hypothesis", "fit")
 #: what building adds to an sdist
 ADDED = {"PKG-INFO", "setup.cfg"}
 #: in which no file of the checkout is imported
@@ -38,7 +38,7 @@ def built(tmp_path_factory) -> Built:
     pytest.importorskip("build", reason="python -m pip install build")
     folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
-    shutil.copytree(ROOT, source, ignore=lambda path, names: NOT_OURS(path, names) if not path.endswith("tinygc") else {"__pycache__"})
+    shutil.copytree(ROOT, source, ignore=NOT_OURS)
     for words in (["--outdir", folder / "whole"], ["--wheel", "--outdir", folder / "tree"]):
         done = run([sys.executable, "-m", "build", "--no-isolation", *words, source], capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr

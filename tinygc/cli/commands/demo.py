@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         {"name": each.name, "unit": each.unit, "value": each.value, "sigma": each.sigma, "truth": float(truth)}
         for each, truth in zip(result.parameters.values(), true, strict=True)
     ]
-    worst = max(abs(each["value"] - each["truth"]) / each["sigma"] for each in parameters)
+    worst = max(abs(each.value - truth) / each.sigma for each, truth in zip(result.parameters.values(), true, strict=True))
     console.print(fit_screen(result.result, decision), width=COLUMNS)
     console.print(files_line(result.result, saved, decision), soft_wrap=True)
     console.print(f"truth: the twelve numbers of E and B are within {worst:.1f} sigma of those that were simulated (truth.json)")

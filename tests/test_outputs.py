@@ -116,7 +116,10 @@ def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording,
             recording / name, tmp_path / f"to {name}", name in EVERY_WAY[: 3 if command in OF_EACH_KIND else 1]
         ).items():
             words = least(command_parsers()[command], recording, option, path)
-            if command in ("ports", "sensors", "demo", "simulate", "challenge", "record", "board", "list", "completion") and way == "a hard link":
+            if (
+                command in ("ports", "sensors", "demo", "simulate", "challenge", "record", "board", "list", "completion")
+                and way == "a hard link"
+            ):
                 continue  # they read no recording; what is written is put in the link's place, not into the file
             if command == "apply" and option == "--out" and way == "another case" and not path.exists():
                 continue  # a new log beside others is a log

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .fit import ACCELEROMETER, DEFAULTS
-from .shapes import COUNT, FLAG, HASH, NUMBER, SHARE, SIZE, TEXT, VECTOR, Shape, array, either, maybe, named, other, words
+from .shapes import COUNT, FLAG, HASH, NUMBER, SHARE, SIZE, TEXT, VECTOR, Shape, array, maybe, named, other, when, words
 
 #: of model files
 KINDS = (
@@ -210,7 +210,7 @@ TABLES = {
     "tinygc-list/1": {"sessions": [_LISTED]},
     "tinygc-completion/1": {"shell": words("bash", "zsh", "fish"), "script": TEXT},
     "tinygc-compare/2": _COMPARE,
-    "tinygc-apply/1": either(_APPLY, _APPLY_ARRAY),
+    "tinygc-apply/1": when("log", _APPLY_ARRAY, _APPLY),
     "tinygc-export/2": {"format": TEXT, "files": [TEXT], "remarks": [TEXT]},
     "tinygc-replay/2": {
         "folder": TEXT,

@@ -20,9 +20,9 @@ from .shapes import (
     Of,
     array,
     depth,
-    either,
     maybe,
     named,
+    when,
     words,
 )
 
@@ -246,7 +246,7 @@ _ARRAY = {
 }
 
 TABLES = {
-    "tinygc-explain/2": either(_EXPLAIN, _TRUTH),
+    "tinygc-explain/2": when("truth", _TRUTH, _EXPLAIN),
     "tinygc-array-explain/2": _ARRAY,
     "tinygc-plan/2": {
         "requested": maybe(TEXT),

@@ -21,6 +21,7 @@ from .shapes import (
     either,
     maybe,
     named,
+    when,
     words,
 )
 
@@ -126,7 +127,7 @@ _FIT = {
     "known_turns": [
         {
             "turn": COUNT,
-            "log": TEXT,
+            "log": maybe(TEXT),
             "segment": maybe(COUNT),
             "axis": VECTOR,
             "angle_deg": NUMBER,
@@ -387,7 +388,7 @@ _ARRAY = {
 
 TABLES = {
     "tinygc-array-fit/2": _ARRAY,
-    "tinygc-fit/2": either(_FIT, _REBIASED),
+    "tinygc-fit/2": when("bias", _REBIASED, _FIT),
     "tinygc-temperature/2": _TEMPERATURE,
     "tinygc-fitted/1": _FITTED,
     "tinygc-checkpoint/1": {

@@ -108,6 +108,11 @@ def by_kind(key: str, tables: dict[str, dict]) -> Of:
     return Of({"allOf": [{"properties": {key: {"enum": list(tables)}}}, *cases]})
 
 
+def when(key: str, there: dict, otherwise: dict) -> Of:
+    """Two forms of one format: with a key, and without it."""
+    return Of({"if": {"required": [key]}, "then": schema_of(there), "else": schema_of(otherwise)})
+
+
 def both(table: dict, cases: Of) -> Of:
     """A table and its cases."""
     return Of({**schema_of(table), **cases.schema})

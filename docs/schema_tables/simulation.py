@@ -21,6 +21,7 @@ from .shapes import (
     either,
     maybe,
     other,
+    when,
     words,
 )
 
@@ -209,7 +210,7 @@ TABLES = {
         "options": {"array?": _ARRAY, "<option>": depth(either(NUMBER, NULL, FLAG, TEXT), 1)},
         "effects?": _HIDDEN,
     },
-    "tinygc-truth/1": either(_TRUTH, _REST),
+    "tinygc-truth/1": when("rest", _REST, _TRUTH),
     "tinygc-array-truth/1": {
         "array": _ARRAY,
         "units": [

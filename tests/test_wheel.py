@@ -17,7 +17,9 @@ from processes import environment, run
 pytestmark = pytest.mark.wheel
 
 #: what lies in a checkout and is not of it
-NOT_OURS = shutil.ignore_patterns(".git", "__pycache__", "*.egg-info", "build", "dist", ".venv", ".*_cache", ".hypothesis", "fit")
+NOT_OURS = shutil.ignore_patterns(
+    ".git", "__pycache__", "*.egg-info", "build", "dist", ".venv", ".*_cache", ".hypothesis", "fit", "downloads"
+)
 #: what building adds to an sdist
 ADDED = {"PKG-INFO", "setup.cfg"}
 #: in which no file of the checkout is imported
@@ -108,3 +110,11 @@ def test_a_fresh_installation_calibrates_in_one_command(installed, tmp_path):
     done = run([installed / "calibrate", "report", "tinygc-demo", "--no-explain", "--quiet"], cwd=tmp_path, env=CLEAN, capture_output=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tinygc-demo" / "report.html").stat().st_size > 10_000
+
+
+def test_the_command_refuses_a_foreign_session_in_one_line(installed, tmp_path):
+    (tmp_path / "session.py").write_text("")
+    done = run([installed / "calibrate", "--version"], env=CLEAN | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"calibrate: {tmp_path / 'session.py'} is imported as 'session' in place of TinyGC's own, ")
+    assert done.stderr.count("\n") == 1

@@ -120,6 +120,6 @@ def both(table: dict, cases: Of) -> Of:
 
 VECTOR, MATRIX = named("vector", array(NUMBER, 3)), named("matrix", array(NUMBER, 3, 3))
 INTERVAL = array(NUMBER, 2)
-#: a parameter by its JSON name: one number, one for each axis, a matrix, or one of these for each moment
-PARAMETER = named("parameter", depth(maybe(NUMBER), 3))
+#: a parameter by its JSON name: one number, one for each axis, a matrix, or one of these for each moment; the word is that of an axis skew
+PARAMETER = named("parameter", either(depth(maybe(NUMBER), 3), words("readings")))
 PARAMETERS = {"<parameter>": PARAMETER}

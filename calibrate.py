@@ -11,6 +11,12 @@ import os
 import sys
 from typing import TextIO
 
+try:
+    import tinygc  # noqa: F401  # refuses a foreign ``session`` before anything is imported from it
+except ImportError as error:
+    print(f"calibrate: {error}", file=sys.stderr)
+    sys.exit(2)
+
 from session.io.errors import CalibrationError
 from session.io.texts import printable
 from tinygc.cli.arguments import parser, present_words, refuse_overwriting

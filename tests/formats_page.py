@@ -1,10 +1,16 @@
-"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack."""
+"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack; the
+schemas of docs/formats/schemas."""
 
+import json
 import re
+from functools import cache
 from itertools import product
 from pathlib import Path
 
 from annex import annex
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
+from referencing import Registry, Resource
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md"))]
@@ -55,6 +61,7 @@ STANDS_FOR = {
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
     "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
     "<follows>": lambda word: word in annex("tinygc.annexes.discovery.quantities").QUANTITIES,
+    "<full scale>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }
 
@@ -75,12 +82,26 @@ def leaves(value, path: tuple[str, ...] = ()):
         yield path, value
 
 
+@cache
+def validators() -> dict[str, Draft202012Validator]:
+    """Format -> what holds a table against its schema."""
+    schemas = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (ROOT / "docs" / "formats" / "schemas").glob("*.json")}
+    registry = Registry().with_resources((name, Resource.from_contents(schema)) for name, schema in schemas.items())
+    return {schema["title"]: Draft202012Validator(schema, registry=registry) for schema in schemas.values()}
+
+
 def strangers(table: dict) -> list[str]:
+    """What of a table the pages or its schema do not know."""
+    wrong = best_match(validators()[table["schema"]].iter_errors(table))
+    return unknown_keys(table) + ([] if wrong is None else [f"{wrong.json_path}: {wrong.message[:300]}"])
+
+
+def unknown_keys(table: dict) -> list[str]:
     """Keys of a table that its section of the page does not have."""
     known, missing = keys_on_page(table["schema"]), []
     for path, value in leaves(table):
         if isinstance(value, dict) and "schema" in value:
-            missing += [f"{'.'.join(path)}: {word}" for word in strangers(value)]
+            missing += [f"{'.'.join(path)}: {word}" for word in unknown_keys(value)]
         # Nothing, or an empty list, stands for all that could be in it.
         whole = value not in (None, [], {})
         if not any(_matches(path, pattern, whole) for pattern in known):

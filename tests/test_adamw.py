@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from formats_page import strangers
 
 from session.io.errors import FitError
 from tinygc.estimation.adamw import forget, minimise
@@ -42,7 +43,9 @@ def test_resumed_equals_uninterrupted(tmp_path):
     path = tmp_path / "deep" / "checkpoint.json"
     whole = run()
     interrupted(path)
-    assert len(json.loads(path.read_text())["losses"]) == 17
+    kept = json.loads(path.read_text())
+    assert len(kept["losses"]) == 17
+    assert strangers(kept) == []
     resumed = run(checkpoint=Checkpoint(path, resume=True))
     for a, b in zip(whole, resumed, strict=True):
         np.testing.assert_array_equal(a, b)

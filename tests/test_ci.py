@@ -35,6 +35,19 @@ def test_the_hosted_service_runs_the_same_script():
     assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest", 'python -m pytest -m "broad and not slow"']
 
 
+def test_the_hosted_service_builds_what_people_install():
+    """Docker is not everywhere: the image is built there alone, from a file whose words are checked here."""
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))["jobs"]
+    assert {"python -m build", "docker build -t tinygc .", "docker run --rm tinygc demo"} <= set(steps(jobs["packages"]))
+    lines = (ROOT / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    copied = [word for line in lines if line.startswith("COPY ") and "--from" not in line for word in line.split()[1:-1]]
+    assert all((ROOT / name).exists() and f"!{name}" in ignored for name in copied)
+    oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
+    assert lines.index("USER calibrate") < lines.index('ENTRYPOINT ["calibrate"]')
+    assert all(line.startswith(f"FROM python:{oldest}-slim") for line in lines if line.startswith("FROM "))
+
+
 def test_a_commit_is_checked_by_the_commands_of_the_script():
     repos = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
     own = [hook["entry"] for repo in repos if repo["repo"] == "local" for hook in repo["hooks"]]

@@ -64,7 +64,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(run, arguments):
         (("export", "x", "--to", "kaliber"), "is 'kalibr' meant?"),
         (("fit", "x", "--methods", "least-squares"), "is 'least_squares' meant?"),
         (("fit", "x", "--bias", "still"), "is 'stills' meant?"),
-        (("zzz",), "'zzz' is no command, expected sensors, ports"),
+        (("zzz",), "'zzz' is no command, expected demo, sensors, ports"),
     ],
 )
 def test_a_wrong_word_is_answered_with_the_nearest(run, arguments, words):

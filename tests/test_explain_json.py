@@ -6,6 +6,7 @@ import re
 import pytest
 from conftest import broad
 from explained_sessions import FALSE_ROWS, make_explained, make_session
+from formats_page import strangers
 
 from tinygc.effects import catalogue
 from tinygc.explanation.claims import SMALLEST_P
@@ -54,6 +55,7 @@ def test_the_json_is_as_formats_has_it(explained, name):
     assert json.loads(json.dumps(result, allow_nan=False)) == result
     assert all(isinstance(result[key], kind) for key, kind in KEYS.items())
     assert result["schema"] == SCHEMA == "tinygc-explain/2"
+    assert strangers(result) == []
     assert result["session"] == explanation.session.name
     assert result["verdict"] in ("no_mismatch", "explained", "ambiguous", "partly_explained", "unexplained")
     mismatch = result["mismatch"]

@@ -102,7 +102,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
     assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
     assert {name for name, option in outputs(file_written) if option == "--json"} == set(present_commands())
     assert set(outputs(file_written, log_written)) > {("report", "--out"), ("apply", "--out"), ("board", "--config"), ("board", "--link")}
-    writing_folders = {"check", "record", "import", "accelerometer", "fit", "explain", "export", "challenge", "simulate", "fleet"}
+    writing_folders = {"check", "record", "import", "accelerometer", "fit", "explain", "export", "challenge", "simulate", "fleet", "demo"}
     assert {name for name, _ in outputs(folder_written)} == writing_folders & set(present_commands())
     for command in command_parsers().values():
         assert isinstance(command.get_default("paths"), Paths)
@@ -116,7 +116,10 @@ def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording,
             recording / name, tmp_path / f"to {name}", name in EVERY_WAY[: 3 if command in OF_EACH_KIND else 1]
         ).items():
             words = least(command_parsers()[command], recording, option, path)
-            if command in ("ports", "sensors", "simulate", "challenge", "record", "board", "list", "completion") and way == "a hard link":
+            if (
+                command in ("ports", "sensors", "demo", "simulate", "challenge", "record", "board", "list", "completion")
+                and way == "a hard link"
+            ):
                 continue  # they read no recording; what is written is put in the link's place, not into the file
             if command == "apply" and option == "--out" and way == "another case" and not path.exists():
                 continue  # a new log beside others is a log

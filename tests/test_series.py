@@ -6,6 +6,7 @@ import re
 import signal
 
 import pytest
+from formats_page import strangers
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
 
 from session.bench.session_file import BoardListener, BoardSeries, SeriesEntry, folder_name
@@ -47,6 +48,7 @@ def test_three_boards_in_a_row(tmp_path):
     assert process.returncode == 0
     told = json.loads((tmp_path / "row.json").read_text())
     assert told["schema"] == "tinygc-series/1"
+    assert strangers(told) == strangers(json.loads((row / "series.json").read_text())) == []
     assert [(board["serial"], board["session"], board["done"], board["segments"]) for board in told["boards"]] == [
         ("SN1", "SN1", True, 1),
         ("SN2", "SN2", True, 1),

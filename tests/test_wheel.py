@@ -1,48 +1,120 @@
-"""The wheel: built from the project's files, installed beside nothing of them, it has all that the commands need."""
+"""Wheel and sdist: built from the project's files, installed beside nothing of them, they have all that the commands and the tests need."""
 
+import os
 import shutil
 import sys
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from processes import run
+from processes import environment, run
 
 pytestmark = pytest.mark.wheel
 
+#: what lies in a checkout and is not of it
+NOT_OURS = shutil.ignore_patterns(
+    ".git", "__pycache__", "*.egg-info", "build", "dist", ".venv", ".*_cache", ".hypothesis", "fit", "downloads"
+)
+#: what building adds to an sdist
+ADDED = {"PKG-INFO", "setup.cfg"}
+#: in which no file of the checkout is imported
+CLEAN = environment(PYTHONPATH="", PYTHONNOUSERSITE="1")
+
+
+@dataclass(frozen=True)
+class Built:
+    """sdist: of a copy of the checkout; wheel: made from the sdist, as ``python -m build`` does; tree_wheel: from the copy itself."""
+
+    sdist: Path
+    wheel: Path
+    tree_wheel: Path
+
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory) -> Path:
-    """A folder with the package as ``pip`` installs it from the wheel."""
-    folder = tmp_path_factory.mktemp("wheel")
+def built(tmp_path_factory) -> Built:
+    pytest.importorskip("build", reason="python -m pip install build")
+    folder = tmp_path_factory.mktemp("built")
     source = folder / "source"
-    for name in ("session", "tinygc"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "calibrate.py", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    built = run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, source], capture_output=True, text=True)
-    assert built.returncode == 0, built.stderr
-    (wheel,) = folder.glob("tinygc-*.whl")
-    done = run([*pip, "install", "--no-deps", "--target", folder / "site", wheel], capture_output=True, text=True)
+    shutil.copytree(ROOT, source, ignore=NOT_OURS)
+    for words in (["--outdir", folder / "whole"], ["--wheel", "--outdir", folder / "tree"]):
+        done = run([sys.executable, "-m", "build", "--no-isolation", *words, source], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    (sdist,), (wheel,), (tree_wheel,) = (folder.glob(name) for name in ("whole/*.tar.gz", "whole/*.whl", "tree/*.whl"))
+    return Built(sdist, wheel, tree_wheel)
+
+
+@pytest.fixture(scope="module")
+def installed(built, tmp_path_factory) -> Path:
+    """The commands' folder of an environment that holds the wheel; what the wheel depends on is seen through a path."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=False)
+    scripts = folder / ("Scripts" if os.name == "nt" else "bin")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "--python", scripts / "python"]
+    done = run([*pip, "install", "--no-deps", "--no-index", built.wheel], env=CLEAN, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return folder / "site"
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
+    assert (site / "calibrate.py").exists()
+    paths = dict.fromkeys(sysconfig.get_path(name) for name in ("purelib", "platlib"))
+    (site / "dependencies.pth").write_text("".join(f"{path}\n" for path in paths), encoding="utf-8")
+    return scripts
 
 
-def test_it_holds_every_file_of_the_packages(installed):
-    for package in ("session", "tinygc"):
-        source = {path.relative_to(ROOT) for path in (ROOT / package).rglob("*") if path.is_file() and "__pycache__" not in path.parts}
-        there = {path.relative_to(installed) for path in (installed / package).rglob("*") if path.is_file()}
-        assert source <= there
+def files_of(wheel: Path) -> dict[str, bytes]:
+    """Name -> content, without the record of hashes, which follows from these."""
+    with zipfile.ZipFile(wheel) as packed:
+        return {name: packed.read(name) for name in packed.namelist() if not name.endswith("RECORD")}
 
 
-def test_it_calibrates_and_reports(installed, simulated, tmp_path):
-    session = tmp_path / "session"
-    shutil.copytree(simulated(), session)
-    for words in (["fit", session, "--methods", "least_squares"], ["report", session, "--no-explain"]):
-        start = f"import sys; sys.path.insert(0, {str(installed)!r}); import calibrate"
-        code = f"{start}; print(calibrate.__file__); sys.exit(calibrate.main(sys.argv[1:]))"
-        done = run([sys.executable, "-P", "-c", code, *words, "--quiet"], cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.startswith(str(installed))
-    assert (session / "report.html").stat().st_size > 10_000
+def test_the_wheel_of_the_sdist_is_that_of_the_tree(built):
+    assert files_of(built.wheel) == files_of(built.tree_wheel)
+
+
+def test_the_wheel_holds_every_file_of_the_packages_and_no_other(built):
+    source = {
+        path.relative_to(ROOT).as_posix()
+        for package in ("session", "tinygc")
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    names = {name for name in files_of(built.wheel) if ".dist-info/" not in name}
+    assert names == source | {"calibrate.py"}
+
+
+def test_the_sdist_holds_every_file_that_git_keeps_and_no_other(built):
+    if not (ROOT / ".git").exists() or shutil.which("git") is None:
+        pytest.skip("no git checkout")
+    listed = run(["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True, check=True)
+    kept = {name for name in listed.stdout.splitlines() if (ROOT / name).exists()}
+    with tarfile.open(built.sdist) as packed:
+        names = {member.name.split("/", 1)[1] for member in packed if member.isfile()}
+    assert {name for name in names if ".egg-info/" not in name} - ADDED == kept
+
+
+def test_a_fresh_installation_calibrates_in_one_command(installed, tmp_path):
+    """The screen is that of the README, from files of the wheel alone; then the commands that it names."""
+    where = "import calibrate, session, tinygc; print(calibrate.__file__, session.__file__, tinygc.__file__, sep='\\n')"
+    done = run([installed / "python", "-c", where], cwd=tmp_path, env=CLEAN, capture_output=True, text=True, check=True)
+    assert all(Path(line).is_relative_to(installed.parent) for line in done.stdout.splitlines())
+    done = run([installed / "calibrate", "demo"], cwd=tmp_path, env=CLEAN, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shown,) = (block for block in readme.split("```\n") if block.startswith("PASS"))
+    printed = [line.rstrip() for line in done.stdout.splitlines()]
+    assert set(shown.splitlines()) <= set(printed)
+    assert "  calibrate report tinygc-demo" in printed
+    done = run([installed / "calibrate", "report", "tinygc-demo", "--no-explain", "--quiet"], cwd=tmp_path, env=CLEAN, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tinygc-demo" / "report.html").stat().st_size > 10_000
+
+
+def test_the_command_refuses_a_foreign_session_in_one_line(installed, tmp_path):
+    (tmp_path / "session.py").write_text("")
+    done = run([installed / "calibrate", "--version"], env=CLEAN | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"calibrate: {tmp_path / 'session.py'} is imported as 'session' in place of TinyGC's own, ")
+    assert done.stderr.count("\n") == 1

@@ -36,9 +36,21 @@ Nothing heavy is imported before a name is used; torch only where a network is t
 from __future__ import annotations
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
-from session import VERSION
+import session as _session
+
+# Any project may have a ``session``.  That of this installation lies beside this package; another one would fail somewhere within.
+_home = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+_found = os.path.abspath(_session.__file__ or os.curdir)
+if not hasattr(_session, "VERSION") or os.path.dirname(os.path.dirname(_found)) != _home:
+    raise ImportError(
+        f"{_found} is imported as 'session' in place of TinyGC's own, {os.path.join(_home, 'session')}; rename it, or take its folder "
+        "off the path (PYTHONPATH, or the folder of the script that was started), or install TinyGC into an environment of its own",
+        name="session",
+        path=_found,
+    )
 
 if TYPE_CHECKING:
     from session.detect.findings import Finding as Finding
@@ -68,7 +80,7 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import simulate as simulate
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
-__version__ = VERSION
+__version__ = _session.VERSION
 
 #: module -> the public names that stand there
 _HOMES = {

@@ -118,7 +118,7 @@ def test_disagreement_is_found_as_it_was_put_in():
 
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
-    found = [replace(unit, sha256=("00", "01")) for unit in units(3)]
+    found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
     model = model_of(found, correlation=np.eye(9), joint_covariance=np.eye(36) * 1e-8, session="a\nb")
     save_array_model(model, tmp_path / "array.json")
     again = load_array_model(tmp_path / "array.json")

@@ -215,7 +215,7 @@ def test_a_promise_is_judged_only_where_the_sizes_decide_it(sizes, agrees):
 
 
 def examined(*found):
-    return recording_examination.OwnExamination("mine", 1, "00", "explained", ("gyro.g_sensitivity",), list(found))
+    return recording_examination.OwnExamination("mine", 1, "0" * 64, "explained", ("gyro.g_sensitivity",), list(found))
 
 
 def printed(result):

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import broad
+from formats_page import strangers
 from lots import MEAN, SIGMA, lot, session_of_unit
 from processes import calibrate
 
@@ -272,6 +273,7 @@ def test_four_turns_fit_with_a_lot_and_say_what_it_gave(four, file, tmp_path):
     done = calibrate("fit", four, "--out", tmp_path / "fit", "--lot", file, "--json", tmp_path / "fit.json")
     assert done.returncode in (0, 1), done.stderr  # so few turns may not show that they close better than nothing
     table = json.loads((tmp_path / "fit.json").read_text())
+    assert strangers(table) == []
     told = table["lot"]
     assert told["used"] == "yes"
     assert told["file"] == "lot.json"
@@ -282,6 +284,7 @@ def test_four_turns_fit_with_a_lot_and_say_what_it_gave(four, file, tmp_path):
     assert set(table["methods"]) == {"raw", "raw_bias_removed", "least_squares"}
     assert "The unit belongs to the lot of lot.json, 500 units" in " ".join(done.stdout.split())
     model = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())
+    assert strangers(model) == []
     assert model["lot"] == {key: told[key] for key in ("file", "hash", "used", "belongs_probability")}
 
 

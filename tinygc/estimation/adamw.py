@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.errors import FitError, FormatError
+from session.io.errors import CalibrationError, FitError, FormatError
 from session.io.results import Array, Keys, Text, read_required, write_whole
 from tinygc.estimation.options import NAME, Checkpoint
 
@@ -31,8 +31,18 @@ EVERY_S = 5.0
 
 
 def device() -> str:
-    """Return the available device: an accelerator with double precision, or the processor."""
-    import torch
+    """Return the available device: an accelerator with double precision, or the processor.  Whoever imports torch asks for it first.
+
+    Raises CalibrationError where PyTorch is not installed: nothing else needs it.
+    """
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise CalibrationError(
+            "training TinyGC-Net with AdamW needs PyTorch; python -m pip install torch, or leave out --optimizer adamw"
+        ) from None
 
     return "cuda" if torch.cuda.is_available() else "cpu"
 

@@ -402,9 +402,10 @@ def train_adamw(
     material: Material, calibration: Model, options: DenoiseOptions, progress: Progress, checkpoint: Checkpoint | None = None
 ) -> DenoiserTraining:
     """Train by AdamW as ``train_denoiser``.  For a nonlinear net the shared noise is estimated by added noise (Ramani 2008)."""
+    where = device()
     import torch
 
-    batch, smoothing, where = material.batch, options.loss != "endpoint", device()
+    batch, smoothing = material.batch, options.loss != "endpoint"
     delay = options.delay if options.loss == "neighbours" else 0
     context = np.ascontiguousarray(calibration(material.context))
     x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))

@@ -358,10 +358,10 @@ def train_adamw(
     before (S,): the part that each continues, as in ``train_second_order``; loss: "squared" or "distance".
     Raises FitError where the loss is not finite, or where a checkpoint to resume belongs to other data or settings.
     """
+    where = device()
     import torch
 
     start = start or CalibrationNet.identity()
-    where = device()
     before = np.full(len(batch), -1) if before is None else before
     spread_of_rows = carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
     weights_of_rows = 2 / spread_of_rows

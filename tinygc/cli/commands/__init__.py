@@ -18,6 +18,7 @@ from types import ModuleType
 from session.io.annexes import SERVICES, find, need
 
 COMMANDS = {
+    "demo": "tinygc.cli.commands.demo",
     "sensors": "tinygc.cli.commands.sensors",
     "ports": "tinygc.cli.commands.ports",
     "board": "tinygc.cli.commands.board",

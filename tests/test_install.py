@@ -1,0 +1,143 @@
+"""An installation: what ``demo`` writes, what works without PyTorch, and what a foreign module of one of our names does."""
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, broad
+from processes import PIPE, CompletedProcess, environment, run
+
+import tinygc
+
+#: a finder before all others, which knows of no torch, as where it was never installed
+WITHOUT_TORCH = """
+import sys
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "torch":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+"""
+WITH_TORCH = "import sys\n"
+#: each works alone on the folder that the first one makes
+COMMANDS = (
+    "simulate --out s --segments 12 --closure 12 --odr-hz 104 --seed 1",
+    "check s",
+    "fit s --methods raw,least_squares --folds 2",
+    "explain s --no-pictures",
+    "report s --no-explain --methods least_squares --folds 2",
+    "apply s/fit/model_least_squares.json s/log0001.csv.gz -o out.csv",
+    "export s --to c --out exported",
+    "replay s/log0001.csv.gz --out again",
+)
+
+
+def commands(start: str, words: list[str], folder: Path) -> CompletedProcess:
+    """Commands in one process; each is followed by its exit code and whether torch is there, on a line of standard output."""
+    code = f"""{start}
+import tinygc, calibrate
+for line in {words!r}:
+    code = calibrate.main([*line.split(), "--quiet"])
+    print("did", line.split()[0], code, "torch" in sys.modules)
+"""
+    return run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+
+
+# The demonstration
+
+
+@pytest.mark.broad
+def test_demo_is_the_session_of_the_checkout_and_recovers_its_truth(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("demo", "--json", "demo.json")
+    assert code == 0
+    made, kept = (tinygc.read_session(folder) for folder in ("tinygc-demo", ROOT / "data" / "session1"))
+    assert [log.samples.gyro.tolist() for log in made.logs] == [log.samples.gyro.tolist() for log in kept.logs]
+    table = json.loads(Path("demo.json").read_text(encoding="utf-8"))
+    errors = [(each["value"] - each["truth"]) / each["sigma"] for each in table["parameters"]]
+    assert len(errors) == 12
+    assert 0.3 < max(map(abs, errors)) < 4
+    assert f"within {max(map(abs, errors)):.1f} sigma" in out
+    assert table["fit"]["verdict"]["answer"] == "pass"
+    code, _, complaint = run("demo")
+    assert (code, complaint) == (2, "calibrate: tinygc-demo: not empty; give a new folder, or --force to replace an earlier simulation\n")
+
+
+# PyTorch
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize("start", [WITH_TORCH, WITHOUT_TORCH], ids=["installed", "missing"])
+def test_no_command_loads_torch_where_no_net_is_trained_by_adamw(start, tmp_path):
+    done = commands(start, [*COMMANDS, "demo", "fit s --folds 2 --out nets"], tmp_path)
+    assert done.stderr == ""
+    lines = [line for line in done.stdout.splitlines() if line.startswith("did ")]
+    names = [line.split()[0] for line in (*COMMANDS, "demo", "fit")]
+    assert lines == [f"did {name} 0 False" for name in names]
+
+
+def test_a_net_that_needs_torch_says_so_in_one_line(simulated, tmp_path):
+    line = f"fit {simulated()} --methods tinygc --optimizer adamw --epochs 1 --folds 2 --out {tmp_path}"
+    done = commands(WITHOUT_TORCH, [line], tmp_path)
+    needs = "training TinyGC-Net with AdamW needs PyTorch; python -m pip install torch, or leave out --optimizer adamw"
+    assert done.stderr == f"calibrate: {needs}\n"
+    assert done.stdout == "did fit 2 False\n"
+
+
+# Foreign modules of our names
+
+
+def started(*words: str, path: Sequence[Path]) -> CompletedProcess:
+    """Python with folders of its own on the path: ``-P`` keeps the working folder, which is the checkout, off it."""
+    return run([sys.executable, "-P", *words], env=environment(PYTHONPATH=os.pathsep.join(map(str, path))), capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("name", ["session.py", broad("session/__init__.py")])
+@pytest.mark.parametrize("what", ["import tinygc", broad("import calibrate"), broad("import tinygc.library.sessions")])
+def test_a_foreign_session_before_ours_is_refused_in_one_line(name, what, tmp_path):
+    foreign = tmp_path / name
+    foreign.parent.mkdir(exist_ok=True)
+    foreign.write_text("VERSION = '9'\n")
+    done = started("-c", what, path=[tmp_path, ROOT])
+    assert done.returncode != 0
+    line = done.stderr.splitlines()[-1]
+    assert f"{foreign} is imported as 'session' in place of TinyGC's own, {ROOT / 'session'}; rename it" in line
+    if what == "import calibrate":  # as the installed command does
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_a_foreign_session_that_took_our_place_is_refused(tmp_path):
+    """Two distributions in one site-packages: the one that was installed last has overwritten the other's files."""
+    (tmp_path / "tinygc").mkdir()
+    (tmp_path / "tinygc" / "__init__.py").write_bytes((ROOT / "tinygc" / "__init__.py").read_bytes())
+    (tmp_path / "session.py").write_text("")
+    done = started("-c", "import tinygc", path=[tmp_path])
+    assert "session.py is imported as 'session' in place of TinyGC's own" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.broad
+def test_what_lies_behind_ours_or_is_no_package_changes_nothing(tmp_path):
+    """A folder ``session`` without ``__init__.py`` is no package beside ours; ``python calibrate.py`` finds its own folder first."""
+    (tmp_path / "session").mkdir()
+    assert started("-c", "import tinygc", path=[tmp_path, ROOT]).returncode == 0
+    (tmp_path / "session" / "__init__.py").write_text("raise SystemExit('foreign')")
+    (tmp_path / "calibrate.py").write_text("raise SystemExit('foreign')")
+    assert started("-c", "import tinygc, calibrate", path=[ROOT, tmp_path]).returncode == 0
+    assert run(
+        [sys.executable, ROOT / "calibrate.py", "--version"], env=environment(PYTHONPATH=str(tmp_path)), stdout=PIPE, text=True
+    ).stdout.startswith("TinyGC ")
+
+
+@pytest.mark.broad
+def test_a_foreign_calibrate_changes_the_command_alone(tmp_path):
+    """``import tinygc`` needs no calibrate.py; the command imports the first one that the path leads to."""
+    (tmp_path / "calibrate.py").write_text("")
+    path = [tmp_path, ROOT]
+    assert started("-c", "import tinygc; tinygc.simulate(segments=3, closure_s=0)", path=path).returncode == 0
+    done = started("-c", "from calibrate import main", path=path)
+    assert str(tmp_path / "calibrate.py") in done.stderr.splitlines()[-1]

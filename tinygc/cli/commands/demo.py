@@ -1,0 +1,64 @@
+"""``demo``: a simulated session, written and fitted at once, so that a fresh installation has something to try."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.arguments import folder_written
+from tinygc.cli.results import output, print_commands, write_json
+
+SUMMARY = "try the tool: write a simulated session, fit it, compare with its truth"
+#: the session of data/session1; ``--seed`` counts on from it
+SEGMENTS, CLOSURE_S, FIRST_SEED = 40, 58.0, 1
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    command.add_argument(
+        "--out", type=folder_written, default=Path("tinygc-demo"), metavar="DIR", help="session folder to write (./tinygc-demo)"
+    )
+    command.add_argument("--force", action="store_true", help="replace an earlier simulation there")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, save, fit by all methods, and hold the fitted parameters against the true ones."""
+    import numpy as np
+
+    from session.io.texts import command_line
+    from tinygc.library.sessions import fit, simulate
+    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen
+    from tinygc.reporting.terminal import progress_bar
+    from tinygc.simulation.write import check_folder
+
+    check_folder(args.out, args.force)  # before the work
+    simulated = simulate(segments=SEGMENTS, closure_s=CLOSURE_S, seed=FIRST_SEED + args.seed)
+    folder = simulated.save(args.out, force=args.force)
+    console = output(args)
+    console.print(f"{folder}: a simulated session, fitted as a recorded one", soft_wrap=True)
+    with progress_bar(args.quiet) as progress:
+        result = fit(folder, progress=progress)
+    decision = result.verdict()
+    saved = result.save()
+
+    true = np.append(np.ravel(simulated.truth["E"]), np.radians(simulated.truth["B_dps"]))
+    parameters = [
+        {"name": each.name, "unit": each.unit, "value": each.value, "sigma": each.sigma, "truth": float(truth)}
+        for each, truth in zip(result.parameters.values(), true, strict=True)
+    ]
+    worst = max(abs(each.value - truth) / each.sigma for each, truth in zip(result.parameters.values(), true, strict=True))
+    console.print(fit_screen(result.result, decision), width=COLUMNS)
+    console.print(files_line(result.result, saved, decision), soft_wrap=True)
+    console.print(f"truth: the twelve numbers of E and B are within {worst:.1f} sigma of those that were simulated (truth.json)")
+    log, model = next(folder.glob("closure*")), saved / "model_least_squares.json"
+    print_commands(
+        args,
+        "next:",
+        command_line("report", folder),
+        command_line("explain", folder),
+        command_line("apply", model, log, "-o", "calibrated.csv"),
+        command_line("replay", "LOG.csv", "--out", "mine") + "  # a log of your own",
+    )
+    table = {"schema": "tinygc-demo/1", "folder": str(folder), "parameters": parameters, "fit": result.to_json()}
+    write_json(args.json, table)
+    return 0 if decision.passed else 1

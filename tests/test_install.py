@@ -33,7 +33,7 @@ COMMANDS = (
     "report s --no-explain --methods least_squares --folds 2",
     "apply s/fit/model_least_squares.json s/log0001.csv.gz -o out.csv",
     "export s --to c --out exported",
-    "replay s/log0001.csv.gz --out again",
+    "import s/log0001.csv.gz --out again",
 )
 
 

@@ -217,10 +217,12 @@ TABLES = {
         "log": TEXT,
         "dialects": [TEXT],
         "samples": COUNT,
+        "took": [TEXT],
         "notes": [TEXT],
         "next": [TEXT],
         "findings": [FINDING],
     },
+    "tinygc-readers/1": {"readers": [{"name": TEXT, "example": TEXT, "needs": TEXT}]},
     "tinygc-record/1": _RECORD,
     "tinygc-series/1": {
         "folder?": TEXT,

@@ -20,8 +20,8 @@ from dialect_logs import (
     triads,
 )
 
+from session.io.clock import exact_ns
 from session.io.errors import DataError, FormatError
-from session.io.reader import exact_ns
 from tinygc import read_session
 
 pytestmark = pytest.mark.broad

@@ -14,7 +14,7 @@ import calibrate
 from session.io.errors import FormatError
 from session.io.forms import form_of
 from session.io.questions import QuestionsError
-from session.io.reader import evenly
+from session.io.stamps import evenly
 from session.io.units import G
 from tinygc import read_session
 

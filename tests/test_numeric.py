@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from session.io.numeric import runs_of, sigma_of, sigma_of_steps
-from session.io.reader import fresh
 from session.io.samples import Samples, start_times
+from session.io.stamps import fresh
 from session.io.units import NS_PER_S
 
 

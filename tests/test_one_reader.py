@@ -88,7 +88,7 @@ def test_seconds_of_a_running_clock_keep_every_nanosecond(start, tmp_path):
 
 def test_seconds_of_some_days_are_right_to_the_nanosecond():
     """Up to 2^50 ns the fast way, by a float64, gives what the decimal text says."""
-    from session.io.reader import CLOSE_NS, parse
+    from session.io.numbers import CLOSE_NS, parse
     from session.io.standard import parse_header
 
     t_ns = np.random.default_rng(1).integers(-CLOSE_NS + 1, CLOSE_NS, 20_000)

@@ -17,9 +17,10 @@ from session.io.config import Sensor, TruthReading
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.lines import Lines
-from session.io.reader import Reader, fresh
+from session.io.reader import Reader
 from session.io.registers import RegisterUnits
 from session.io.samples import Growing, PackedReadings, Packer, Samples, times
+from session.io.stamps import fresh
 from session.io.units import DEG, NS_PER_S, STAMP_NS
 
 # One log of a session: a standard log (FORMATS), read by the one reader (``session/dialects``), in SI.

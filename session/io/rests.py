@@ -14,8 +14,9 @@ import numpy as np
 
 from session.io.config import Sensor
 from session.io.errors import DataError, FormatError
-from session.io.reader import Reader, fresh
+from session.io.reader import Reader
 from session.io.samples import Samples
+from session.io.stamps import fresh
 from session.io.units import NS_PER_S
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.io.errors import DataError
-from session.io.reader import ERA_NS
+from session.io.stamps import ERA_NS
 from session.io.units import DEG, NS, SI, G, beyond_any_sensor
 
 # Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.

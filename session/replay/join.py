@@ -9,7 +9,8 @@ import numpy as np
 
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
-from session.io.reader import Piece, counted, evenly, fresh
+from session.io.reader import Piece
+from session.io.stamps import counted, evenly, fresh
 from session.io.units import NS_PER_S, G
 from session.replay.sources import Source
 

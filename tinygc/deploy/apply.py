@@ -22,9 +22,10 @@ from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.lines import STANDARD
 from session.io.logfile import CALIBRATED, already_calibrated
 from session.io.numeric import decimal_rows
-from session.io.reader import Reader, counted
+from session.io.reader import Reader
 from session.io.registers import DEFAULT, RegisterUnits, require_registers
 from session.io.results import whole
+from session.io.stamps import counted
 from session.io.standard import flags_of
 from session.io.texts import command_line
 from session.io.units import DEG

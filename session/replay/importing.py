@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from session.io.annexes import find, need
@@ -65,6 +66,6 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
         yield name, example, ""
     yield "columns by their names", "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
     registry = find("binary logs")
-    for reader in registry.readers() if registry is not None else ():
+    for reader in map(import_module, registry.READERS.values()) if registry is not None else ():
         needs = f"{reader.PACKAGE}: pip install 'tinygc[{reader.EXTRA}]'" if reader.PACKAGE else ""
         yield reader.NAME, reader.EXAMPLE, needs

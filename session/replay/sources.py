@@ -82,15 +82,15 @@ class Sources:
 def _sources_of(path: Path, answers: Answers, stack: ExitStack) -> list[Source]:
     if str(path) == STANDARD or not path.exists():
         return [Reader(path, answers)]
-    if path.is_dir():
-        return _of_folder(path, answers)
-    if not path.is_file():
+    if not path.is_file() and not path.is_dir():
         return [Reader(path, answers)]  # a pipe
-    head = head_of(path)
+    head = b"" if path.is_dir() else head_of(path)
     registry = find("binary logs")
     reader = None if registry is None else registry.reader_of(path, head)
     if reader is not None:
         return list(_streams(path, reader, answers))
+    if path.is_dir():
+        return _of_folder(path, answers)
     if head.startswith(b"PK\x03\x04"):
         return _of_folder(_unpacked(path, stack), answers, path.name)
     return [Reader(path, answers)]
@@ -130,8 +130,10 @@ def _of_folder(folder: Path, answers: Answers, called: str = "") -> list[Source]
             continue
     if asked and not found:
         raise all_of(asked)
+    name = called or str(folder)
+    if not paths:
+        raise FormatError(f"{name}: cannot be read (it holds no {', '.join(SUFFIXES)}); give the log's file")
     if not found:
-        name = called or str(folder)
         raise FormatError(f"{name}: none of its {len(paths)} text files holds a gyroscope or an accelerometer; give the files themselves")
     return found
 

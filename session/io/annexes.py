@@ -24,6 +24,7 @@ SERVICES = {
     "earlier discoveries": "tinygc.annexes.discovery.report_section",
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
+    "binary logs": "session.annexes.logs.registry",
     "commands on arrays": "tinygc.annexes.arrays.command",
     "rest logs and temperature": "tinygc.annexes.temperature.command",
     "models over temperature": "tinygc.annexes.temperature.model",

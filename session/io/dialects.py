@@ -152,7 +152,9 @@ NEEDED = tuple(f"{letter}{axis}" for letter in "ga" for axis in "xyz")
 
 def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:
     """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
-    wanted = _parse(text)
+    wanted = parse_columns(text, KEY, EXPECTED)
+    if missing := [key for key in NEEDED if key not in wanted]:
+        raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
             names = split(line, delimiter)
@@ -169,8 +171,8 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, in
             if headless:
                 return delimiter, number, tuple(f"column {place + 1}" for place in range(len(names))), columns
             return delimiter, number + 1, names, columns
-    missing = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
-    problem = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
+    unknown = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
+    problem = f"no column {unknown[0]!r}" if unknown else "no line with all of these columns"
     first = next((line.strip()[:60] for line in lines if line.strip()), "")
     raise FormatError(f"{name}: {problem} (--columns); it begins {first!r}")
 
@@ -183,26 +185,26 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
     return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
 
 
-def _parse(text: str) -> dict[str, tuple[str, str, int]]:
-    """{gx: (name or number, unit, sign)}."""
+def parse_columns(text: str, pattern: re.Pattern[str], expected: str) -> dict[str, tuple[str, str, int]]:
+    """{gx: (name or number, unit, sign)} of the text of ``--columns``; pattern: of its keys, with the quantity and the unit as groups.
+
+    FormatError, which says what is expected, for another key and for one that is given twice.
+    """
     wanted = {}
     for entry in text.split(","):
         key, equals, what = entry.strip().partition("=")
-        match = KEY.fullmatch(key.strip())
+        match = pattern.fullmatch(key.strip())
         if not match or not equals or not what.strip().lstrip("-"):
-            raise FormatError(f"--columns: {entry.strip()!r} is no column; {EXPECTED}")
+            raise FormatError(f"--columns: {entry.strip()!r} is no column; {expected}")
         kind, unit = match[1], match[2] or ""
         if kind in wanted:
-            raise FormatError(f"--columns: {kind} is given twice; {EXPECTED}")
+            raise FormatError(f"--columns: {kind} is given twice; {expected}")
         what, sign = what.strip(), 1
         if what.startswith("-"):
             what, sign = what[1:].strip(), -1
         if not unit and kind[0] in "ga":
             unit = "lsb"
         wanted[kind] = what, unit or ("lsb" if kind == "temp" else ""), sign
-    missing = [key for key in NEEDED if key not in wanted]
-    if missing:
-        raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
     return wanted
 
 

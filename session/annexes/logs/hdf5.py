@@ -1,0 +1,87 @@
+"""HDF5 files, MATLAB's of version 7.3 among them, by h5py: datasets of any name, with their attribute ``units``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.annexes.logs.arrays import Array, rate_of, streams_of, topics_of
+from session.annexes.logs.source import library, one_line
+from session.io.files import require_file
+from session.io.streams import Stream, Topic
+
+NAME = "HDF5"
+PACKAGE, EXTRA, LICENCE = "h5py", "logs", "BSD-3-Clause"
+EXAMPLE = "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr and imu_acc, and a time"
+MAGIC = b"\x89HDF\r\n\x1a\n"
+MATLAB = b"MATLAB 7.3 MAT-file"
+UNITS = ("units", "unit", "Units", "Unit", "UNITS")
+#: datasets that are looked at
+MOST_DATASETS = 10_000
+
+
+def is_mine(path: Path, head: bytes) -> bool:
+    """By HDF5's eight bytes, at the beginning or behind MATLAB's head."""
+    return head.startswith((MAGIC, MATLAB))
+
+
+def topics(path: Path, columns: str | None) -> list[Topic]:
+    """The streams that the datasets make; FormatError lists the datasets where that is not clear."""
+    with one_line(path, "an HDF5 file"), _open(path) as file:
+        arrays, _ = _arrays(file)
+        return topics_of(path, "an HDF5 file", arrays, columns)
+
+
+def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+    """The streams of these names; only their datasets are read."""
+    with one_line(path, "an HDF5 file"), _open(path) as file:
+        arrays, rate_hz = _arrays(file)
+
+        def values(name: str) -> np.ndarray:
+            dataset, _, column = name.rpartition(".") if name not in file else (name, "", "")
+            return np.asarray(file[dataset][column] if column else file[dataset][()])
+
+        return streams_of(path, "an HDF5 file", arrays, values, names, columns, rate_hz)
+
+
+def _open(path: Path) -> Any:
+    h5py = library(path, "an HDF5 file", "h5py", PACKAGE)
+    require_file(path)
+    return h5py.File(path, "r")
+
+
+def _arrays(file: Any) -> tuple[list[Array], float | None]:
+    """The datasets of numbers, and of tables the columns; none that lies in another file is opened.  Their rate in Hz."""
+    import h5py
+
+    found: list[Array] = []
+    rates: dict[str, object] = dict(file.attrs)
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            rates.update({f"{name}/{key}": value for key, value in item.attrs.items() if key.lower() not in map(str.lower, UNITS)})
+            if item.external or item.is_virtual or len(found) >= MOST_DATASETS:
+                return
+            if item.dtype.names:
+                found.extend(
+                    Array(f"{name}.{column}", item.shape, item.dtype[column]) for column in item.dtype.names if not item.dtype[column].shape
+                )
+            elif item.shape == () or item.size == 1:
+                rates[name] = item[()]
+            elif item.shape is not None:
+                found.append(Array(name, item.shape, item.dtype, _text(next((item.attrs[key] for key in UNITS if key in item.attrs), ""))))
+        else:
+            rates.update({f"{name}/{key}": value for key, value in item.attrs.items()})
+
+    file.visititems(visit)
+    return found, rate_of(rates)
+
+
+def _text(value: object) -> str:
+    """An attribute that is a text, however it was written."""
+    if isinstance(value, np.ndarray):
+        value = value.ravel()[0] if value.size else ""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

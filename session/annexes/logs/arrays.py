@@ -92,13 +92,15 @@ def streams_of(
     names: Sequence[str],
     columns: str | None,
     rate_hz: float | None = None,
+    notes: Sequence[str] = (),
 ) -> list[Stream]:
     """The streams of these names, all of them for no name; values: reads an array by its name.  FormatError as ``plans``."""
     made = plans(path, what, arrays, columns)
     there = {plan.name: plan for plan in made}
     if missing := [name for name in names if name not in there]:
         raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there)}")
-    return [_stream(path, plan, values, rate_hz) for plan in (map(there.__getitem__, names) if names else made)]
+    with np.errstate(all="ignore"):  # whatever a damaged file holds as numbers
+        return [_stream(path, plan, values, rate_hz, notes) for plan in (map(there.__getitem__, names) if names else made)]
 
 
 def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -> list[Plan]:
@@ -107,7 +109,7 @@ def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -
     made = [_stated(path, what, arrays, columns)] if columns is not None else _clear(path, what, arrays)
     if not made:
         raise FormatError(
-            f"{path}: {what} in which no gyroscope and no accelerometer is clear by name; {_listed(arrays)}; --columns names them, {EXPECTED}"
+            f"{path}: {what} in which no gyroscope and no accelerometer is clear by name; {_listed(arrays)}; --columns names it, {EXPECTED}"
         )
     for plan in made:
         if plan.rows > MOST_ROWS:
@@ -262,8 +264,8 @@ def _stated(path: Path, what: str, arrays: Sequence[Array], text: str) -> Plan:
 # Reading.
 
 
-def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz: float | None) -> Stream:
-    notes = list(plan.notes)
+def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz: float | None, said: Sequence[str]) -> Stream:
+    notes = [*said, *plan.notes]
     read: dict[str, np.ndarray] = {}
     for kind, arrays in plan.parts.items():
         if len(arrays) == 3 or kind == "temp":

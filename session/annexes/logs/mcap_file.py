@@ -5,6 +5,7 @@ The file is read from its beginning, chunk by chunk, so one without its summary 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -90,6 +91,7 @@ def _chunk(reader: Any, chunk: Any, channels: _Channels, at: int, notes: list[st
         raise
     except Exception as error:
         notes.append(f"the chunk at byte {at} is damaged and left out ({reason(error)})")
+        channels.take_summary()
         return
     for record in records:
         channels.take(record)
@@ -142,6 +144,13 @@ class _Channels:
             schema = self._schemas.get(record.schema_id)
             self._channels[record.id] = record
             self._seen[f"{record.topic} ({schema.name if schema else record.message_encoding}, {record.message_encoding})"] = None
+
+    def take_summary(self) -> None:
+        """Schemas and channels as the file's summary repeats them, where it can be read: a damaged chunk may have held them."""
+        with contextlib.suppress(Exception), Source(self._path) as source:
+            summary = library(self._path, "an MCAP file", "mcap.reader", PACKAGE).make_reader(source).get_summary()
+            for record in (*summary.schemas.values(), *summary.channels.values()):
+                self.take(record)
 
     def _topic(self, number: int, first: bytes) -> Topic | None:
         channel = self._channels.get(number)

@@ -15,8 +15,8 @@ from session.io.units import parse_unit
 
 #: words of a quantity, the last ones of a name
 WORDS = {
-    "gyro": ("gyro", "gyr", "gyros", "gyroscope", "omega", "w", "angvel", "angrate", "rate", "rates", "gyrounfilt"),
-    "accel": ("acc", "accel", "accels", "accelerometer", "acceleration", "f", "linacc", "specforce", "force", "a"),
+    "gyro": ("gyro", "gyr", "gyros", "gyroscope", "omega", "w", "angvel", "angrate"),
+    "accel": ("acc", "accel", "accels", "accelerometer", "acceleration", "f", "linacc", "specforce", "a"),
     "temp": ("temp", "temperature"),
     "time": CLOCKS,
 }

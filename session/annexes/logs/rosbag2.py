@@ -17,7 +17,7 @@ from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, 
 from session.annexes.logs.source import as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
 from session.io.errors import FormatError
-from session.io.files import MOST_TOML, read_text, require_file
+from session.io.files import MOST_TOML, open_file, read_text, require_file
 from session.io.streams import Stream
 
 NAME = "ROS 2 bag"
@@ -90,8 +90,10 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
     with one_line(path, "a ROS 2 bag"):
         database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         rows = 0
+        _note_cut(path, notes)
         try:
             database.execute("PRAGMA trusted_schema = OFF")
+            database.execute("PRAGMA writable_schema = ON")  # nothing is written: without it SQLite does not open a file that is cut
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"topics", "messages"} <= tables:
                 raise FormatError(f"{path}: a SQLite file without the tables topics and messages of a ROS 2 bag; is it the right file?")
@@ -99,11 +101,21 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
             for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid"):
                 rows += 1
                 if number in wanted:
-                    wanted[number].add(stamp, _unpacked(bytes(data)))
+                    wanted[number].add(stamp, bytes(data))
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
             notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:
             database.close()
+
+
+def _note_cut(path: Path, notes: list[str]) -> None:
+    """Note a file that is shorter than the pages which its head counts."""
+    with open_file(path) as file:
+        head = file.read(32)
+    page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+    whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
+    if size < whole:
+        notes.append(f"the file is cut: it has {size} of {whole} bytes")
 
 
 def _connect(
@@ -153,7 +165,7 @@ def ros2_topic(path: Path, name: str, kind: str, text: str, idl: bool, notes: li
     if fields is None:
         return None
     layout.want(fields.paths)
-    return Topic(path, name, kind, layout, fields)
+    return Topic(path, name, kind, lambda data: layout(_unpacked(data)), fields)
 
 
 def _unpacked(data: bytes) -> bytes:

@@ -57,14 +57,14 @@ def is_mine(path: Path, head: bytes) -> bool:
 def topics(path: Path, columns: str | None) -> list[Topic]:
     """IMU, GYR and ACC of each sensor."""
     no_columns(path, "a dataflash log", columns)
-    held, labels = _read(path)
+    held, labels = _read(path, ())
     return as_topics(held, labels)
 
 
 def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
     """The streams of these messages and sensors, ``IMU[0]``; all of them for no name."""
     no_columns(path, "a dataflash log", columns)
-    return picked(path, _read(path)[0], names)
+    return picked(path, _read(path, names)[0], names)
 
 
 @dataclass
@@ -95,16 +95,18 @@ class _Type:
         return np.frombuffer(self.data, dtype, len(self.data) // dtype.itemsize)
 
 
-def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
+def _read(path: Path, names: Sequence[str]) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
+    """The streams of these names, all for no name or where none of them is there; and the columns of each."""
+    wanted = {name.partition("[")[0] for name in names} & set(IMU) or set(IMU)
     with one_line(path, "a dataflash log"), Source(path) as source:
-        log = _Log(path)
+        log = _Log(path, wanted)
         log.walk(source)
         held, labels = [], {}
         for kind in log.types.values():
-            if kind.name in IMU and kind.data:
-                for stream in _streams(kind, log):
-                    held.append(stream)
-                    labels[stream.name] = kind.columns
+            if kind.name in wanted and kind.data:
+                held += _streams(kind, log)
+                labels |= {stream.name: kind.columns for stream in held if stream.name not in labels}
+                kind.data = bytearray()
     if not held:
         there = ", ".join(sorted({kind.name for kind in log.types.values()}))[:200]
         why = f" ({'; '.join(log.notes)})" if log.notes else ""
@@ -113,15 +115,15 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
 
 
 class _Log:
-    """The messages of a file, by type.  notes: what was passed over."""
+    """The messages of a file by type, with the bytes of those that are wanted.  notes: what was passed over."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, wanted: set[str]) -> None:
+        self._path, self._wanted = path, wanted
         self.types: dict[int, _Type] = {FMT: _Type("FMT", FMT_LENGTH, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
         self.units: dict[str, str] = {}
         self.multipliers: dict[str, float] = {}
         self.notes: list[str] = []
-        self._skipped, self._first_skipped, self._messages = 0, 0, 0
+        self._skipped, self._first_skipped = 0, 0
 
     def walk(self, source: Source) -> None:
         """Read every message; where no message stands, go on to the next two that stand one behind the other."""
@@ -140,7 +142,7 @@ class _Log:
     def _block(self, data: bytes, start: int, last: bool) -> int:
         """Read the whole messages of some bytes, which stand at ``start``; how many bytes were used up."""
         place, size, types = 0, len(data), self.types
-        keep = {number: kind.data for number, kind in types.items() if kind.name in IMU}
+        keep = {number: kind.data for number, kind in types.items() if kind.name in self._wanted}
         while place + 3 <= size:
             kind = types.get(data[place + 2]) if data[place : place + 2] == MARK else None
             if kind is None:
@@ -161,7 +163,7 @@ class _Log:
                     raise too_many(self._path, kind.name)
             elif kind.name in ("FMT", "FMTU", "UNIT", "MULT"):
                 self._describe(kind, data[place + 3 : end])
-                keep = {number: kind.data for number, kind in types.items() if kind.name in IMU}
+                keep = {number: kind.data for number, kind in types.items() if kind.name in self._wanted}
             place = end
         return place
 
@@ -205,9 +207,10 @@ def _streams(kind: _Type, log: _Log) -> Iterator[Stream]:
     """One of each sensor that a type of message holds."""
     rows = kind.rows()
     sensors = rows["I"] if "I" in kind.columns else np.zeros(len(rows), int)
-    # A sensor's number fits into eight bits; a damaged one makes a sensor of a few rows.
     for number in np.unique(sensors):
         own = rows[sensors == number]
+        if len(own) == 1 and len(rows) > 2:
+            continue  # a sensor of a single row is a damaged number
         notes = list(log.notes)
         t_ns, kept = microseconds(own["SampleUS" if "SampleUS" in kind.columns else "TimeUS"], notes)
         own = own[kept]

@@ -5,7 +5,7 @@ import struct
 
 
 def hdf5_bytes(arrays, attributes=None, chunk=None):
-    """A root group of these arrays and attributes as h5py writes it by default; chunk: rows of a chunk, packed by deflate, or contiguous."""
+    """A root group of these arrays and attributes as h5py writes it by default; chunk: rows of a chunk packed by deflate, or contiguous."""
     import h5py
 
     packing = {} if chunk is None else {"compression": "gzip"}

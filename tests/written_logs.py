@@ -206,7 +206,7 @@ def write_ardupilot(path, t_ns, gyro_rps, accel_mps2, temp_c, units=True):
         for letter, factor in (("-", 0.0), ("F", 1e-6)):
             out += bin_message("MULT", 0, ord(letter), factor)
         for name, ids, factors in (
-            ("IMU", "s#EEEooo--O--zz", "F-------------"),
+            ("IMU", "s#EEEooo--O--zz", "F--------------"),
             ("GYR", "s#sEEE", "F-F---"),
             ("ACC", "s#sooo", "F-F---"),
         ):

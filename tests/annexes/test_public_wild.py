@@ -16,8 +16,8 @@ from test_public import made, refused
 
 import tinygc
 from session.annexes.public.__main__ import main
-from session.annexes.public.euroc import to_down
 from session.annexes.public.broad import read_hdf5
+from session.annexes.public.euroc import to_down
 from session.io.config import read_config
 from session.io.errors import FormatError
 from session.io.rests import read_rest

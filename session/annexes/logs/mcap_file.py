@@ -50,7 +50,7 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
     walk(path, names, found, seen, notes)
     held = [stream for topic in found.values() if (stream := topic.stream(notes)) is not None]
     if not held:
-        raise refuse_empty(path, "an MCAP file", sorted(seen), notes)
+        raise refuse_empty(path, "an MCAP file", names, sorted(seen), notes)
     return list(found.values()), held
 
 

@@ -336,8 +336,9 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
         yield path, value
 
 
-def refuse_empty(path: Path, what: str, seen: Sequence[str], notes: Sequence[str]) -> FormatError:
-    """The complaint about a recording without an IMU; seen: its topics with their types."""
+def refuse_empty(path: Path, what: str, names: Sequence[str] | None, seen: Sequence[str], notes: Sequence[str]) -> FormatError:
+    """The complaint about a recording without an IMU, or without the topics of these names; seen: its topics with their types."""
     there = f"; its topics are {', '.join(seen)[:200]}" if seen else ""
     why = f" ({'; '.join(notes)})" if notes else ""
-    return FormatError(f"{path}: {what} without a topic of {IMU.replace('/msg', '')} or the like that can be read{why}{there}")
+    lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
+    return FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")

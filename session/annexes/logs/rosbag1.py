@@ -7,6 +7,7 @@ the other, chunk by chunk, so a bag gives what it holds up to where it is cut.
 from __future__ import annotations
 
 import bz2
+import contextlib
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.annexes.logs.source import Cut, Source, as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
+from session.io.errors import CalibrationError
 from session.io.streams import Stream
 from session.io.units import NS_PER_S
 
@@ -49,13 +51,15 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
     with one_line(path, "a ROS 1 bag"), Source(path) as source:
         try:
             bag.walk(source)
+        except CalibrationError:
+            raise
         except Cut as error:
             bag.notes.append(f"the bag is cut in the record at byte {bag.at} ({error})")
         except Exception as error:
             bag.notes.append(f"the bag is damaged at byte {bag.at} and is read up to there ({reason(error)})")
     held = [stream for topic in bag.topics.values() if topic is not None and (stream := topic.stream(bag.notes)) is not None]
     if not held:
-        raise refuse_empty(path, "a ROS 1 bag", sorted(bag.seen), bag.notes)
+        raise refuse_empty(path, "a ROS 1 bag", names, sorted(bag.seen), bag.notes)
     return [topic for topic in bag.topics.values() if topic is not None], held
 
 
@@ -95,10 +99,21 @@ class _Bag:
                 record = self._reader.Header.read(inner)
                 body = self._reader.read_bytes(inner, self._reader.read_uint32(inner))
                 self._record(record.get_uint8("op"), record, body)
+        except CalibrationError:
+            raise
         except Exception as error:
-            if isinstance(error, Cut) or type(error).__name__ == "FormatError":
-                raise
             self.notes.append(f"the chunk at byte {self.at} is damaged, its rest is left out ({reason(error)})")
+            self._take_index()
+
+    def _take_index(self) -> None:
+        """The connections as the index repeats them, where it can be read: a damaged chunk may have held them."""
+        with contextlib.suppress(Exception), Source(self._path) as source:
+            source.seek(len(MAGIC))
+            head = self._reader.Header.read(source)
+            source.seek(head.get_uint64("index_pos"))
+            for _ in range(head.get_uint32("conn_count")):
+                record = self._reader.Header.read(source)
+                self._record(record.get_uint8("op"), record, source.read(self._reader.read_uint32(source)))
 
     def _record(self, kind: int, header: Any, body: bytes) -> None:
         if kind == CONNECTION:

@@ -61,7 +61,7 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
         notes += [f"{file.name}: {note}" for note in said] if path.is_dir() else said
     held = [stream for topic in found.values() if (stream := topic.stream(notes)) is not None]
     if not held:
-        raise refuse_empty(path, "a ROS 2 bag", sorted(seen), notes)
+        raise refuse_empty(path, "a ROS 2 bag", names, sorted(seen), notes)
     return list(found.values()), held
 
 

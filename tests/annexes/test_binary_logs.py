@@ -412,12 +412,13 @@ def test_a_bag_of_other_things_names_its_topics(tmp_path):
 
 def test_chunks_that_unpack_without_end_are_left_out(tmp_path, monkeypatch):
     for name in ("ROS 1, bz2", "ROS 1, lz4", "MCAP", "MCAP, ROS 1"):
-        write, file, reader, _, _ = FORMATS[name]
-        write(tmp_path / file, *RECORDING)
+        write, _, reader, _, _ = FORMATS[name]
+        path = tmp_path / name
+        write(path, *RECORDING)
         with monkeypatch.context() as patch:
             patch.setattr(f"{reader.__name__}.MOST_CHUNK", 256)
             with pytest.raises(FormatError, match="unpacks to more than 256 bytes"):
-                reader.topics(tmp_path / file, None)
+                reader.topics(path, None)
 
 
 # ArduPilot.

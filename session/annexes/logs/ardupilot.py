@@ -101,7 +101,8 @@ def _read(path: Path, names: Sequence[str]) -> tuple[list[Stream], dict[str, tup
     with one_line(path, "a dataflash log"), Source(path) as source:
         log = _Log(path, wanted)
         log.walk(source)
-        held, labels = [], {}
+        held: list[Stream] = []
+        labels: dict[str, tuple[str, ...]] = {}
         for kind in log.types.values():
             if kind.name in wanted and kind.data:
                 held += _streams(kind, log)

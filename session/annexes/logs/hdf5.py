@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
+import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,8 @@ import numpy as np
 
 from session.annexes.logs.arrays import Array, rate_of, streams_of, topics_of
 from session.annexes.logs.source import library, one_line
-from session.io.files import require_file
+from session.io.errors import FormatError
+from session.io.files import open_file
 from session.io.streams import Stream, Topic
 
 NAME = "HDF5"
@@ -18,6 +21,8 @@ PACKAGE, EXTRA, LICENCE = "h5py", "logs", "BSD-3-Clause"
 EXAMPLE = "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr and imu_acc, and a time"
 MAGIC = b"\x89HDF\r\n\x1a\n"
 MATLAB = b"MATLAB 7.3 MAT-file"
+#: a global heap, of version 1
+HEAP = b"GCOL\1\0\0\0"
 UNITS = ("units", "unit", "Units", "Unit", "UNITS")
 #: datasets that are looked at
 MOST_DATASETS = 10_000
@@ -49,8 +54,24 @@ def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
 
 def _open(path: Path) -> Any:
     h5py = library(path, "an HDF5 file", "h5py", PACKAGE)
-    require_file(path)
+    _require_heaps(path)
     return h5py.File(path, "r")
+
+
+def _require_heaps(path: Path) -> None:
+    """FormatError for a heap of texts with an object without length, in which HDF5's library goes round for ever (III.E of its format)."""
+    with open_file(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        heap = data.find(HEAP)
+        while heap >= 0:
+            end = min(heap + int.from_bytes(data[heap + 8 : heap + 16], "little"), len(data))
+            at = heap + 16
+            while at + 16 <= end:
+                number, length = struct.unpack_from("<H6xQ", data, at)
+                step = 16 + length + -length % 8 if number else length  # the last one, number 0, is the free space with its head
+                if step < 16:
+                    raise FormatError(f"{path}: an HDF5 file that is damaged at byte {at}; copy it again")
+                at += step
+            heap = data.find(HEAP, heap + 1)
 
 
 def _arrays(file: Any) -> tuple[list[Array], float | None]:

@@ -118,15 +118,15 @@ def _variables(path: Path, notes: list[str]) -> Iterator[tuple[str, Value]]:
 def _fifth(source: Source, order: str) -> Iterator[tuple[str, Value]]:
     """What the next variable of a file holds."""
     kind, length = struct.unpack(f"{order}II", source.read(8))
-    body = source.read(length)
+    body = memoryview(source.read(length))
     if kind == COMPRESSED:
         unpack = zlib.decompressobj()
-        body = unpack.decompress(body, MOST)
+        whole = unpack.decompress(body, MOST)
         if not unpack.eof:
             raise ValueError("a variable does not end, or unpacks to more than any recording has")
-        kind, body, _ = _element(memoryview(body), 0, order)
+        kind, body, _ = _element(memoryview(whole), 0, order)
     if kind == MATRIX:
-        yield from _matrix(memoryview(body), order, "", 0)
+        yield from _matrix(body, order, "", 0)
 
 
 def _element(data: memoryview, at: int, order: str) -> tuple[int, memoryview, int]:

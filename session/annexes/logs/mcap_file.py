@@ -6,13 +6,15 @@ The file is read from its beginning, chunk by chunk, so one without its summary 
 from __future__ import annotations
 
 import contextlib
+import io
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, json_decoder, refuse_empty
-from session.annexes.logs.source import Cut, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.annexes.logs.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
 from session.io.errors import FormatError
 from session.io.streams import Stream
@@ -21,6 +23,8 @@ NAME = "MCAP"
 PACKAGE, EXTRA, LICENCE = "mcap", "logs", "MIT"
 EXAMPLE = "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages"
 MAGIC = b"\x89MCAP0\r\n"
+#: a chunk's record: its code, and where its compression's name begins, behind lengths, times and checksum
+CHUNK, CHUNK_HEAD = 6, 1 + 8 + 8 + 8 + 8 + 4 + 4
 #: encodings of messages that are read
 ENCODINGS = ("cdr", "ros1", "json")
 
@@ -57,15 +61,16 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
 def walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
     """Read the messages of a file into their topics (found), with the topics that are there (seen) and notes on damage."""
     reader = library(path, "an MCAP file", "mcap.stream_reader", PACKAGE)
+    damaged = DamagedChunks()
     with one_line(path, "an MCAP file"), Source(path) as source:
         channels = _Channels(path, names, found, seen, notes)
-        at, ended = 0, False
+        at, ended = len(MAGIC), False
         try:
             records = reader.StreamReader(source, emit_chunks=True, record_size_limit=source.size).records
             for record in records:
                 ended |= type(record).__name__ == "DataEnd"
                 if isinstance(record, reader.Chunk):
-                    _chunk(reader, record, channels, at, notes)
+                    _chunk(reader, record, channels, at, damaged)
                 else:
                     channels.take(record)
                 at = source.tell()
@@ -76,11 +81,13 @@ def walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen:
                 notes.append(f"the summary at the file's end is damaged (byte {at}); all messages stand before it")
             elif isinstance(error, (Cut, reader.RecordLengthLimitExceeded)):
                 notes.append(f"the file is cut in the record at byte {at}")
+                _cut_chunk(reader, source, at, channels)
             else:
                 notes.append(f"the file is damaged at byte {at} and is read up to there ({reason(error)})")
+    notes += damaged.notes
 
 
-def _chunk(reader: Any, chunk: Any, channels: _Channels, at: int, notes: list[str]) -> None:
+def _chunk(reader: Any, chunk: Any, channels: _Channels, at: int, damaged: DamagedChunks) -> None:
     """The records of a chunk, which is read whole or not at all."""
     try:
         if chunk.uncompressed_size > MOST_CHUNK:
@@ -90,11 +97,29 @@ def _chunk(reader: Any, chunk: Any, channels: _Channels, at: int, notes: list[st
     except FormatError:
         raise
     except Exception as error:
-        notes.append(f"the chunk at byte {at} is damaged and left out ({reason(error)})")
+        damaged.add(at, error)
         channels.take_summary()
         return
     for record in records:
         channels.take(record)
+
+
+def _cut_chunk(reader: Any, source: Source, at: int, channels: _Channels) -> None:
+    """The records of the chunk there, as far as the file goes: a recorder that was killed leaves its last chunk behind so."""
+    source.seek(at)
+    data = source.read(min(source.size - at, MOST_CHUNK))
+    with contextlib.suppress(Exception):
+        (named,) = struct.unpack_from("<I", data, CHUNK_HEAD - 4)
+        compression = data[CHUNK_HEAD : CHUNK_HEAD + named].decode()
+        if data[0] != CHUNK:
+            return
+        begun = data[CHUNK_HEAD + named + 8 :]
+        if compression == "zstd":
+            begun = library(source.path, "an MCAP file", "zstandard", "zstandard").ZstdDecompressor().decompressobj().decompress(begun)
+        elif compression:
+            begun = unpacked(compression, begun, MOST_CHUNK)
+        for record in reader.StreamReader(io.BytesIO(begun), skip_magic=True, record_size_limit=len(begun)).records:
+            channels.take(record)
 
 
 def unpacked(compression: str, data: bytes, most: int) -> bytes:
@@ -128,16 +153,20 @@ class _Channels:
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._topics: dict[int, Topic | None] = {}
+        self._messages = 0
 
     def take(self, record: Any) -> None:
         """One record: a schema, a channel, a message; others are passed over."""
         kind = type(record).__name__
         if kind == "Message":
+            self._messages += 1
             number = record.channel_id
             if number not in self._topics:
                 self._topics[number] = self._topic(number, record.data)
             if (topic := self._topics[number]) is not None:
                 topic.add(record.log_time, record.data)
+        elif kind == "Statistics" and record.message_count > self._messages:
+            self._notes.append(f"{self._messages} of {record.message_count} messages, which the file counts itself, were read")
         elif kind == "Schema":
             self._schemas.setdefault(record.id, record)
         elif kind == "Channel" and record.id not in self._channels:

@@ -269,13 +269,13 @@ class Topic:
         if self.damaged:
             said.append(f"{self.damaged} damaged messages are left out, {len(self)} were read")
         values, fields = self._rows.values, self.fields
-        absent = {what for (what, _), count in zip(fields.absent, self._absent, strict=True) if len(self) and count == len(self)}
+        absent = {what for (what, _), count in zip(fields.absent, self._absent, strict=True) if count == len(self)}
         parts = {}
         first = 0
         for what, width in (("gyro", len(fields.gyro)), ("accel", len(fields.accel)), ("temp", int(fields.temp is not None))):
             part = values[:, first : first + width]
             first += width
-            if width and what not in absent and (part.any() or what == "temp" or not len(self)):
+            if width and what not in absent and (part.any() or what == "temp"):
                 parts[what] = part[:, 0] if what == "temp" else part
         if "gyro" not in parts and "accel" not in parts:
             return None
@@ -339,6 +339,6 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
 def refuse_empty(path: Path, what: str, names: Sequence[str] | None, seen: Sequence[str], notes: Sequence[str]) -> FormatError:
     """The complaint about a recording without an IMU, or without the topics of these names; seen: its topics with their types."""
     there = f"; its topics are {', '.join(seen)[:200]}" if seen else ""
-    why = f" ({'; '.join(notes)})" if notes else ""
+    why = f" ({'; '.join(notes)[:300]})" if notes else ""
     lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
     return FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")

@@ -9,12 +9,12 @@ from __future__ import annotations
 import bz2
 import contextlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from session.annexes.logs.ros import MOST_CHUNK, Layout, Topic, definitions_of, fields_of, refuse_empty
-from session.annexes.logs.source import Cut, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.annexes.logs.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
 from session.io import streams
 from session.io.errors import CalibrationError
 from session.io.streams import Stream
@@ -25,6 +25,8 @@ PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"
 EXAMPLE = "rosbag record /imu/data_raw: 2026-11-26-10-15-02.bag, with topics of sensor_msgs/Imu"
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
+#: beside these the bag's head, and parts of its index
+KNOWN = (MESSAGE, 3, 4, CHUNK, 6, CONNECTION)
 
 
 def is_mine(path: Path, head: bytes) -> bool:
@@ -57,9 +59,9 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
             bag.notes.append(f"the bag is cut in the record at byte {bag.at} ({error})")
         except Exception as error:
             bag.notes.append(f"the bag is damaged at byte {bag.at} and is read up to there ({reason(error)})")
-    held = [stream for topic in bag.topics.values() if topic is not None and (stream := topic.stream(bag.notes)) is not None]
+    held = [stream for topic in bag.topics.values() if topic is not None and (stream := topic.stream(bag.said())) is not None]
     if not held:
-        raise refuse_empty(path, "a ROS 1 bag", names, sorted(bag.seen), bag.notes)
+        raise refuse_empty(path, "a ROS 1 bag", names, sorted(bag.seen), bag.said())
     return [topic for topic in bag.topics.values() if topic is not None], held
 
 
@@ -73,7 +75,12 @@ class _Bag:
         self._by_name: dict[str, Topic] = {}
         self.seen: set[str] = set()
         self.notes: list[str] = []
+        self._damaged = DamagedChunks()
         self.at = 0
+
+    def said(self) -> list[str]:
+        """What is damaged, and what could not be read."""
+        return [*self._damaged.notes, *self.notes]
 
     def walk(self, source: Source) -> None:
         """Read every record.  Cut where the file ends within one."""
@@ -84,25 +91,33 @@ class _Bag:
             size = self._reader.read_uint32(source)
             kind = header.get_uint8("op")
             if kind == CHUNK:
-                self._chunk(header, source.read(size))
+                left = source.size - source.tell()
+                self._chunk(header, source.read(min(size, left)))
+                if size > left:
+                    raise Cut(f"the file ends {size - left} bytes too early")
             elif kind in (CONNECTION, MESSAGE):
                 self._record(kind, header, source.read(size))
             else:
+                if kind not in KNOWN:
+                    self.notes.append(f"the bag is damaged at byte {self.at}: a record of an unknown kind ({kind}) is passed over")
                 source.seek(size, 1)
 
     def _chunk(self, header: Any, data: bytes) -> None:
-        """The records of a chunk; of a damaged one those before the damage."""
+        """The records of a chunk; of one that is damaged or cut those before the damage."""
         try:
-            inner = io.BytesIO(_unpacked(header.get_string("compression"), data))
+            records, ends = _unpacked(header.get_string("compression"), data)
+            inner = io.BytesIO(records)
             length = len(inner.getbuffer())
             while inner.tell() < length:
                 record = self._reader.Header.read(inner)
                 body = self._reader.read_bytes(inner, self._reader.read_uint32(inner))
                 self._record(record.get_uint8("op"), record, body)
+            if not ends:
+                raise ValueError("its packed bytes do not end")
         except CalibrationError:
             raise
         except Exception as error:
-            self.notes.append(f"the chunk at byte {self.at} is damaged, its rest is left out ({reason(error)})")
+            self._damaged.add(self.at, error)
             self._take_index()
 
     def _take_index(self) -> None:
@@ -145,19 +160,19 @@ class _Bag:
             self.topics[number] = self._by_name.setdefault(name, Topic(self._path, name, kind, layout, fields))
 
 
-def _unpacked(compression: str, data: bytes) -> bytes:
-    """A chunk's records.  ValueError for a compression that is not known, or a chunk that unpacks to more than any recorder writes."""
+def _unpacked(compression: str, data: bytes) -> tuple[bytes, bool]:
+    """A chunk's records, and whether they are all of them.  ValueError for a compression that is not known, or a chunk that unpacks to more than any recorder writes."""
     if compression == "none":
-        return data
+        return data, True
     if compression == "bz2":
-        unpack: Callable[[bytes, int], bytes] = bz2.BZ2Decompressor().decompress
+        unpack: Any = bz2.BZ2Decompressor()
     elif compression == "lz4":
         import lz4.frame
 
-        unpack = lz4.frame.LZ4FrameDecompressor().decompress
+        unpack = lz4.frame.LZ4FrameDecompressor()
     else:
         raise ValueError(f"compression {compression!r} is not known")
-    whole = unpack(data, MOST_CHUNK)
+    whole = unpack.decompress(data, MOST_CHUNK)
     if len(whole) >= MOST_CHUNK:
         raise ValueError(f"unpacks to more than {MOST_CHUNK} bytes")
-    return whole
+    return whole, unpack.eof

@@ -99,9 +99,11 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
                 raise FormatError(f"{path}: a SQLite file without the tables topics and messages of a ROS 2 bag; is it the right file?")
             wanted = _connect(path, database, tables, names, found, seen, notes)
             for number, stamp, data in database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid"):
+                if not isinstance(stamp, int) or not isinstance(data, bytes):
+                    raise ValueError("a row that is none")  # of a page that is cut, or of zeros
                 rows += 1
                 if number in wanted:
-                    wanted[number].add(stamp, bytes(data))
+                    wanted[number].add(stamp, data)
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
             notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:

@@ -82,6 +82,7 @@ class Source(BufferedIOBase):
     """
 
     def __init__(self, path: Path, strict: bool = True, budget: int | None = None) -> None:
+        self.path = path
         self._file = open_file(path)
         self.size = os.fstat(self._file.fileno()).st_size
         self.strict, self.budget = strict, budget
@@ -125,6 +126,26 @@ class Source(BufferedIOBase):
         """As of a file."""
         self._file.close()
         super().close()
+
+
+class DamagedChunks:
+    """Chunks that cannot be read, counted: a log may have thousands."""
+
+    def __init__(self) -> None:
+        self._count, self._first = 0, ""
+
+    def add(self, at: int, error: Exception) -> None:
+        """One at this byte."""
+        self._first = self._first or f"at byte {at} ({reason(error)})"
+        self._count += 1
+
+    @property
+    def notes(self) -> list[str]:
+        """What to say of them."""
+        if self._count == 0:
+            return []
+        each = "a damaged chunk is" if self._count == 1 else f"{self._count} damaged chunks are"
+        return [f"{each} left out from where the damage begins, the first {self._first}"]
 
 
 class Rows:

@@ -161,7 +161,10 @@ class _Bag:
 
 
 def _unpacked(compression: str, data: bytes) -> tuple[bytes, bool]:
-    """A chunk's records, and whether they are all of them.  ValueError for a compression that is not known, or a chunk that unpacks to more than any recorder writes."""
+    """A chunk's records, and whether they are all of them.
+
+    ValueError for a compression that is not known, and for a chunk that unpacks to more than any recorder writes.
+    """
     if compression == "none":
         return data, True
     if compression == "bz2":

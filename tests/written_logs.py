@@ -16,6 +16,10 @@ DEG = np.pi / 180
 
 #: the letters of struct for ULog's types
 ULOG_TYPES = {"uint64_t": "Q", "uint32_t": "I", "int32_t": "i", "float": "f", "uint8_t": "B", "int16_t": "h"}
+FIFO = (
+    "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float dt;float scale;"
+    "int16_t[32] x;int16_t[32] y;int16_t[32] z;uint8_t samples;"
+)
 ULOG_FORMATS = {
     "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;int32_t accelerometer_timestamp_relative;"
     "float[3] accelerometer_m_s2;uint32_t accelerometer_integral_dt;",
@@ -23,8 +27,8 @@ ULOG_FORMATS = {
     "sensor_accel": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;float temperature;",
     "vehicle_imu": "uint64_t timestamp;uint64_t timestamp_sample;float[3] delta_angle;float[3] delta_velocity;"
     "uint32_t delta_angle_dt;uint32_t delta_velocity_dt;",
-    "sensor_gyro_fifo": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float dt;float scale;"
-    "int16_t[32] x;int16_t[32] y;int16_t[32] z;uint8_t samples;",
+    "sensor_gyro_fifo": FIFO,
+    "sensor_accel_fifo": FIFO,
 }
 
 
@@ -235,9 +239,11 @@ def signed_vb(value):
     return unsigned_vb((value << 1) ^ (value >> 31) & 0xFFFFFFFF if value >= 0 else ((-value) << 1) - 1)
 
 
-def blackbox_bytes(t_us, gyro, accel, gyro_scale=0.1, acc_1g=2048, interval=8, end=True, more=()):
+def blackbox_bytes(t_us, gyro, accel, unfiltered=None, gyro_scale=0.1, acc_1g=2048, interval=8, end=True, more=()):
     """gyro, accel (N, 3) counts; a whole frame each ``interval`` rows, between them differences to the frame before."""
-    fields = ["loopIteration", "time", *(f"gyroADC[{i}]" for i in range(3)), *(f"accSmooth[{i}]" for i in range(3))]
+    sensors = {"gyroADC": gyro, "accSmooth": accel} | ({} if unfiltered is None else {"gyroUnfilt": unfiltered})
+    fields = ["loopIteration", "time", *(f"{name}[{i}]" for name in sensors for i in range(3))]
+    zeros, ones = ("," + ",".join([word] * 3 * len(sensors)) for word in "01")
     (bits,) = struct.unpack("<I", struct.pack("<f", gyro_scale))
     lines = [
         "Product:Blackbox flight data recorder by Nicholas Sherlock",
@@ -245,18 +251,18 @@ def blackbox_bytes(t_us, gyro, accel, gyro_scale=0.1, acc_1g=2048, interval=8, e
         f"I interval:{interval}",
         "P interval:1/1",
         f"Field I name:{','.join(fields)}",
-        "Field I signed:0,0,1,1,1,1,1,1",
-        "Field I predictor:0,0,0,0,0,0,0,0",
-        "Field I encoding:1,1,0,0,0,0,0,0",
-        "Field P predictor:6,2,1,1,1,1,1,1",
-        "Field P encoding:9,0,0,0,0,0,0,0",
+        f"Field I signed:0,0{ones}",
+        f"Field I predictor:0,0{zeros}",
+        f"Field I encoding:1,1{zeros}",
+        f"Field P predictor:6,2{ones}",
+        f"Field P encoding:9,0{zeros}",
         "Firmware revision:Betaflight 4.5.0 (c155f5ef4) STM32F405",
         f"gyro_scale:0x{bits:08x}",
         f"acc_1G:{acc_1g}",
         *more,
     ]
     out = bytearray("".join(f"H {line}\n" for line in lines).encode())
-    rows = [[int(t), *map(int, w), *map(int, f)] for t, w, f in zip(t_us, gyro, accel, strict=True)]
+    rows = np.column_stack([t_us, *sensors.values()]).astype(np.int64).tolist()
     before = [rows[0], rows[0]]
     for number, row in enumerate(rows):
         if number % interval == 0:

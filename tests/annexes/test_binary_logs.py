@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import written_logs as written
 
-from session.annexes.logs import ardupilot, betaflight, mcap_file, ros, rosbag1, rosbag2, ulog
+from session.annexes.logs import ardupilot, betaflight, mcap_file, registry, ros, rosbag1, rosbag2, ulog
 from session.annexes.logs.registry import HEAD, READERS, reader_of
+from session.io.annexes import need
 from session.io.errors import FormatError
 from session.io.units import parse_unit
 
@@ -93,6 +94,10 @@ def test_a_file_is_known_by_its_bytes_whatever_its_name(tmp_path):
         assert reader_of(path, head_of(path)) is reader, name
     for other in (b"", b"t_us,gx,gy\n", b"\x89PNG\r\n\x1a\n" + bytes(100), b"PK\x03\x04" + bytes(100), bytes(HEAD)):
         assert reader_of(tmp_path / "other.dat", other) is None
+
+
+def test_the_core_finds_the_readers_by_name():
+    assert need("binary logs") is registry
 
 
 def test_every_reader_says_what_it_is():
@@ -191,6 +196,16 @@ def test_ulog_fifo_samples_have_their_own_stamps_and_scale(tmp_path, steady):
         assert parse_unit("gyro", stream.gyro_unit).si == pytest.approx(float(scale), rel=1e-12)
     else:
         assert (stream.gyro_fs_dps, stream.gyro_unit) == (None, "rad/s")
+
+
+def test_ulog_fifo_of_the_accelerometer_is_in_parts_of_its_range(tmp_path):
+    scale = np.float32(16 * written.G / 32768)
+    counts = np.arange(96).reshape(3, 32)
+    stream = one(ulog_file(tmp_path, [("sensor_accel_fifo", 0, (99, 4000, 1, 125.0, scale, *counts.ravel(), 32))]))
+    np.testing.assert_array_equal(stream.accel, counts.T)
+    assert stream.holds == ("accel",)
+    assert stream.accel_fs_g == pytest.approx(16, rel=1e-6)
+    assert parse_unit("accel", stream.accel_unit).si == pytest.approx(float(scale), rel=1e-12)
 
 
 def test_ulog_rows_with_impossible_stamps_are_left_out(tmp_path):
@@ -351,6 +366,22 @@ def test_messages_of_px4_in_a_ros_2_bag_are_read_by_their_definition(tmp_path):
     assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
 
 
+@pytest.mark.parametrize("several", [True, False])
+def test_definitions_may_be_idl(tmp_path, several):
+    from mcap.writer import Writer
+
+    idl = "module my_msgs { module msg { struct Rates { double gyro_x; double gyro_y; double gyro_z; }; }; };\n"
+    text = f"{'=' * 80}\nIDL: my_msgs/msg/Rates\n{idl}" if several else idl
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/rates", "cdr", writer.register_schema("my_msgs/msg/Rates", "ros2idl", text.encode()))
+        for number, w in enumerate(GYRO):
+            writer.add_message(channel, 1000 * number, b"\0\1\0\0" + w.tobytes(), 1000 * number)
+        writer.finish()
+    np.testing.assert_array_equal(one(tmp_path / "a.mcap").gyro, GYRO)
+
+
 def test_numbers_behind_texts_and_sequences_are_found(tmp_path):
     text = "string name\nuint8[] blob\nfloat64[] list\nfloat64 gyro_x\nfloat64 gyro_y\nfloat64 gyro_z\nstring tail\n"
     messages = [
@@ -504,6 +535,15 @@ def test_blackbox_logs_of_one_file_are_streams_of_their_own(tmp_path):
     assert (one_of.name, other.name) == ("log1", "log2")
     np.testing.assert_array_equal(one_of.gyro, -other.gyro)
     assert (one_of.gyro_unit, other.gyro_unit) == ("0.1dps", "0.01dps")
+
+
+def test_blackbox_rates_before_the_filters_are_a_stream_of_their_own(tmp_path):
+    pytest.importorskip("orangebox")
+    (tmp_path / "a.bbl").write_bytes(written.blackbox_bytes(T_NS // 1000, *COUNTS, unfiltered=COUNTS[0] + 5))
+    filtered, unfiltered = betaflight.read(tmp_path / "a.bbl", [], None)
+    assert (filtered.name, unfiltered.name) == ("log1", "log1.unfiltered")
+    np.testing.assert_array_equal(unfiltered.gyro, filtered.gyro + 5)
+    np.testing.assert_array_equal(unfiltered.accel, filtered.accel)
 
 
 def test_blackbox_counter_that_comes_round_goes_on(tmp_path):

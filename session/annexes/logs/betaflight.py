@@ -59,7 +59,7 @@ def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
 def _silent() -> Iterator[None]:
     """orangebox logs each damaged frame; nobody here reads that."""
     logger = logging.getLogger("orangebox")
-    before, logger.disabled = logger.level, False
+    before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield

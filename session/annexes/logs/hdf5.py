@@ -20,7 +20,6 @@ NAME = "HDF5"
 PACKAGE, EXTRA, LICENCE = "h5py", "logs", "BSD-3-Clause"
 EXAMPLE = "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr and imu_acc, and a time"
 MAGIC = b"\x89HDF\r\n\x1a\n"
-MATLAB = b"MATLAB 7.3 MAT-file"
 #: a global heap, of version 1
 HEAP = b"GCOL\1\0\0\0"
 UNITS = ("units", "unit", "Units", "Unit", "UNITS")
@@ -29,8 +28,8 @@ MOST_DATASETS = 10_000
 
 
 def is_mine(path: Path, head: bytes) -> bool:
-    """By HDF5's eight bytes, at the beginning or behind MATLAB's head."""
-    return head.startswith((MAGIC, MATLAB))
+    """By HDF5's eight bytes, at the beginning or behind a block of the user's, such as MATLAB's head."""
+    return any(head.startswith(MAGIC, begin) for begin in (0, 512, 1024, 2048))
 
 
 def topics(path: Path, columns: str | None) -> list[Topic]:

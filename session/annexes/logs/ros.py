@@ -51,7 +51,8 @@ class Layout:
         self._walk(definitions, name, "", ())
         self.paths = [path for part in self._parts if isinstance(part, list) for _, path in part]
         self._wanted: tuple[str, ...] = ()
-        self._unpack: dict[tuple[int, int, str], tuple[struct.Struct, int]] = {}
+        #: of a run, its place behind a multiple of eight bytes, and the order of bytes
+        self._unpack: dict[tuple[int, int, str], struct.Struct] = {}
         self._order: tuple[int, ...] = ()
 
     def want(self, paths: Sequence[str]) -> None:
@@ -76,7 +77,7 @@ class Layout:
             if isinstance(part, list):
                 if (number, phase, order) not in self._unpack:
                     self._unpack[number, phase, order] = self._struct(part, phase, order)
-                unpack = self._unpack[number, phase, order][0]
+                unpack = self._unpack[number, phase, order]
                 values += unpack.unpack_from(data, place)
                 place += unpack.size
                 continue
@@ -89,7 +90,7 @@ class Layout:
             place += length * size
         return [values[place] for place in self._order]
 
-    def _struct(self, part: list[tuple[str, str]], phase: int, order: str) -> tuple[struct.Struct, int]:
+    def _struct(self, part: list[tuple[str, str]], phase: int, order: str) -> struct.Struct:
         """Of a run that begins so many bytes behind a multiple of eight."""
         text, place = order, phase
         for letter, path in part:
@@ -97,7 +98,7 @@ class Layout:
             pad = -place % size if self._cdr else 0
             text += f"{pad}x" * (pad > 0) + (letter if path in self._wanted else f"{size}x")
             place += pad + size
-        return struct.Struct(text), place - phase
+        return struct.Struct(text)
 
     def _walk(self, definitions: dict[str, Any], name: str, prefix: str, above: tuple[str, ...]) -> None:
         """Write out the fields of a type, as far as their places can be told."""
@@ -107,8 +108,8 @@ class Layout:
             kind, count = node.name, 1
             if kind in ("ARRAY", "SEQUENCE"):
                 (inner, value), count = value
-                count, sequence, kind = (count, kind == "SEQUENCE", inner.name)
-                if sequence:
+                kind = inner.name
+                if node.name == "SEQUENCE":
                     if kind == "BASE" and value[0] in LETTERS:
                         self._parts += [LETTERS[value[0]], []]
                     else:

@@ -25,6 +25,11 @@ TERM = re.compile(r"(.+?)\s*\*\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)")
 def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:
     """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
     wanted = parse_columns(text)
+    for keys in TRIADS.values():
+        if 0 < len(missing := [key for key in keys if key not in wanted]) < 3:
+            raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
+    if not any(keys[0] in wanted for keys in TRIADS.values()):
+        raise FormatError(f"--columns: {', '.join(key for keys in TRIADS.values() for key in keys)} missing; {EXPECTED}")
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
             names = split(line, delimiter)
@@ -55,17 +60,21 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
     return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
 
 
-def parse_columns(text: str) -> dict[str, tuple[str, str, int]]:
-    """{gx: (name or number, unit, sign)}; further terms of the time are t2, t3 and so on.  FormatError for what is no list of columns."""
+def parse_columns(text: str, pattern: re.Pattern[str] = KEY, expected: str = EXPECTED) -> dict[str, tuple[str, str, int]]:
+    """{gx: (name or number, unit, sign)} of the text of ``--columns``; further terms of the time are t2, t3 and so on.
+
+    pattern: of its keys, with the quantity and the unit as groups.  FormatError, which says what is expected, for another key and for one
+    that is given twice.
+    """
     wanted: dict[str, tuple[str, str, int]] = {}
     for entry in text.split(","):
         key, equals, what = entry.strip().partition("=")
-        match = KEY.fullmatch(key.strip())
+        match = pattern.fullmatch(key.strip())
         if not match or not equals or not what.strip().lstrip("-"):
-            raise FormatError(f"--columns: {entry.strip()!r} is no column; {EXPECTED}")
+            raise FormatError(f"--columns: {entry.strip()!r} is no column; {expected}")
         kind, unit = match[1], match[2] or ""
         if kind in wanted:
-            raise FormatError(f"--columns: {kind} is given twice; {EXPECTED}")
+            raise FormatError(f"--columns: {kind} is given twice; {expected}")
         what, sign = what.strip(), 1
         if what.startswith("-"):
             what, sign = what[1:].strip(), -1
@@ -74,11 +83,6 @@ def parse_columns(text: str) -> dict[str, tuple[str, str, int]]:
         wanted[kind] = what, unit or ("lsb" if kind == "temp" else ""), sign
         if kind == "t" and ("+" in what or "*" in what):
             wanted |= _sum(what, unit)
-    for keys in TRIADS.values():
-        if 0 < len(missing := [key for key in keys if key not in wanted]) < 3:
-            raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
-    if not any(keys[0] in wanted for keys in TRIADS.values()):
-        raise FormatError(f"--columns: {', '.join(key for keys in TRIADS.values() for key in keys)} missing; {EXPECTED}")
     return wanted
 
 

@@ -1,21 +1,23 @@
-"""What a reader of a binary log gives: the topics that a file holds, and one sensor's readings."""
+"""Streams: what a binary log holds of one sensor.  Readers are an annex (``session.annexes.logs``); these records are theirs and ours."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
     """One sensor's readings out of a file.
 
-    name: of the topic, the message and its instance, or the dataset (``sensor_combined[0]``, ``/imu/data_raw``, ``IMU[0]``); t_ns (N,)
-    int64, or None where nothing stamps them; gyro, accel (N, 3) and temp (N,) float64 as written, None where there are none.  Units are
-    words of ``session.io.units`` (``rad/s``, ``lsb``, ``0.061dps``), empty where the file does not say.  gyro_fs_dps, accel_fs_g, odr_hz,
-    sensor: where the file states them; frame: what is documented of its axes; notes: what was repaired, where a damaged file stops, and
-    what an assumption rests on.
+    name: topic, message and instance, or dataset: ``sensor_combined[0]``, ``/imu/data_raw``, ``IMU[0]``, ``gyro``.  t_ns (N,) int64, or
+    None where nothing stamps them.  gyro, accel (N, 3) and temp (N,) float64 as written, None where the stream holds none.  Units: words
+    of ``session.io.units`` (``rad/s``, ``dps``, ``lsb``, ``0.061dps``), ``""`` where the file does not say.  Full scales and odr_hz where
+    the file states them.  frame: what is documented of its axes.  notes: what was repaired, where a damaged file stops, what an assumption
+    rests on.
     """
 
     name: str
@@ -33,10 +35,19 @@ class Stream:
     frame: str = ""
     notes: tuple[str, ...] = ()
 
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """The quantities that are there, of ``gyro``, ``accel``, ``temp``."""
+        return tuple(kind for kind in ("gyro", "accel", "temp") if getattr(self, kind) is not None)
+
+    def __len__(self) -> int:
+        """Rows."""
+        return next((len(part) for part in (self.gyro, self.accel, self.temp, self.t_ns) if part is not None), 0)
+
 
 @dataclass(frozen=True)
 class Topic:
-    """Readings that a file holds: name; rows; holds, of ``gyro``, ``accel`` and ``temp``; columns as the file calls them."""
+    """One stream of a file, before it is read: name, rows; holds: of ``gyro``, ``accel``, ``temp``; columns as the file calls them."""
 
     name: str
     rows: int

@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = {
     "arrays": ("session/annexes/arrays", "tinygc/annexes/arrays"),
     "public": ("session/annexes/public",),
+    "logs": ("session/annexes/logs",),
     "lots": ("tinygc/annexes/lots",),
     "temperature": ("tinygc/annexes/temperature",),
     "discovery": ("tinygc/annexes/discovery",),
@@ -31,6 +32,7 @@ GONE = {
         ["apply", "array.json", "body", "-o", "a.csv"],
     ),
     "public": (),
+    "logs": (),
     "lots": (
         ["fleet", "data"],
         ["lot", "data"],

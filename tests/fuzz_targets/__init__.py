@@ -15,6 +15,8 @@ from annex import annex
 NAMES = ["logs", "session_toml", "beside_logs", "decoder", "raw", "model", "replay", "results", "arguments"]
 if annex("session.annexes.public"):
     NAMES.append("public")
+if annex("session.annexes.logs"):
+    NAMES.append("binary_logs")
 
 
 def target(name: str) -> ModuleType:

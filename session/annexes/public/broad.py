@@ -7,14 +7,15 @@ from the sensor's axes to a world whose z axis points up, NaN where the markers 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from session.annexes.public.hdf5 import read_hdf5
 from session.annexes.public.writing import found, write_folder
-from session.io.errors import FormatError
+from session.io.errors import CalibrationError, FormatError
+from session.io.files import MOST_ARCHIVE, require_file
 from session.io.logfile import of_length_1
 from session.io.units import NS_PER_S
 
@@ -65,6 +66,37 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
         log = _lines(t_ns, np.column_stack([arrays["imu_gyr"], arrays["imu_acc"]]))
         truth = (TRUTH_HEADER, _lines(t_ns[seen], q_wxyz[seen]))
         yield write_folder(out / f"trial{path.name[:2]}", toml, HEADER, log, given, truth)
+
+
+def read_hdf5(path: Path, names: tuple[str, ...], attributes: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
+    """The root group's datasets and attributes of these names, each in its own shape and type.
+
+    Raises FormatError for what is no such file, is damaged, or lacks one of the names, and where h5py is not installed.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise FormatError(f"{path}: an HDF5 file; reading it needs h5py: python -m pip install 'tinygc[logs]'") from None
+    require_file(path)
+    if not h5py.is_hdf5(path):
+        raise FormatError(f"{path}: no HDF5 file; download it again")
+    try:
+        with warnings.catch_warnings(), h5py.File(path, "r") as file:
+            warnings.simplefilter("ignore")
+            if missing := [name for name in names if name not in file] + [name for name in attributes if name not in file.attrs]:
+                raise FormatError(f"{path}: holds no {missing[0]}; is it the authors' file?")
+            read = {}
+            for name in names:
+                inside = isinstance(file.get(name, getlink=True), h5py.HardLink) and isinstance(file[name], h5py.Dataset)
+                if not inside or file[name].external or file[name].is_virtual or file[name].nbytes > MOST_ARCHIVE:
+                    raise ValueError(f"{name} is no array in this file, or has more than {MOST_ARCHIVE} bytes")
+                read[name] = np.asarray(file[name][()])
+            return read | {name: np.asarray(file.attrs[name]) for name in attributes}
+    except CalibrationError:
+        raise
+    except Exception as error:  # of the many that HDF5's damaged bytes come to
+        said = " ".join(f"{error or type(error).__name__}".split())[:120]
+        raise FormatError(f"{path}: not an HDF5 file that can be read here ({said}); download it again") from None
 
 
 def _lines(t_ns: np.ndarray, values: np.ndarray) -> Iterator[str]:

@@ -1,0 +1,190 @@
+"""Betaflight's blackbox logs (``.bbl``, ``.bfl``), decoded by orangebox.
+
+orangebox is GPL-3.0, so it is an extra of its own that a person installs knowingly; nothing of it is in this project.  Each arming of the
+board begins a log of its own in the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.annexes.logs.source import Rows, as_topics, library, no_columns, one_line, picked, reason
+from session.io.errors import FormatError
+from session.io.files import MOST_ARCHIVE, require_file
+from session.io.streams import Stream, Topic
+
+NAME = "Betaflight blackbox"
+PACKAGE, EXTRA, LICENCE = "orangebox", "betaflight", "GPL-3.0-or-later"
+EXAMPLE = "Betaflight's LOG00001.BFL or btfl_001.bbl, with gyroADC and accSmooth; streams are log1, log2, …"
+MAGIC = b"H Product:Blackbox"
+#: what Betaflight's drivers set gyroscopes to, whatever the sensor
+ASSUMED_FS_DPS = 2000.0
+#: gyroADC is in tenths of its scale with ``blackbox_high_resolution``
+FINER = 10
+#: loops between two whole frames: Betaflight has 32 to 1024
+MOST_INTERVAL = 65_536
+#: the counter of us comes round
+WRAP_US = 2**32
+FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSmooth[{}]"}
+
+
+def is_mine(path: Path, head: bytes) -> bool:
+    """By the line that each log begins with."""
+    return head.startswith(MAGIC)
+
+
+def topics(path: Path, columns: str | None) -> list[Topic]:
+    """A stream of each log in the file, and one more of its unfiltered rates where they are there."""
+    no_columns(path, "a blackbox log", columns)
+    held, labels = _read(path)
+    return as_topics(held, labels)
+
+
+def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+    """The streams of these names, ``log1``; all of them for no name."""
+    no_columns(path, "a blackbox log", columns)
+    return picked(path, _read(path)[0], names)
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """orangebox logs each damaged frame; nobody here reads that."""
+    logger = logging.getLogger("orangebox")
+    before = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
+    orangebox = library(path, "a blackbox log", "orangebox", PACKAGE, EXTRA)
+    require_file(path)
+    if path.stat().st_size > MOST_ARCHIVE:  # orangebox holds all of it
+        raise FormatError(
+            f"{path}: a blackbox log of more than {MOST_ARCHIVE} bytes; a log of a table has hours, cut out what belongs to it"
+        )
+    held: list[Stream] = []
+    labels: dict[str, tuple[str, ...]] = {}
+    problems: list[str] = []
+    with one_line(path, "a blackbox log"), _silent():
+        reader = orangebox.reader.Reader(str(path), allow_invalid_header=True)
+        for number in range(1, reader.log_count + 1):
+            try:
+                streams, columns = _log(path, number, orangebox)
+            except FormatError:
+                raise
+            except Exception as error:
+                problems.append(f"log{number} cannot be read ({reason(error)})")
+                continue
+            held += streams
+            labels |= {stream.name: columns for stream in streams}
+    if not held:
+        why = f" ({'; '.join(problems)[:200]})" if problems else ""
+        raise FormatError(
+            f"{path}: a blackbox log without gyroADC and accSmooth{why}; log them (blackbox_disable_gyro = OFF), or give another file"
+        )
+    return held, labels
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What the header of one log says: units, full scale of the accelerometer, firmware and board."""
+
+    gyro_unit: str
+    accel_unit: str
+    accel_fs_g: float | None
+    notes: tuple[str, ...]
+
+
+def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[str, ...]]:
+    """The streams of one log and all of its columns.  Raises whatever orangebox raises for a header that it cannot read."""
+    reader = orangebox.reader.Reader(str(path), number, allow_invalid_header=True)
+    _require_intervals(reader.headers)
+    parser = orangebox.Parser(reader)
+    columns = tuple(parser.field_names)
+    places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
+    if "time" not in columns or not places:
+        return [], columns
+    wanted = [place for triad in places.values() for place in triad]
+    time = columns.index("time")
+    name = f"log{number}"
+    rows = Rows(path, name, len(wanted))
+    header = _header(reader.headers)
+    notes = list(header.notes)
+    ended = False
+    try:
+        for frame in parser.frames():
+            values = [float(frame.data[place]) for place in wanted]
+            rows.add(int(frame.data[time]), values)
+        ended = True
+    except FormatError:
+        raise
+    except Exception as error:
+        # orangebox runs out of bytes where a log has no end mark, and nothing tells whether frames are missing behind the last one
+        notes.append(
+            f"{name} has no end mark: it is read up to byte {reader.tell()} of its {len(reader)} ({len(rows)} frames; {reason(error)})"
+        )
+    if ended and (bad := parser._ctx.invalid_frame_count):
+        notes.append(f"{bad} damaged frames of {name} are left out")
+    if not len(rows):
+        return [], columns
+    steps = np.diff(rows.t_ns)
+    t_ns = (rows.t_ns + WRAP_US * np.concatenate([[0], np.cumsum(steps < -WRAP_US // 2)])) * 1000
+    parts = {what: rows.values[:, 3 * place : 3 * place + 3] for place, what in enumerate(places)}
+    accel = parts.get("accel")
+    streams = []
+    for what, called in (("gyro", name), ("unfiltered", f"{name}.unfiltered")):
+        if what in parts or (what == "gyro" and accel is not None):
+            streams.append(
+                Stream(
+                    called,
+                    t_ns,
+                    parts.get(what),
+                    accel,
+                    None,
+                    header.gyro_unit if what in parts else "",
+                    header.accel_unit if accel is not None else "",
+                    gyro_fs_dps=ASSUMED_FS_DPS if what in parts else None,
+                    accel_fs_g=header.accel_fs_g if accel is not None else None,
+                    frame="forward, left, up",
+                    notes=tuple(notes),
+                )
+            )
+    return streams, columns
+
+
+def _require_intervals(headers: dict[str, Any]) -> None:
+    """ValueError for intervals of frames with which orangebox would count for ever."""
+    whole = headers.get("I interval", 1)
+    share = headers.get("P interval", "1/1")
+    above, below = map(int, share.split("/")) if isinstance(share, str) else (1, int(share))
+    if not (1 <= int(whole) <= MOST_INTERVAL and above >= 1 and below >= 1):
+        raise ValueError(f"intervals of frames {whole} and {share}")
+
+
+def _header(headers: dict[str, Any]) -> _Header:
+    """Units of one count.  ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g."""
+    notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header says it"]
+    scale, one_g = headers.get("gyro_scale"), headers.get("acc_1G")
+    gyro_unit, accel_unit, accel_fs_g = "", "", None
+    if scale is not None:
+        dps = struct.unpack("<f", struct.pack("<I", scale))[0] if isinstance(scale, int) and scale >= 2**23 else float(scale)
+        finer = FINER if headers.get("blackbox_high_resolution") in (1, "1") else 1
+        if math.isfinite(dps) and dps > 0:
+            gyro_unit = f"{float(str(np.float32(dps))) / finer!r}dps"  # the number that became these bits
+    if isinstance(one_g, (int, float)) and one_g > 0:
+        accel_unit, accel_fs_g = f"g/{one_g:g}", 32768 / one_g
+    if "Firmware revision" in headers:
+        notes.append(f"firmware: {str(headers['Firmware revision'])[:60]}")
+    return _Header(gyro_unit, accel_unit, accel_fs_g, tuple(notes))

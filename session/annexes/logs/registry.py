@@ -1,0 +1,39 @@
+"""The readers of binary logs, and which of them reads a file.
+
+A reader is a module with ``NAME``, ``PACKAGE`` (what pip installs, or ``""``), ``EXTRA`` (of this project), ``LICENCE`` of the package and
+``EXAMPLE`` (one line that shows such a file), and with three functions:
+
+- ``is_mine(path, head)`` says whether a file is of this format, by its first bytes.
+- ``topics(path, columns)`` lists the streams that hold a gyroscope or an accelerometer.
+- ``read(path, names, columns)`` returns the streams of these names; of all of them where no name is given.
+
+columns is the text of ``--columns``; a reader whose format names its own columns refuses it.  Both raise FormatError, in one line, for
+what cannot be read.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+#: how people call the format -> module, in the order in which the formats are listed and tried
+READERS = {
+    "ULog": "session.annexes.logs.ulog",
+    "ROS 1 bag": "session.annexes.logs.rosbag1",
+    "ROS 2 bag": "session.annexes.logs.rosbag2",
+    "MCAP": "session.annexes.logs.mcap_file",
+    "ArduPilot dataflash": "session.annexes.logs.ardupilot",
+    "Betaflight blackbox": "session.annexes.logs.betaflight",
+    "HDF5": "session.annexes.logs.hdf5",
+    "MATLAB": "session.annexes.logs.matlab",
+    "NumPy": "session.annexes.logs.numpy_file",
+    "Arrow": "session.annexes.logs.arrow",
+}
+#: of a file, enough for every reader to know its own
+HEAD = 4096
+
+
+def reader_of(path: Path, head: bytes) -> ModuleType | None:
+    """The module that reads a file which begins with head (some ``HEAD`` bytes; of a folder none); None where no reader knows it."""
+    return next((module for module in map(import_module, READERS.values()) if module.is_mine(path, head)), None)

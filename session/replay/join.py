@@ -11,13 +11,12 @@ from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.reader import Piece
 from session.io.stamps import counted, evenly, fresh
+from session.io.streams import MOST_ROWS
 from session.io.units import NS_PER_S, G
 from session.replay.sources import Source
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
-#: all of which are held at once: two days at 208 Hz
-MOST_ROWS = 40_000_000
 #: of g, the least median length of readings that gravity is in: half, whatever the scale's error
 LEAST_GRAVITY = 0.5
 #: of notes on stamps that are none

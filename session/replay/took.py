@@ -55,7 +55,7 @@ def _range(word: str, full_scale: float | None, assumed: bool) -> str:
 
 def _clock(layout: Layout, answers: Answers, counted: bool) -> str:
     if counted or layout.time is None:
-        return f"none, samples counted at {answers.odr_hz:g} Hz (as you say)" if answers.odr_hz else "none, samples counted"
+        return f"none, samples counted at {answers.odr_hz:g} Hz" if answers.odr_hz else "none, samples counted"
     columns = " + ".join(layout.name(column) for column in (layout.time, *(column for column, _ in layout.finer)))
     unit = "as a time of day" if layout.clock else f"in {_unit(layout.time_ns)}"
     return f"{columns} {unit} ({layout.sources.get('time') or 'by its name and its pace'})"

@@ -15,9 +15,8 @@ import numpy as np
 
 from session.annexes.logs.source import Source, as_topics, microseconds, no_columns, one_line, picked, too_many
 from session.io.errors import FormatError
-from session.io.streams import Stream, Topic
+from session.io.streams import MOST_ROWS, Stream, Topic
 from session.io.units import parse_unit
-from session.replay.convert import MOST_ROWS
 
 NAME = "ArduPilot dataflash"
 PACKAGE, EXTRA, LICENCE = "", "", ""

@@ -17,9 +17,8 @@ from session.annexes.logs.named import Meaning, meaning
 from session.annexes.logs.source import too_many
 from session.io.columns import parse_columns
 from session.io.errors import FormatError
-from session.io.streams import Stream, Topic
+from session.io.streams import MOST_ROWS, Stream, Topic
 from session.io.units import NS_PER_S, TIME
-from session.replay.convert import MOST_ROWS
 
 #: keys of ``--columns`` here: arrays beside the single columns of a text log
 KEY = re.compile(r"(t|gyro|accel|g[xyz]|a[xyz]|temp)(?:_(\S+))?")

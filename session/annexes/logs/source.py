@@ -16,8 +16,7 @@ import numpy as np
 
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import open_file
-from session.io.streams import Stream, Topic
-from session.replay.convert import MOST_ROWS
+from session.io.streams import MOST_ROWS, Stream, Topic
 
 
 def library(path: Path, what: str, module: str, package: str, extra: str = "logs") -> Any:

@@ -16,9 +16,8 @@ import numpy as np
 
 from session.annexes.logs.source import Source, as_topics, library, microseconds, no_columns, one_line, picked, too_many
 from session.io.errors import FormatError
-from session.io.streams import Stream, Topic
+from session.io.streams import MOST_ROWS, Stream, Topic
 from session.io.units import DEG, G
-from session.replay.convert import MOST_ROWS
 
 NAME = "ULog"
 PACKAGE, EXTRA, LICENCE = "pyulog", "logs", "BSD-3-Clause"

@@ -237,7 +237,8 @@ def test_a_folder_may_be_text(simulated, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have gravity alone'),
+        ({"protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have "gravity", or "truth" with truth='),
+        ({"protocol": Protocol(reference="table")}, 'reference is "table"; arrays have "gravity"'),
         ({"closures": [(1, 2)]}, "each of closures is"),
         ({"name": "../etc"}, "expected one word"),
         ({"gyro_fs_dps": -5}, "gyro_fs_dps is -5, expected the full scale"),

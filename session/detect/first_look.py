@@ -204,7 +204,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
     findings += check_excluded(session) + counted + check_leaps(parts)
     findings += dials + check_dials(session, found) + check_known_turns(known, parts)
-    return [as_arguments(finding) for finding in findings] if all(log.in_memory for log in logs) else findings
+    return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 
 
 def check_keys(config: Config) -> list[Finding]:

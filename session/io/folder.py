@@ -217,9 +217,14 @@ class Session:
         sensor = self.config.sensor
         return sensor.nominal_rate if log.counted or sensor.odr_sigma is not None else None
 
+    @property
+    def in_memory(self) -> bool:
+        """Whether it is made of arrays and was never a folder."""
+        return any(log.in_memory for log in self.logs)
+
     def own_folder(self, name: str) -> Path:
         """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""
-        if any(log.in_memory for log in self.logs):
+        if self.in_memory:
             raise CalibrationError(f"{self.name}: made of arrays, it has no folder of its own; give one to save to")
         return self.folder / name
 
@@ -348,10 +353,9 @@ def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
 def input_files(session: Session) -> list[Path]:
     """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
-    in_memory = all(log.in_memory for log in session.logs)
-    dials += [session.folder / NAME] if session.turns and not in_memory else []
-    truths = [] if in_memory else [truth.path for truth in session.truths or ()]
-    config = [] if in_memory else [session.folder / "session.toml"]
+    dials += [session.folder / NAME] if session.turns and not session.in_memory else []
+    truths = [] if session.in_memory else [truth.path for truth in session.truths or ()]
+    config = [] if session.in_memory else [session.folder / "session.toml"]
     return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
 
 

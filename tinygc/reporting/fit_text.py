@@ -302,11 +302,16 @@ def _closure_runs(result: FitResult) -> Table:
     return table
 
 
-def parameters_table(result: FitResult) -> Table:
-    """Sensor errors by least squares, in the terms and signs of the report (``field_parameters``)."""
+def sensor_errors(result: FitResult) -> list[Quantity]:
+    """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
     hidden = tuple(result.linear.notes.get("unobserved", ()))
     moved = None if result.allowed is None else result.allowed.of
-    quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
+    return field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
+
+
+def parameters_table(result: FitResult) -> Table:
+    """Table of the sensor errors by least squares."""
+    quantities = sensor_errors(result)
     by_name = {(q.word, q.component): q for q in quantities}
     table = plain_table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
     table.padding = (0, 1, 0, 0)

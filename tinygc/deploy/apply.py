@@ -50,6 +50,10 @@ class Applied:
     accelerometer: str | None
     notes: tuple[str, ...]
 
+    def to_json(self) -> dict:
+        """``tinygc-apply/1`` (docs/formats.md)."""
+        return {"schema": "tinygc-apply/1", **vars(self), "out": str(self.out)}
+
 
 def model_of(path: Path) -> Path:
     """Return the model file that a path means: of a session's or an array's folder the one that its fit recommends.

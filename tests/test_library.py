@@ -22,6 +22,11 @@ from tinygc.deploy.calibration import Calibration
 HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0.08, 0.0], [0.0, 0.02, 0.06]]}}
 
 
+#: functions and classes whose docstrings have an example
+EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fleet"]
+EXAMPLES += ["list_sessions", "load", "lot", "plan", "rebias", "report", "sensors", "simulate", "to_frame"]
+
+
 @pytest.fixture(scope="module")
 def simulated():
     return tinygc.simulate(segments=12, closure_s=30.0, seed=4)
@@ -169,11 +174,24 @@ def test_all_names_are_there_and_no_other():
         tinygc.fitt  # noqa: B018
 
 
+def test_every_public_function_has_an_example():
+    functions = {name for name in dir(tinygc) if name.islower() and not name.startswith("_") and callable(getattr(tinygc, name))}
+    assert functions - {"read_session"} == {name for name in EXAMPLES if name.islower()}
+    for name in EXAMPLES:
+        assert doctest.DocTestParser().get_examples(getattr(tinygc, name).__doc__), name
+
+
 @pytest.mark.broad
-@pytest.mark.parametrize("name", ["FitOptions", "check", "explain", "fit", "load", "simulate"])
+def test_the_example_of_arrays_runs():
+    finder = doctest.DocTestFinder(recurse=False)
+    (example,) = finder.find(tinygc.Session.from_arrays, "from_arrays", module=False, globs={"Session": tinygc.Session})
+    assert doctest.DocTestRunner().run(example).failed == 0
+
+
+@pytest.mark.broad
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_of_docstrings_run(name):
     (example,) = doctest.DocTestFinder(recurse=False).find(getattr(tinygc, name), name, module=False, globs={})
-    assert example.examples
     assert doctest.DocTestRunner().run(example).failed == 0
 
 

@@ -178,3 +178,31 @@ def test_samples_become_a_table_of_pandas(simulated):
     assert isinstance(table, pandas.DataFrame)
     assert list(table)[:4] == ["t_ns", "gx_rps", "gy_rps", "gz_rps"]
     np.testing.assert_array_equal(table["ay_mps2"], simulated.logs[0].samples.accel[:, 1])
+
+
+def test_what_a_log_says_of_itself_is_kept(folder_of_registers, tmp_path):
+    """Stamps that were counted, and specific force that is calibrated already, are so in the copy, too."""
+    source = tinygc.read_session(folder_of_registers)
+    copy = source.save(tmp_path / "counted")
+    log = copy / "log0001.csv"
+    log.write_text("# stamps=counted calibrated=gyro,accel\n" + log.read_text())
+    read = tinygc.read_session(copy)
+    assert read.logs[0].counted
+    again = tinygc.read_session(read.save(tmp_path / "again"))
+    same(read, again)
+    assert again.logs[0].comments == read.logs[0].comments
+    assert again.nominal_rate == read.nominal_rate
+
+
+def test_a_fitted_session_is_saved_with_readings_alone(tmp_path):
+    """What the fit has put into a gap is no reading, and a calibration by these very stills is no prior of them."""
+    session = tinygc.simulate(segments=16, closure_s=0.0, odr_hz=104.0, seed=6).session
+    t_s, gyro, accel, temp = arrays_of(session.logs[0])
+    kept = np.ones(len(t_s), dtype=bool)
+    kept[1000:1002] = False
+    of_arrays = Session.from_arrays(t_s[kept], gyro[kept], accel[kept], temp[kept], gyro_fs_dps=500, accel_fs_g=4)
+    fitted = tinygc.fit(of_arrays, methods="least_squares").session
+    assert [(bridge.row, bridge.count) for bridge in fitted.logs[0].bridges] == [(1000, 2)]
+    again = tinygc.read_session(fitted.save(tmp_path / "s"))
+    np.testing.assert_array_equal(again.logs[0].samples.gyro, gyro[kept])
+    assert again.config.accelerometer.own_stills

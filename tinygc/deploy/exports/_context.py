@@ -166,12 +166,12 @@ def context_of_fit(
     name = method or PREFERRED
     if name not in tables:
         raise ExportError(f"{name} was not fitted; the fit has {', '.join(tables)}")
-    _say_of_physics(set(tables) if method is None else set(), say)
+    _say_of_physics(set(tables) if method is None else set(), say, 'model="{}"')
     path = Path(f"model_{name}.json")
     model = models.from_dict(tables[name], path.name)
-    _refuse_session_time(model, path)
+    _refuse_session_time(model, path, 'model="{}"')
     fit = read_json_text(json_text(to_json(result)), "fit.json")  # as the file has it: null for what is no number
-    _judge(path.name, fit, name.removesuffix(AT_END), say, anyway)
+    _judge(path.name, fit, name.removesuffix(AT_END), say, anyway, "anyway=True")
     session = result.session
     text = json_text(tables[name]) + "\n"  # as ``save_models`` writes it
     hashes = {path.name: hashlib.sha256(text.encode()).hexdigest(), **input_hashes(session)}
@@ -179,29 +179,29 @@ def context_of_fit(
     return model, Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
 
 
-def _say_of_physics(there: set[str], say: Callable[[str], None]) -> None:
-    """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models."""
+def _say_of_physics(there: set[str], say: Callable[[str], None], option: str = "--model {}") -> None:
+    """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models; option: that takes one."""
     if "physics" in there:
         ended = AT_END if f"physics{AT_END}" in there else ""
-        say(f"least squares is exported; the fit holds physics as well: --model physics{ended}")
+        say(f"least squares is exported; the fit holds physics as well: {option.format(f'physics{ended}')}")
 
 
-def _refuse_session_time(model: Model, path: Path) -> None:
+def _refuse_session_time(model: Model, path: Path, option: str = "--model {}") -> None:
     if bygone := effects_of_session_time(model):
         raise ExportError(
             f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
-            f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
+            f"give {option.format(path.stem.removeprefix('model_') + AT_END)}, which fit saves beside it"
         )
 
 
-def _judge(name: str, fit: dict, judged: str, say: Callable[[str], None], anyway: bool) -> None:
-    """Raise ExportError for a model that closes held-out segments worse than the raw rates, or say so; fit: its figures."""
+def _judge(name: str, fit: dict, judged: str, say: Callable[[str], None], anyway: bool, option: str = "--anyway") -> None:
+    """Raise ExportError for a model that closes held-out segments worse than raw rates, or say so; fit: its figures; option: to insist."""
     if worse := worse_in_table(fit, judged):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
         words = f"{name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
         if not anyway:
-            raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with --anyway")
-        say(f"{words}; exported because of --anyway")
+            raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with {option}")
+        say(f"{words}; exported because of {option}")
 
 
 def _model_path(folder: Path, method: str | None) -> Path:

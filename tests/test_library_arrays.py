@@ -1,5 +1,7 @@
 """Sessions of plain arrays: logs, units, truth, turns; refused in the words of the arguments; saved, and read to the same numbers."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from conftest import DEG
@@ -206,3 +208,28 @@ def test_a_fitted_session_is_saved_with_readings_alone(tmp_path):
     again = tinygc.read_session(fitted.save(tmp_path / "s"))
     np.testing.assert_array_equal(again.logs[0].samples.gyro, gyro[kept])
     assert again.config.accelerometer.own_stills
+
+
+JUNK = [3, -1.5, float("nan"), "x", "", "a\0b", b"x", [1, 2], {"a": 1}, object(), np.zeros(3), [["a"]], True, [None], 10**400]
+
+
+@pytest.mark.parametrize("name", ["t_s", "gyro_rps", "accel_mps2", "temp_c", "logs", "closures", "truth", "turns", "rate_unit", "name"])
+def test_whatever_an_argument_is_the_answer_is_a_session_or_one_line(name):
+    given = dict(zip(("t_s", "gyro_rps", "accel_mps2"), ARRAYS, strict=True))
+    for junk in JUNK:
+        with contextlib.suppress(CalibrationError):
+            Session.from_arrays(**given | {name: junk})
+    for junk in JUNK:
+        with pytest.raises(CalibrationError):
+            Session.from_arrays(**given | {"protocol": junk})
+        with pytest.raises(CalibrationError):
+            Session.from_arrays(logs=[ARRAYS], turns=[(0, "x", 90, 0.1, junk)])
+
+
+def test_a_setting_that_no_file_may_hold_is_not_saved(tmp_path):
+    session = Session.from_arrays(*ARRAYS, site=Site(latitude_deg=1000.0))
+    with pytest.raises(CalibrationError, match=r"^arrays: site\.latitude_deg is 1000.0, expected a number within 90"):
+        session.save(tmp_path / "s")
+    assert not (tmp_path / "s").exists()
+    with pytest.raises(CalibrationError, match="folder is 3, expected the path of a new folder"):
+        session.save(3)

@@ -383,6 +383,46 @@ def test_a_wrong_argument_is_one_line(call, complaint):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("call", "complaint"),
+    [
+        (lambda fit: fit.report(3), "report: path is 3, expected a path"),
+        (lambda fit: fit.report(explain=False, limit_deg=-1), "report: limit_deg is -1, expected a number above 0"),
+        (lambda fit: fit.export("json", "a\0b"), "export: folder is 'a\\x00b', expected a path"),
+        (lambda fit: fit.export("json", model=[1]), "export: model is [1], expected text"),
+        (lambda fit: fit.save(b"x"), "save: folder is b'x', expected a path"),
+        (lambda fit: fit.plot(3), "plot: path is 3, expected a path"),
+        (lambda fit: tinygc.compare([fit, None]), "sessions holds None, expected a Fit or the path of a fitted session"),
+        (lambda fit: tinygc.rebias(fit.source, fit, exclude=["a"]), "rebias: exclude is ['a'], expected a list of whole numbers"),
+        (lambda fit: tinygc.plan(fit.source, lot=3), "plan: lot is 3, expected a path"),
+        (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", gyro_fs_dps="fast"), "gyro_fs_dps is 'fast', expected a number above 0"),
+        (lambda fit: tinygc.apply(fit, "x.csv", "y.csv", columns=3), "columns is 3, expected text"),
+        (lambda fit: tinygc.sensors(3), "sensors: name is 3, expected text"),
+        (lambda fit: tinygc.fleet(3, "x"), "fleet: folders is 3, expected a path, or a list of paths"),
+        (lambda fit: tinygc.lot("x", limits=3), "limits is 3, expected a file, or (lower, upper) by the key of each number"),
+    ],
+)
+def test_an_argument_of_another_kind_is_one_line(fits, call, complaint):
+    with pytest.raises(CalibrationError, match=re.escape(complaint)) as caught:
+        call(fits[0])
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_is_written_over_what_is_read(fits, folders, tmp_path):
+    log = tmp_path / "log.csv.gz"
+    log.write_bytes((folders[0] / "log0001.csv.gz").read_bytes())
+    before = log.read_bytes()
+    (tmp_path / "link.csv.gz").symlink_to(log)
+    for out in (log, tmp_path / "link.csv.gz"):
+        with pytest.raises(CalibrationError, match="is what is read, and nothing is written over it"):
+            tinygc.apply(fits[0], log, out, gyro_fs_dps=500, accel_fs_g=4)
+    with pytest.raises(CalibrationError, match="that is a folder; give a file"):
+        fits[0].report(tmp_path, explain=False)
+    with pytest.raises(CalibrationError, match="no result is written over one"):
+        fits[0].report(folders[0] / "log0001.csv.gz", explain=False)
+    assert log.read_bytes() == before
+
+
 def test_gravity_of_a_calibrated_log_is_as_long_as_the_sites(fits):
     """The specific force of a still, by the fit's accelerometer, has gravity's length: arrays, units and calibration fit together."""
     samples = tinygc.apply(fits[0], fits[0].source.logs[0])

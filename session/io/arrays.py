@@ -31,6 +31,12 @@ TRUTH_ARRAYS = "(t_s, q_nb) or (t_s, q_nb, window)"
 # Units of arrays: as people state them, and where they cannot be right.
 
 
+def require_kind(name: str, value: Any, kind: type | tuple[type, ...], expected: str) -> None:
+    """DataError for an argument of another kind."""
+    if not isinstance(value, kind):
+        raise DataError(f"{name} is {value!r:.60}, expected {expected}")
+
+
 def si_of(option: str, kind: str, word: str) -> float:
     """SI per unit of a word; DataError, which names the option, for what is no unit of that kind, and for registers."""
     unit = parse_unit(kind, word) if isinstance(word, str) else None
@@ -137,7 +143,7 @@ def turns_of_arrays(given: Sequence[Sequence[Any]], logs: Sequence[Log]) -> tupl
         cells = dict(zip(COLUMNS, [f"{number}", words, *map(str, angles)], strict=True))
         log = row[4] if len(row) == 5 else None
         if log is not None:
-            if log not in range(len(logs)):
+            if not isinstance(log, int) or log not in range(len(logs)):
                 raise DataError(f"{where}: log is {log!r:.40}, expected the number of a log, 0 to {len(logs) - 1}")
             cells["log"] = logs[log].path.name
         turn = known_turn(where, cells, [each.path.name for each in logs])
@@ -176,7 +182,7 @@ def _refuse_far(name: str, values: np.ndarray, kind: str) -> None:
 def _array(name: str, values: ArrayLike | None, shape: tuple[int | None, ...]) -> np.ndarray:
     try:
         array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DataError(f"{name} is not made of numbers") from None
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         wanted = "(" + ", ".join("N" if want is None else str(want) for want in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -11,13 +11,26 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.arrays import TRUTH_ARRAYS, logs_of_arrays, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
-from session.io.config import Accelerometer, Config, LeftOut, NominalRate, Protocol, Sensor, Site, TruthAlignment, TruthReading, read_config
+from session.io.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
+from session.io.config import (
+    Accelerometer,
+    Config,
+    LeftOut,
+    NominalRate,
+    Protocol,
+    Sensor,
+    Site,
+    TruthAlignment,
+    TruthReading,
+    config_of,
+    read_config,
+)
 from session.io.errors import CalibrationError, DataError, FormatError, StorageError
 from session.io.files import MOST_TOML, naming, open_file, read_text, require_file, result_folder, unreadable
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
@@ -34,6 +47,8 @@ from session.io.written import attitudes_text, board_text, exclude_text, log_lin
 ATTITUDES = "attitudes.csv"
 #: keys of ``[sensor]`` that a saved session has besides those of a new one; which rows were its own (rows, where) is done with
 OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma")
+#: beyond any full scale, dps or g
+FAR = 1e9
 #: far beyond any recording, and small enough for a table with a row each
 MOST_STILLS = 100_000
 
@@ -128,14 +143,23 @@ class Session:
         np.float64(-9.80665)
 
         """
-        if Path(name).name != name or not name:
+        for what, text in (("name", name), ("model", model), ("serial", serial)):
+            require_kind(what, text, str, "text")
+        if Path(name).name != name or not name or "\0" in name:
             raise DataError(f"name is {name!r}, expected one word, as of a folder")
+        given_rows = {"logs": logs, "closures": closures, "truth": truth, "turns": turns}
+        for what, rows in given_rows.items():
+            require_kind(what, rows, (list, tuple, NoneType), "a list of tuples")
+        logs, closures, truth, turns = (rows or () for rows in given_rows.values())
+        for what, record, kind in (("accelerometer", accelerometer, Accelerometer), ("site", site, Site), ("protocol", protocol, Protocol)):
+            require_kind(what, record, (kind, NoneType), f"a tinygc.{kind.__name__}")
         protocol = protocol or Protocol(reference="truth" if len(truth) else "gravity")
         if protocol.reference == "table" or (protocol.reference == "truth") != (len(truth) > 0):
             raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity", or "truth" with truth=')
         for what, given in (("gyro_fs_dps", gyro_fs_dps), ("accel_fs_g", accel_fs_g)):
-            if given is not None and not 0 < given < float("inf"):
-                raise DataError(f"{what} is {given!r}, expected the full scale that the sensor was set to")
+            require_kind(what, given, (int, float, np.number, NoneType), "the full scale that the sensor was set to")
+            if given is not None and not 0 < given < FAR:
+                raise DataError(f"{what} is {given!r:.60}, expected the full scale that the sensor was set to")
         one = [array for array in (t_s, gyro_rps, accel_mps2, temp_c) if array is not None]
         if bool(one) == (len(logs) > 0) or (one and (t_s is None or gyro_rps is None or accel_mps2 is None)):
             raise DataError("give one log as t_s, gyro_rps and accel_mps2, or several as logs=")
@@ -164,8 +188,12 @@ class Session:
         """Write a session folder that ``read_session`` reads to the same numbers, and return it.
 
         Rates are in rad/s, specific force in m/s^2 and stamps in ns, with all digits; registers become such numbers.  Logs and closure
-        runs are counted anew: log0001.csv, log0002.csv, ….  Raises FormatError where the folder holds something.
+        runs are counted anew: log0001.csv, log0002.csv, ….  Raises FormatError where the folder holds something, and for a setting that
+        no session.toml may hold.
         """
+        require_kind("folder", folder, (str, os.PathLike), "the path of a new folder")
+        if "\0" in str(folder) or not str(folder).strip():
+            raise DataError(f"folder is {folder!r:.60}, expected the path of a new folder")
         folder = Path(folder)
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise FormatError(f"{folder}: holds something already; give a new or an empty folder")
@@ -176,9 +204,10 @@ class Session:
         if own.source in ("stills", "prior"):  # estimated from these very stills
             own = replace(own, own_stills=True)
         config = replace(self.config, exclude=exclude, accelerometer=own)
+        text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
+        config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
         reading = self.alignment.reading if self.alignment is not None else TruthReading.of(config.truth)
         with result_folder(folder), naming(folder):
-            text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
             (folder / "session.toml").write_text(text, encoding="utf-8", newline="\n")
             for log, name in zip(self.logs, names.values(), strict=True):
                 _write_lines(folder / name, log_lines(log))

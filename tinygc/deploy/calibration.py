@@ -220,7 +220,7 @@ def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
     """Convert to a float64 array; raises CalibrationError for other than numbers."""
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CalibrationError(f"{name} is not made of numbers") from None
 
 

@@ -26,7 +26,20 @@ from tinygc.estimation.compare import compare as compare_calibrated
 from tinygc.estimation.compare import to_json as comparison_to_json
 from tinygc.estimation.options import FitOptions
 from tinygc.library.fits import Fit
-from tinygc.library.interface import Estimate, Listed, Named, Progress, Shown, chosen, column_unit, nothing, public, session_or_folder
+from tinygc.library.interface import (
+    Estimate,
+    Listed,
+    Named,
+    Progress,
+    Shown,
+    answers_of,
+    chosen,
+    column_unit,
+    is_path,
+    nothing,
+    public,
+    session_or_folder,
+)
 from tinygc.library.reports import Exported, Report, exported, report_of
 from tinygc.models.files import is_array_model, load_with_table
 from tinygc.reporting.fit_text import rebias_report
@@ -216,7 +229,10 @@ def compare(sessions: Sequence[Fit | Path | str], *, bias: bool = False) -> Comp
     True
 
     """
-    given = [sessions] if isinstance(sessions, Fit | str | os.PathLike) else list(sessions)
+    given: list[Any] = list(sessions) if isinstance(sessions, list | tuple) else [sessions]
+    for each in given:
+        if not isinstance(each, Fit) and not is_path(each):
+            raise CalibrationError(f"sessions holds {each!r:.60}, expected a Fit or the path of a fitted session")
     if len(given) < 2:
         raise CalibrationError("compare needs two sessions or more")
     read = [calibrated_of(each.result, each.config) if isinstance(each, Fit) else read_calibrated(Path(each)) for each in given]
@@ -268,6 +284,10 @@ class Rebias(Shown):
         return save_rebiased(self.result, None if folder is None else Path(folder))
 
 
+#: of a bias of the day
+SOURCES = ("start", "gravity", "given")
+
+
 @public()
 def rebias(
     session: Session | Path | str,
@@ -317,9 +337,9 @@ def rebias(
     'rad/s'
 
     """
-    if source not in ("start", "gravity", "given") or (source == "given") != (bias_dps is not None):
+    if source not in SOURCES or (source == "given") != (bias_dps is not None):
         raise CalibrationError(f"source is {source!r}, expected start or gravity, or given with bias_dps=(x, y, z)")
-    if bias_dps is not None and (np.shape(bias_dps) != (3,) or not np.isfinite(np.asarray(bias_dps, dtype=float)).all()):
+    if bias_dps is not None and len(bias_dps) != 3:
         raise CalibrationError(f"bias_dps is {bias_dps!r:.60}, expected three numbers, dps")
     path, table = _stored(model)
     given = None if bias_dps is None else np.asarray(bias_dps, dtype=float)
@@ -409,7 +429,7 @@ def apply(
 
     """
     if isinstance(data, str | os.PathLike):
-        return _apply_to_file(model, Path(data), out, unit, session, which, progress, Answers(**choices))
+        return _apply_to_file(model, Path(data), out, unit, session, which, progress, answers_of(choices))
     if out is not None or session is not None or which is not None or choices:
         given = [name for name, value in {"out": out, "session": session, "which": which, **choices}.items() if value is not None]
         raise CalibrationError(f"apply: {', '.join(given)} goes with a log file, and data is a {type(data).__name__}; leave it out")
@@ -461,6 +481,9 @@ def _apply_to_file(
         raise CalibrationError(f"apply: {log} is a file; give out=, the log to write")
     path, table = _stored(model)
     path = path if table is not None else model_of(path)
+    for source in (log, path):
+        if source.exists() and Path(out).exists() and os.path.samefile(source, out):
+            raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     if table is None and is_array_model(path):
         return need("calibrations of arrays").apply(path, log, Path(out), answers, which, column_unit(unit), progress or nothing)
     if log.is_dir():

@@ -144,6 +144,7 @@ class Fit(Shown):
         """The parameters as a pandas DataFrame, a row for each.  Raises CalibrationError where pandas is not installed."""
         return self.parameters.to_frame()
 
+    @public()
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas as a matplotlib figure; write it as
         PNG if a path is given.  CalibrationError without matplotlib."""
@@ -153,6 +154,7 @@ class Fit(Shown):
         figure = figure_of_fit(self.result, SENSOR_ERRORS, sensor_errors(self.result))
         return figure if path is None else saved(figure, Path(path))
 
+    @public()
     def report(
         self,
         path: Path | str | None = None,
@@ -170,6 +172,7 @@ class Fit(Shown):
             made.save(path, pdf=pdf)
         return made
 
+    @public()
     def export(self, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
         """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
         from tinygc.deploy.exports._context import context_of_fit
@@ -185,6 +188,7 @@ class Fit(Shown):
         """``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
         return to_json(self.result, limit_deg)
 
+    @public()
     def save(self, folder: Path | str | None = None, limit_deg: float | None = None) -> Path:
         """Write each method's model and the figures into a folder (``fit`` in the session's folder by default); returns it."""
         return save_models(self.result, None if folder is None else Path(folder), limit_deg)

@@ -13,7 +13,7 @@ from session.io.annexes import need
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError
 from session.io.folder import Session
-from tinygc.library.interface import Progress, column_unit, nothing, public
+from tinygc.library.interface import Progress, answers_of, column_unit, is_path, nothing, public
 from tinygc.library.sessions import check
 
 # ``tinygc.array``: several units on one rigid body.
@@ -33,6 +33,7 @@ class Array:
         """Check each unit, and whether all are on one body; as ``tinygc.check``."""
         return check(self.session)
 
+    @public()
     def fit(self, *, bias: str = "auto", accelerometer: str = "auto", use_earth: bool = True, progress: Progress | None = None) -> Any:
         """Estimate all units together.
 
@@ -42,6 +43,7 @@ class Array:
         annex = need("calibrations of arrays")
         return annex.fit(self.session, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=progress or nothing)
 
+    @public()
     def explain(self, *, seed: int = 0, use_earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
         """Explain each unit by itself and by comparison with the others.
 
@@ -51,6 +53,7 @@ class Array:
         annex, others = need("calibrations of arrays"), [each.session if isinstance(each, Array) else each for each in check_on]
         return annex.explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
 
+    @public(Answers)
     def apply(
         self,
         model: Path | str,
@@ -66,7 +69,7 @@ class Array:
         model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps;
         choices: what the logs do not tell, as of ``tinygc.apply``.  Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
         """
-        annex, answers = need("calibrations of arrays"), Answers(**choices)
+        annex, answers = need("calibrations of arrays"), answers_of(choices)
         return annex.apply(Path(model), self.session.folder, Path(out), answers, which, column_unit(unit), progress or nothing)
 
 
@@ -99,9 +102,9 @@ def array(units: Any, *, name: str = "array") -> Array:
 
     """
     recordings = need("recordings of arrays")
-    if isinstance(units, str | os.PathLike):
+    if is_path(units):
         return Array(recordings.read_array(Path(units)))
-    if isinstance(units, Sequence) and all(isinstance(unit, Session) for unit in units):
+    if isinstance(units, list | tuple) and units and all(isinstance(unit, Session) for unit in units):
         return Array(recordings.array_of(units, name))
     if not hasattr(units, "units"):
         raise CalibrationError(f"units is of type {type(units).__name__}, expected an array's folder or the sessions of its units")
@@ -216,4 +219,7 @@ def lot(
 
     """
     annex = need("lots and fleets")
-    return annex.lot(Path(table), model=model, limits=Path(limits) if isinstance(limits, str) else limits, seed=seed)
+    if limits is not None and not is_path(limits) and not isinstance(limits, Mapping):
+        raise CalibrationError(f"limits is {limits!r:.60}, expected a file, or (lower, upper) by the key of each number")
+    known = Path(str(limits)) if is_path(limits) else limits
+    return annex.lot(Path(table), model=model, limits=known, seed=seed)

@@ -68,6 +68,8 @@ class Report(Shown):
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
         path = Path(path)
+        if path.is_dir():
+            raise CalibrationError(f"{path}: that is a folder; give a file")
         if pdf:
             require_browser()
         save(self.data, path)

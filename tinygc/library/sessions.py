@@ -264,7 +264,7 @@ def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | Non
     2
 
     """
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+    if count < 1:
         raise CalibrationError(f"count is {count!r}, expected a whole number of 1 or more")
     return Plan(propose(session_or_folder(session), count, None if lot is None else Path(lot)))
 

@@ -76,6 +76,8 @@ def save(figure: Figure, path: Path) -> None:
 
 def saved(figure: Figure, path: Path) -> Figure:
     """Write a PNG, in a folder that is made where it is missing, and return the figure."""
+    if path.is_dir():
+        raise CalibrationError(f"{path}: that is a folder; give a file")
     path.parent.mkdir(parents=True, exist_ok=True)
     save(figure, path)
     return figure

@@ -1,14 +1,18 @@
 """Sessions of plain arrays: logs, units, truth, turns; refused in the words of the arguments; saved, and read to the same numbers."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import DEG
 
 import tinygc
+from session.io.config import TruthGiven
 from session.io.units import G
 from tinygc import CalibrationError, Protocol, Session, Site
+
+ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +76,39 @@ def test_a_truth_comes_back(tmp_path):
     np.testing.assert_array_equal(mine.window, theirs.window)
     np.testing.assert_allclose(mine.q_nb, theirs.q_nb, rtol=0, atol=np.finfo(float).eps)  # the reader makes each of length 1
     np.testing.assert_allclose(np.linalg.norm(mine.q_nb, axis=1), 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        TruthGiven(offset_s=0.25, sense="world_to_body"),
+        TruthGiven(order="xyzw", frame="enu", mounting=np.eye(3)[[1, 2, 0]]),
+    ],
+)
+def test_a_truth_that_is_read_in_another_way_is_written_in_that_way(given, tmp_path):
+    """Its file holds what the reading makes these very attitudes of."""
+    q = np.random.default_rng(3).normal(size=(20, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    made = Session.from_arrays(*ARRAYS, truth=[(np.arange(20) / 10, q)])
+    session = replace(made, config=replace(made.config, truth=given))
+    (mine,), (theirs,) = session.truths, tinygc.read_session(session.save(tmp_path / "s")).truths
+    np.testing.assert_array_equal(mine.t_ns, theirs.t_ns)
+    np.testing.assert_allclose(mine.q_nb, theirs.q_nb, rtol=0, atol=4 * np.finfo(float).eps)
+    plain = tinygc.read_session(made.save(tmp_path / "plain")).truths[0]
+    np.testing.assert_allclose(plain.q_nb, mine.q_nb, rtol=0, atol=np.finfo(float).eps)
+    first = (tmp_path / "s" / "truth0001.csv").read_text().splitlines()[1]
+    assert first != (tmp_path / "plain" / "truth0001.csv").read_text().splitlines()[1]
+
+
+def test_dial_readings_come_back(tmp_path):
+    """Readings in degrees to the last bit of their radians; a still without a reading has no row."""
+    attitudes = np.random.default_rng(4).uniform(-180, 180, (500, 3)) * DEG
+    attitudes[[0, 7]] = [[90 * DEG, -45 * DEG, 0.0], [np.nan] * 3]
+    made = Session.from_arrays(*ARRAYS)
+    table = replace(made, config=replace(made.config, protocol=Protocol(reference="table")), attitudes=attitudes)
+    folder = table.save(tmp_path / "s")
+    np.testing.assert_array_equal(tinygc.read_session(folder).attitudes, attitudes)
+    assert (folder / "attitudes.csv").read_text().splitlines()[1] == "0,90.0,-45.0,0.0"
 
 
 def test_the_readings_of_a_recording_come_back_from_its_copy(folder_of_registers, tmp_path):
@@ -143,9 +180,6 @@ def test_findings_on_arrays_name_arguments_and_no_columns(simulated):
             assert not any(word in finding.line for word in ("session.toml", "turns.csv", "header", "columns gx", "converted the log")), (
                 name
             )
-
-
-ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
 
 @pytest.mark.parametrize(

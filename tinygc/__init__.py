@@ -64,35 +64,35 @@ if TYPE_CHECKING:
     from tinygc.estimation.accelerometer import AccelerometerFit as AccelerometerFit
     from tinygc.estimation.choice import ClosureFigures as ClosureFigures
     from tinygc.estimation.options import FitOptions as FitOptions
-    from tinygc.library.calibrations import Compared as Compared
-    from tinygc.library.calibrations import Rebias as Rebias
-    from tinygc.library.calibrations import apply as apply
-    from tinygc.library.calibrations import compare as compare
-    from tinygc.library.calibrations import export as export
-    from tinygc.library.calibrations import rebias as rebias
-    from tinygc.library.calibrations import report as report
+    from tinygc.library.applied import apply as apply
+    from tinygc.library.biases import Rebias as Rebias
+    from tinygc.library.biases import rebias as rebias
+    from tinygc.library.comparisons import Compared as Compared
+    from tinygc.library.comparisons import compare as compare
     from tinygc.library.explanations import FoundEffect as FoundEffect
     from tinygc.library.explanations import Why as Why
     from tinygc.library.explanations import explain as explain
     from tinygc.library.fits import Fit as Fit
     from tinygc.library.fits import fit as fit
     from tinygc.library.fits import fit_temperature as fit_temperature
-    from tinygc.library.interface import Estimate as Estimate
-    from tinygc.library.interface import to_frame as to_frame
+    from tinygc.library.known import list_sessions as list_sessions
+    from tinygc.library.known import sensors as sensors
     from tinygc.library.many import Array as Array
     from tinygc.library.many import array as array
     from tinygc.library.many import fleet as fleet
     from tinygc.library.many import lot as lot
+    from tinygc.library.records import Estimate as Estimate
+    from tinygc.library.records import to_frame as to_frame
     from tinygc.library.reports import Exported as Exported
     from tinygc.library.reports import Report as Report
+    from tinygc.library.reports import export as export
+    from tinygc.library.reports import report as report
     from tinygc.library.sessions import OwnAccelerometer as OwnAccelerometer
     from tinygc.library.sessions import Plan as Plan
     from tinygc.library.sessions import Simulated as Simulated
     from tinygc.library.sessions import accelerometer as accelerometer
     from tinygc.library.sessions import check as check
-    from tinygc.library.sessions import list_sessions as list_sessions
     from tinygc.library.sessions import plan as plan
-    from tinygc.library.sessions import sensors as sensors
     from tinygc.library.sessions import simulate as simulate
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
@@ -108,23 +108,16 @@ _HOMES = {
     "tinygc.estimation.accelerometer": ("AccelerometerFit",),
     "tinygc.estimation.choice": ("ClosureFigures",),
     "tinygc.estimation.options": ("FitOptions",),
-    "tinygc.library.calibrations": ("Compared", "Rebias", "apply", "compare", "export", "rebias", "report"),
+    "tinygc.library.applied": ("apply",),
+    "tinygc.library.biases": ("Rebias", "rebias"),
+    "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
     "tinygc.library.fits": ("Fit", "fit", "fit_temperature"),
-    "tinygc.library.interface": ("Estimate", "to_frame"),
+    "tinygc.library.known": ("list_sessions", "sensors"),
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
-    "tinygc.library.reports": ("Exported", "Report"),
-    "tinygc.library.sessions": (
-        "OwnAccelerometer",
-        "Plan",
-        "Simulated",
-        "accelerometer",
-        "check",
-        "list_sessions",
-        "plan",
-        "sensors",
-        "simulate",
-    ),
+    "tinygc.library.records": ("Estimate", "to_frame"),
+    "tinygc.library.reports": ("Exported", "Report", "export", "report"),
+    "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
 #: name -> the service of the annex that has it

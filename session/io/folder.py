@@ -188,8 +188,7 @@ class Session:
         """Write a session folder that ``read_session`` reads to the same numbers, and return it.
 
         Rates are in rad/s, specific force in m/s^2 and stamps in ns, with all digits; registers become such numbers.  Logs and closure
-        runs are counted anew: log0001.csv, log0002.csv, ….  Raises FormatError where the folder holds something, and for a setting that
-        no session.toml may hold.
+        runs are numbered from 1.  Raises FormatError where the folder holds something, and for a setting that no session.toml may hold.
         """
         require_kind("folder", folder, (str, os.PathLike), "the path of a new folder")
         if "\0" in str(folder) or not str(folder).strip():

@@ -17,7 +17,8 @@ from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.library.interface import Listed, Progress, nothing, public, session_or_folder
+from tinygc.library.arguments import Progress, nothing, public, session_or_folder
+from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
 from tinygc.reporting.pictures.canvas import saved
 from tinygc.reporting.terminal import Group, Text, as_html, as_text

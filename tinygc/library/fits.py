@@ -21,7 +21,8 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
 from tinygc.estimation.verdict import Acceptance
-from tinygc.library.interface import Estimate, Named, Progress, Shown, accelerometer_estimates, chosen, nothing, public, session_or_folder
+from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
+from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import COVERAGE_FACTOR, NAMES
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors

@@ -13,8 +13,7 @@ from session.io.annexes import need
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError
 from session.io.folder import Session
-from tinygc.library.interface import Progress, answers_of, column_unit, is_path, nothing, public
-from tinygc.library.sessions import check
+from tinygc.library.arguments import Progress, answers_of, column_unit, is_path, nothing, public
 
 # ``tinygc.array``: several units on one rigid body.
 
@@ -31,6 +30,8 @@ class Array:
 
     def check(self) -> list[Finding]:
         """Check each unit, and whether all are on one body; as ``tinygc.check``."""
+        from tinygc.library.sessions import check
+
         return check(self.session)
 
     @public()

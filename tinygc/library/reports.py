@@ -1,11 +1,13 @@
-"""A calibration's report and its exports, as records that can be read, shown and saved."""
+"""``tinygc.report`` and ``tinygc.export``: a calibration for people, and for other programs."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from session.io.annexes import need
 from session.io.errors import CalibrationError
@@ -16,15 +18,16 @@ from session.io.results import write_text_whole
 from tinygc.deploy import FORMATS, exports, format_named
 from tinygc.deploy.exports._context import Context, read_context
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import Acceptance
-from tinygc.library.interface import Progress, Shown
+from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
+from tinygc.library.records import Shown
 from tinygc.models.files import is_array_model
 from tinygc.models.model import Model
-from tinygc.reporting.html.evidence import ReportData, gather
-from tinygc.reporting.html.page import page, save, summary
-from tinygc.reporting.html.paper import print_pdf, require_browser
 from tinygc.reporting.terminal import Group, one_line
+
+if TYPE_CHECKING:
+    from tinygc.estimation.results import FitResult
+    from tinygc.reporting.html.evidence import ReportData
 
 # The report: one HTML file.
 
@@ -59,14 +62,21 @@ class Report(Shown):
     @cached_property
     def html(self) -> str:
         """The report as one HTML document that needs nothing else."""
+        from tinygc.reporting.html.page import page
+
         return page(self.data)
 
     def to_json(self) -> dict:
         """``tinygc-report/1`` (docs/formats.md)."""
+        from tinygc.reporting.html.page import summary
+
         return summary(self.data)
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
+        from tinygc.reporting.html.page import save
+        from tinygc.reporting.html.paper import print_pdf, require_browser
+
         path = Path(path)
         if path.is_dir():
             raise CalibrationError(f"{path}: that is a folder; give a file")
@@ -80,7 +90,71 @@ def report_of(
     where: Session | Path, options: FitOptions, fit: FitResult | None, explain: bool, limit_deg: float | None, progress: Progress | None
 ) -> Report:
     """Gather what the report of a session, or a session folder, shows; fit: its fit with these options, where it was run before."""
+    from tinygc.reporting.html.evidence import gather  # with the fit and the search for effects, which an export does not need
+
     return Report(gather(where, options, explain=explain, limit_deg=limit_deg, fit=fit, progress=progress))
+
+
+@public(FitOptions)
+def report(
+    session: Any,
+    path: Path | str | None = None,
+    options: FitOptions | None = None,
+    *,
+    explain: bool = True,
+    limit_deg: float | None = None,
+    pdf: bool = False,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Report:
+    """Make the calibration report: one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    session : Session, Fit, str or Path
+        The recording, its folder, or its fit, which is not computed again.
+    path : str or Path, optional
+        The HTML file to write; without it ``save`` writes the report.
+    options : FitOptions, optional
+        Options of the fit, where none is given.
+    explain : bool, optional
+        Ask why recording and simulation differ.
+    limit_deg : float, optional
+        Pass only if the held-out tilt of the segments and each closure run's RMSE are at most this, degrees.
+    pdf : bool, optional
+        Print it as well, to a PDF beside it; needs Chromium.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+    **choices
+        Single fields of ``FitOptions``.
+
+    Returns
+    -------
+    Report
+        ``verdict``, ``html``, ``to_json()``, ``save(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted, and for a wrong option; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> made = tinygc.report(session, explain=False, methods=("least_squares",))
+    >>> made.verdict.word
+    'NOT DECIDED'
+
+    """
+    if is_fit(session):
+        if options is not None or choices:
+            raise CalibrationError("report: the options are those of the fit that is given; leave them out, or give the session")
+        return session.report(path, explain=explain, limit_deg=limit_deg, pdf=pdf, progress=progress)
+    made = report_of(session_or_folder(session), chosen(FitOptions, options, choices), None, explain, limit_deg, progress)
+    if path is not None:
+        made.save(path, pdf=pdf)
+    return made
 
 
 # Exports: files for other programs.
@@ -145,3 +219,48 @@ def _format(to: str) -> str:
     if name not in FORMATS:
         raise CalibrationError(f"to is {to!r:.60}, expected one of {', '.join(FORMATS)}")
     return name
+
+
+@public()
+def export(source: Any, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
+    """Make the files of a calibration for another program.
+
+    Parameters
+    ----------
+    source : Fit, str or Path
+        A fit, the folder of a fitted session, or an array's model file.
+    to : str
+        ``json``, ``kalibr``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
+    folder : str or Path, optional
+        Where the files are written; without it ``save`` writes them.
+    model : str, optional
+        Method of the fit, or a model file; least squares by default.
+    anyway : bool, optional
+        Export a model that closes held-out segments worse than raw rates, too.
+
+    Returns
+    -------
+    Exported
+        ``files`` (text by name), ``remarks`` on what the format carries only in part, ``save(folder)``.
+
+    Raises
+    ------
+    CalibrationError
+        For a source without a fit, and for a model that the format cannot carry; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> list(tinygc.export(tinygc.fit(session, methods=("least_squares",)), "kalibr").files)
+    ['imu.yaml', 'imu-intrinsics.yaml']
+
+    """
+    if is_fit(source):
+        return source.export(to, folder, model=model, anyway=anyway)
+    if not isinstance(source, str | os.PathLike):
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or an array's model file")
+    made = exported(Path(source), to, model, anyway, lambda line: None)
+    if folder is not None:
+        made.save(folder)
+    return made

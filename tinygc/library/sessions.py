@@ -21,17 +21,14 @@ from session.io.config import Accelerometer, Protocol, Site
 from session.io.errors import CalibrationError, DataError, SegmentError
 from session.io.folder import Session, read_session
 from session.io.names import is_array
-from session.io.registers import PROFILES, nearest_name, profile_of
-from session.io.sensors.profile import Profile
 from session.io.texts import command_line
 from session.io.units import DEG, G
 from tinygc.closure.prepared import first_look_at_fit
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
-from tinygc.estimation.listing import ListedSession
-from tinygc.estimation.listing import list_sessions as listed_sessions
-from tinygc.library.interface import Estimate, Listed, Named, Shown, accelerometer_estimates, chosen, public, session_or_folder
+from tinygc.library.arguments import chosen, public, session_or_folder
+from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
 from tinygc.planning.proposals import Proposal, RecordingPlan, propose
 from tinygc.reporting.fit_text import lengths_page
 from tinygc.reporting.terminal import Group, one_line
@@ -267,77 +264,6 @@ def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | Non
     if count < 1:
         raise CalibrationError(f"count is {count!r}, expected a whole number of 1 or more")
     return Plan(propose(session_or_folder(session), count, None if lot is None else Path(lot)))
-
-
-# ``tinygc.sensors``, ``tinygc.list_sessions``: what is known, and what is there.
-
-
-@public()
-def sensors(name: str | None = None) -> list[Profile]:
-    """List the sensors that are known, or one of them.
-
-    Parameters
-    ----------
-    name : str, optional
-        Of a sensor, in any spelling.
-
-    Returns
-    -------
-    list of Profile
-        ``name``, ``also``, what one count is at each full scale (``gyro``, ``accel``), data rates, typical ``figures``.
-
-    Raises
-    ------
-    CalibrationError
-        For a sensor that is not known; its message names the nearest.
-
-    Examples
-    --------
-    >>> import tinygc
-    >>> tinygc.sensors("asm330lhh")[0].name
-    'ASM330LHH'
-
-    """
-    if name is None:
-        return list(PROFILES)
-    if (one := profile_of(name)) is None:
-        near = nearest_name(name)
-        meant = f"; is {near} meant?" if near else ""
-        raise CalibrationError(f"{name[:60]!r} is no sensor that is known{meant} (`{command_line('sensors')}`)")
-    return [one]
-
-
-@public()
-def list_sessions(folder: Path | str = ".") -> list[ListedSession]:
-    """List the sessions of a folder, three folders deep, with the last result of each; nothing is computed.
-
-    Parameters
-    ----------
-    folder : str or Path, optional
-        Where to look.
-
-    Returns
-    -------
-    list of ListedSession
-        ``folder``, ``date``, ``model``, ``serial``, ``segments``, ``held_out_deg``, ``floor_deg``, ``verdict``; ``problem`` of one that
-        cannot be read.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no such folder.
-
-    Examples
-    --------
-    >>> import tempfile, tinygc
-    >>> _ = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=104.0, seed=1).save((where := tempfile.mkdtemp()) + "/one")
-    >>> [each.serial for each in tinygc.list_sessions(where)]
-    ['SIM-1']
-
-    """
-    if not Path(folder).is_dir():
-        raise CalibrationError(f"{folder}: no folder; give one with session folders in it")
-    return listed_sessions(Path(folder))
 
 
 # ``tinygc.simulate``: simulate a session and its truth; other commands read it like a recorded one.

@@ -18,7 +18,7 @@ from tinygc.annexes.lots.page import lot_sections
 from tinygc.annexes.lots.page import save as save_lot_page
 from tinygc.annexes.lots.report import LotReport, save, to_json
 from tinygc.annexes.lots.text import fleet_page, lot_page
-from tinygc.library.interface import Shown
+from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group
 
 #: in the output folder of a fleet

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from session.io.annexes import need
     from session.io.errors import CalibrationError
     from tinygc.deploy.apply import model_of
-    from tinygc.library.calibrations import apply
+    from tinygc.library.applied import apply
     from tinygc.models.files import is_array_model
     from tinygc.reporting.terminal import progress_bar
 

@@ -148,7 +148,7 @@ def _rebias(args: argparse.Namespace) -> Done:
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
     from tinygc.estimation.bias_of_day import MODEL
-    from tinygc.library.calibrations import rebias
+    from tinygc.library.biases import rebias
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args, "fit")

@@ -18,7 +18,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List the sessions of a folder; one that cannot be read is listed with the reason."""
-    from tinygc.library.sessions import list_sessions
+    from tinygc.library.known import list_sessions
     from tinygc.reporting.tables import sessions_table
 
     sessions = list_sessions(args.folder)

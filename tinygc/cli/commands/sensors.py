@@ -28,7 +28,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print one line for each sensor, or several for one."""
-    from tinygc.library.sessions import sensors
+    from tinygc.library.known import sensors
 
     console, chosen = output(args), sensors(args.name)
     if args.name is None:

@@ -108,7 +108,7 @@ def test_dial_readings_come_back(tmp_path):
     table = replace(made, config=replace(made.config, protocol=Protocol(reference="table")), attitudes=attitudes)
     folder = table.save(tmp_path / "s")
     np.testing.assert_array_equal(tinygc.read_session(folder).attitudes, attitudes)
-    assert (folder / "attitudes.csv").read_text().splitlines()[1] == "0,90.0,-45.0,0.0"
+    assert (folder / "attitudes.csv").read_text().splitlines()[1] == "0,90,-45,0"
 
 
 def test_the_readings_of_a_recording_come_back_from_its_copy(folder_of_registers, tmp_path):

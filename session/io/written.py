@@ -99,7 +99,7 @@ def truth_text(truth: Truth) -> str:
 def turns_text(turns: tuple[KnownTurn, ...]) -> str:
     """``turns.csv``; with the column ``log`` where a turn is counted within its log."""
     counted = any(turn.log for turn in turns)
-    rows = [[f"{turn.turn}", turn.words, f"{_degrees(turn.angle_rad)}", f"{_degrees(turn.sigma_rad)}"] for turn in turns]
+    rows = [[f"{turn.turn}", turn.words, _degrees(turn.angle_rad, ".6f"), _degrees(turn.sigma_rad)] for turn in turns]
     if counted:
         rows = [[*row, turn.log or ""] for row, turn in zip(rows, turns, strict=True)]
     return "\n".join(map(",".join, [[*COLUMNS, *([LOG] if counted else [])], *rows])) + "\n"
@@ -112,8 +112,8 @@ def attitudes_text(attitudes: np.ndarray) -> str:
     return "\n".join(["still,roll_deg,pitch_deg,yaw_deg", *rows]) + "\n"
 
 
-def _degrees(angle_rad: float) -> str:
-    """Degrees that a reader makes the very same radians of; as few digits as do so."""
-    near = angle_rad / DEG
-    tried = (round(near, 9), near, np.nextafter(near, -np.inf), np.nextafter(near, np.inf))
-    return f"{float(next((value for value in tried if value * DEG == angle_rad), near))!r}"
+def _degrees(angle_rad: float, form: str = "g") -> str:
+    """Degrees that a reader makes the very same radians of: as ``form`` has them where that does, else with all digits."""
+    near = float(angle_rad / DEG)
+    exact = [f"{float(value)!r}" for value in (near, np.nextafter(near, -np.inf), np.nextafter(near, np.inf))]
+    return next((text for text in (f"{near:{form}}", *exact) if float(text) * DEG == angle_rad), exact[0])

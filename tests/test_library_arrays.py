@@ -244,6 +244,20 @@ def test_a_fitted_session_is_saved_with_readings_alone(tmp_path):
     assert again.config.accelerometer.own_stills
 
 
+def test_a_fit_of_arrays_names_arguments(simulated):
+    """Its remarks, too: on the accelerometer that nobody gave, a latitude that is missing, turns that are not used."""
+    arrays = arrays_of(simulated.logs[0])
+    session = Session.from_arrays(*arrays, gyro_fs_dps=500, accel_fs_g=4, turns=[(0, "x", 1, 0.1)])
+    summary = tinygc.fit(session, methods="least_squares").summary()
+    assert "First look: arguments: accelerometer: none is given" in summary
+    assert "no latitude_deg in site=" in summary
+    assert "turns=: none of 1 turns of known angle is used" in summary
+    assert "session.toml" not in summary
+    assert "turns.csv" not in summary
+    with pytest.raises(CalibrationError, match=r"^arrays: it has no accelerometer= to take as given"):
+        tinygc.fit(session, accelerometer="given")
+
+
 JUNK = [3, -1.5, float("nan"), "x", "", "a\0b", b"x", [1, 2], {"a": 1}, object(), np.zeros(3), [["a"]], True, [None], 10**400]
 
 

@@ -105,6 +105,8 @@ ARGUMENTS = {
     "correct gyro_fs_dps in session.toml": "correct gyro_fs_dps",
     "is [accelerometer] of session.toml this sensor's pre-calibration?": "is accelerometer= this sensor's pre-calibration?",
     "session.toml says": "the argument says",
+    "keep it with --accelerometer given": 'keep it with accelerometer="given"',
+    "give [accelerometer] where": "give accelerometer= where",
     " in session.toml": "",
     "session.toml": "arguments",
     "turns.csv": "turns=",

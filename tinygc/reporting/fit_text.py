@@ -245,9 +245,10 @@ def _heading_words(result: FitResult) -> str:
         return f"Earth's rotation, heading estimated from the stills: {heading}"
     if earth.source == "unknown":
         return "Earth's rotation about the vertical only (the stills do not show the heading)"
-    return (
-        "the Earth's rotation is left out (no site.latitude_deg in session.toml)" if result.options.earth else "Earth's rotation left out"
-    )
+    if not result.options.earth:
+        return "Earth's rotation left out"
+    missing = "no latitude_deg in site=" if result.session.in_memory else "no site.latitude_deg in session.toml"
+    return f"the Earth's rotation is left out ({missing})"
 
 
 def _methods(result: FitResult) -> Table:

@@ -79,6 +79,8 @@ def test_an_array_of_sessions_in_memory_is_that_of_its_folder(folder, fitted):
         np.testing.assert_allclose(mine.model.vector, theirs.model.vector, rtol=1e-6, atol=1e-9)
     with pytest.raises(CalibrationError, match="an array of 1 unit; expected two sessions or more"):
         tinygc.array(units[:1])
+    with pytest.raises(CalibrationError, match=r"name is '\.\./etc', expected one word"):
+        tinygc.array(units, name="../etc")
 
 
 @pytest.mark.broad

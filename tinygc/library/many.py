@@ -102,11 +102,10 @@ def array(units: Any, *, name: str = "array") -> Array:
     >>> array.fit().save("fit")  # doctest: +SKIP
 
     """
-    recordings = need("recordings of arrays")
     if is_path(units):
-        return Array(recordings.read_array(Path(units)))
+        return Array(need("recordings of arrays").read_array(Path(units)))
     if isinstance(units, list | tuple) and units and all(isinstance(unit, Session) for unit in units):
-        return Array(recordings.array_of(units, name))
+        return Array(need("recordings of arrays").array_of(units, name))
     if not hasattr(units, "units"):
         raise CalibrationError(f"units is of type {type(units).__name__}, expected an array's folder or the sessions of its units")
     return Array(units)
@@ -219,8 +218,7 @@ def lot(
     >>> tinygc.lot("fleet").save("lot.json")  # doctest: +SKIP
 
     """
-    annex = need("lots and fleets")
     if limits is not None and not is_path(limits) and not isinstance(limits, Mapping):
         raise CalibrationError(f"limits is {limits!r:.60}, expected a file, or (lower, upper) by the key of each number")
     known = Path(str(limits)) if is_path(limits) else limits
-    return annex.lot(Path(table), model=model, limits=known, seed=seed)
+    return need("lots and fleets").lot(Path(table), model=model, limits=known, seed=seed)

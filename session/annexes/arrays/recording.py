@@ -87,6 +87,8 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
 
 def array_of(units: Sequence[Session], name: str = "array") -> ArraySession:
     """An array of sessions that are in memory, numbered from 0 in their order.  Raises DataError or FormatError as ``read_array``."""
+    if Path(name).name != name or not name or "\0" in name:
+        raise DataError(f"name is {name!r:.60}, expected one word, as of a folder")
     if len(units) < LEAST_UNITS:
         raise DataError(f"{name}: an array of {len(units)} unit{'s' * (len(units) != 1)}; expected two sessions or more")
     folder, numbered = Path(name), dict(enumerate(units))

@@ -61,7 +61,7 @@ def test_what_cannot_be_written_is_found_before_the_work(run, folder, tmp_path, 
     def worked(*args, **settings):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("tinygc.library.sessions.fit_session", worked)
+    monkeypatch.setattr("tinygc.library.fits.fit_session", worked)
     monkeypatch.setattr("tinygc.library.explanations.explain_session", worked)
     (tmp_path / "file").write_text("mine")
     before = sorted(tmp_path.rglob("*"))

@@ -3,6 +3,7 @@
 import importlib
 import json
 import re
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -96,3 +97,20 @@ def test_results_of_0_1_0_are_read_by_their_new_names(tmp_path):
 @pytest.mark.parametrize("table", [{"schema": "tinygc-model/1", "says": 1}, {"schema": ["tinygc-fit/1"]}, {"says": 1}, [], "tinygc-fit/1"])
 def test_other_files_keep_their_keys(table):
     assert with_new_keys(table) == table
+
+
+def test_an_old_module_does_not_hide_the_function_of_its_package():
+    """``tinygc.fleet`` was a package, and is a function; what asks for a module that was in it must leave it one."""
+    code = (
+        "import tinygc, tinygc.fleet.results, tinygc.lot.report, tinygc.array.ages.ages\n"
+        "from tinygc.fleet.results import unit_results\n"
+        "for name in ('fleet', 'lot', 'array'):\n"
+        "    try:\n"
+        "        getattr(tinygc, name)(nothing=1)\n"
+        "    except tinygc.CalibrationError as error:\n"
+        "        print(error)\n"
+        "print(tinygc.lot.report.LotReport.__name__)"
+    )
+    lines = processes.check_output([sys.executable, "-c", code], text=True, stderr=subprocess.DEVNULL).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["fleet", "lot", "array", "LotReport"]
+    assert all("no option 'nothing'" in line for line in lines[:3])

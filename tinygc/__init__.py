@@ -2,34 +2,43 @@
 
     session = tinygc.read_session("data/session1")        # or tinygc.Session.from_arrays(t_s, gyro_rps, accel_mps2, …)
     result = tinygc.fit(session)                          # result.parameters["E_xy"].value, .sigma; print(result.summary())
-    result.model.save("gyro.json")
+    result.model.save("gyro.json")                        # or result.report("report.html"), result.export("ros", "export")
     why = tinygc.explain(session)                         # why.verdict, why.effects; why.plot()
     model = tinygc.load("gyro.json")                      # omega = model(raw); live = model.live()
     tinygc.simulate(segments=12, seed=3).session
 
 Functions (``help(tinygc.fit)`` has parameters, units and examples):
 
-    read_session      a folder -> Session
+    read_session      a folder -> Session; Session.save writes one
+    import_log, read_log   any program's log -> a session folder; -> plain arrays
     check             Session -> list of Finding
+    accelerometer     Session -> OwnAccelerometer
     fit               Session, FitOptions -> Fit
     fit_temperature   folders -> ThermalFit
     explain           Session -> Why
+    report, export    Session or Fit -> Report; Fit -> Exported
+    compare, plan     fits -> Compared; Session -> Plan
+    rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
+    array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
+    list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
     load              a model's file -> Calibration
+    to_frame          findings, effects, a fit, samples -> pandas.DataFrame
 
 Records:
 
     Session           configuration, logs and closure runs; Accelerometer, Site and Protocol are parts of its configuration
     Finding           one result of the first check
-    Fit               parameters (Estimate), covariance, closure (ClosureFigures), accelerometer (AccelerometerFit), models (Calibration)
+    Fit               parameters and sensor_errors (Estimate), covariance, closure (ClosureFigures), accelerometer (AccelerometerFit),
+                      models (Calibration), report, export, plot
     Why               verdict, effects and findings (FoundEffect), noise, pictures
     Simulated         a session with its truth
     Calibration       a model in use: omega = model(raw)
     ArraySession, ThermalFit   of the annexes arrays and temperature
     CalibrationError  whatever is wrong with data or arguments, in one line; FormatError, DataError and FitError are kinds of it
 
-Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands ``fit``, ``explain``, ``check``,
-``simulate`` and ``apply`` of ``calibrate.py`` call these functions as well.
+Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
+as well; docs/library.md has the function of each.
 Nothing heavy is imported before a name is used; torch only where a network is trained by AdamW.
 """
 
@@ -68,15 +77,39 @@ if TYPE_CHECKING:
     from tinygc.estimation.accelerometer import AccelerometerFit as AccelerometerFit
     from tinygc.estimation.choice import ClosureFigures as ClosureFigures
     from tinygc.estimation.options import FitOptions as FitOptions
+    from tinygc.library.applied import apply as apply
+    from tinygc.library.biases import Rebias as Rebias
+    from tinygc.library.biases import rebias as rebias
+    from tinygc.library.comparisons import Compared as Compared
+    from tinygc.library.comparisons import compare as compare
     from tinygc.library.explanations import FoundEffect as FoundEffect
     from tinygc.library.explanations import Why as Why
     from tinygc.library.explanations import explain as explain
-    from tinygc.library.sessions import Estimate as Estimate
-    from tinygc.library.sessions import Fit as Fit
+    from tinygc.library.fits import Fit as Fit
+    from tinygc.library.fits import fit as fit
+    from tinygc.library.fits import fit_temperature as fit_temperature
+    from tinygc.library.known import list_sessions as list_sessions
+    from tinygc.library.known import sensors as sensors
+    from tinygc.library.logs import Imported as Imported
+    from tinygc.library.logs import LogArrays as LogArrays
+    from tinygc.library.logs import import_log as import_log
+    from tinygc.library.logs import read_log as read_log
+    from tinygc.library.many import Array as Array
+    from tinygc.library.many import array as array
+    from tinygc.library.many import fleet as fleet
+    from tinygc.library.many import lot as lot
+    from tinygc.library.records import Estimate as Estimate
+    from tinygc.library.records import to_frame as to_frame
+    from tinygc.library.reports import Exported as Exported
+    from tinygc.library.reports import Report as Report
+    from tinygc.library.reports import export as export
+    from tinygc.library.reports import report as report
+    from tinygc.library.sessions import OwnAccelerometer as OwnAccelerometer
+    from tinygc.library.sessions import Plan as Plan
     from tinygc.library.sessions import Simulated as Simulated
+    from tinygc.library.sessions import accelerometer as accelerometer
     from tinygc.library.sessions import check as check
-    from tinygc.library.sessions import fit as fit
-    from tinygc.library.sessions import fit_temperature as fit_temperature
+    from tinygc.library.sessions import plan as plan
     from tinygc.library.sessions import simulate as simulate
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
@@ -92,8 +125,17 @@ _HOMES = {
     "tinygc.estimation.accelerometer": ("AccelerometerFit",),
     "tinygc.estimation.choice": ("ClosureFigures",),
     "tinygc.estimation.options": ("FitOptions",),
+    "tinygc.library.applied": ("apply",),
+    "tinygc.library.biases": ("Rebias", "rebias"),
+    "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
-    "tinygc.library.sessions": ("Estimate", "Fit", "Simulated", "check", "fit", "fit_temperature", "simulate"),
+    "tinygc.library.fits": ("Fit", "fit", "fit_temperature"),
+    "tinygc.library.known": ("list_sessions", "sensors"),
+    "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
+    "tinygc.library.many": ("Array", "array", "fleet", "lot"),
+    "tinygc.library.records": ("Estimate", "to_frame"),
+    "tinygc.library.reports": ("Exported", "Report", "export", "report"),
+    "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
 #: name -> the service of the annex that has it

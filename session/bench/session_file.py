@@ -17,14 +17,15 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import NO_SERIAL, STANDIN, BoardStatus, Info
 from session.bench.port import RETRY_S, UNPLUGGED, RequestedSettings, open_serial
 from session.bench.rawfile import RAW
-from session.io.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, read_config
+from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, read_config
 from session.io.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.io.files import MOST_TOML, read_bytes
-from session.io.folder import add_board, add_exclude, add_notes, exclude_text, notes_text
+from session.io.folder import add_board, add_exclude, add_notes
 from session.io.registers import DEFAULT, profile_of
 from session.io.results import Flag, Keys, ListOf, Number, Text, read_required, write_whole
 from session.io.texts import SENSOR_NAME
-from session.io.toml import Note, Value, line, setting
+from session.io.toml import Note, setting
+from session.io.written import toml_text
 
 # A series of boards at one bench: those that are done, and the one that is plugged in now (``calibrate.py record --series``).
 
@@ -138,43 +139,6 @@ class BoardListener:
 
 
 # ``session.toml`` of a recording: the user's own file is used as it is; without one it is written from the board's info.
-
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
-NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
-
-
-def toml_text(config: Config) -> str:
-    """``session.toml`` of a configuration (docs/formats.md); what the user may fill in is there as a comment."""
-    sensor, site, protocol = config.sensor, config.site, config.protocol
-    here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
-    chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
-    chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
-    chip |= {name: getattr(sensor, name) for name in OPTIONAL}
-    accelerometer, own = "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n", config.accelerometer
-    if own.source != "none":  # a section counts as a calibration
-        given: dict[str, Value | None] = {"matrix": own.matrix.tolist(), "bias_mps2": own.bias_mps2.tolist()}
-        accelerometer = "[accelerometer]\n" + _lines(given | {"sigma_mg": own.sigma_mg, "own_stills": own.own_stills})
-    table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
-    stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
-    table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
-    mounting = config.truth.mounting.tolist() if config.truth.mounting is not None else None
-    truth = _lines({name: getattr(config.truth, name) for name in ("offset_s", "frame", "sense", "order")} | {"mounting": mounting})
-    truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read
-    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
-    return f"""\
-{line("schema", SCHEMA)}
-[sensor]
-{_lines(chip)}
-{accelerometer}
-[site]
-{_lines(here) or NO_SITE}
-[protocol]
-{_lines(table)}{truth}{notes}{exclude_text(config.exclude)}"""
-
-
-def _lines(table: Mapping[str, Value | None]) -> str:
-    return "".join(line(name, value) for name, value in table.items() if value is not None)
-
 
 NAME = "session.toml"
 #: model of an unnamed sensor with physical units

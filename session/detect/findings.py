@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from session.io.errors import DataError
 from session.io.texts import printable
@@ -83,3 +83,39 @@ def stop_at_errors(findings: list[Finding]) -> None:
     for finding in findings:
         if finding.level == "error":
             raise DataError(finding.line)
+
+
+# Findings on arrays that were never a file speak of the arguments of ``Session.from_arrays``.
+
+#: what a finding says of a file -> the same of arguments, the longer words first
+ARGUMENTS = {
+    "name the columns gx_dps, gy_dps, gz_dps": 'give rate_unit="dps"',
+    "name the columns gx_rps, gy_rps, gz_rps": 'give rate_unit="rad/s"',
+    "the values are in g, but the header says ax_mps2; correct the header": 'the values are in g; give force_unit="g"',
+    "the values are in m/s², but the header says ax_g; correct the header": 'the values are in m/s²; give force_unit="m/s^2"',
+    "correct the name of the time column (t_ns, t_us, t_s), or --time-unit of replay": "give t_s in seconds",
+    "is the time column's unit right (us read as ns)?": "is t_s in seconds?",
+    "correct the columns or their signs where the log is written": "correct the columns of gyro_rps or their signs",
+    "correct the columns where the log is written": "correct the columns of gyro_rps",
+    "look at the columns, and at [accelerometer] in session.toml": "look at accel_mps2, and at accelerometer=",
+    "look at the columns": "look at accel_mps2",
+    "look at the column and its unit": "look at temp_c and its unit",
+    "correct session.toml, or what converted the log": "correct accel_fs_g, or what made the arrays",
+    "correct what converted the log": "correct gyro_fs_dps, or what made the arrays",
+    "correct gyro_fs_dps in session.toml": "correct gyro_fs_dps",
+    "is [accelerometer] of session.toml this sensor's pre-calibration?": "is accelerometer= this sensor's pre-calibration?",
+    "session.toml says": "the argument says",
+    "keep it with --accelerometer given": 'keep it with accelerometer="given"',
+    "give [accelerometer] where": "give accelerometer= where",
+    " in session.toml": "",
+    "session.toml": "arguments",
+    "turns.csv": "turns=",
+}
+
+
+def as_arguments(finding: Finding) -> Finding:
+    """The finding with the words of ``Session.from_arrays``."""
+    where, says, do = finding.where, finding.says, finding.do
+    for words, arguments in ARGUMENTS.items():
+        where, says, do = (text.replace(words, arguments) for text in (where, says, do))
+    return replace(finding, where=where, says=says, do=do)

@@ -46,7 +46,7 @@ from session.detect.check_stills import (
 )
 from session.detect.check_time import check_length, check_rate, check_undersampling, check_warming
 from session.detect.dials import without_wrong_dials
-from session.detect.findings import Finding, worst
+from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.io.config import Config, read_config
@@ -203,7 +203,8 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         unused = here.unused if log in session.logs and session.truths is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
     findings += check_excluded(session) + counted + check_leaps(parts)
-    return findings + dials + check_dials(session, found) + check_known_turns(known, parts)
+    findings += dials + check_dials(session, found) + check_known_turns(known, parts)
+    return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 
 
 def check_keys(config: Config) -> list[Finding]:

@@ -27,6 +27,8 @@ SERVICES = {
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
     "commands on arrays": "tinygc.annexes.arrays.command",
+    "calibrations of arrays": "tinygc.annexes.arrays.library",
+    "lots and fleets": "tinygc.annexes.lots.library",
     "rest logs and temperature": "tinygc.annexes.temperature.command",
     "models over temperature": "tinygc.annexes.temperature.model",
     "exports over temperature": "tinygc.annexes.temperature.deploy",

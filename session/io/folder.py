@@ -7,27 +7,48 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import NoneType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.config import Accelerometer, Config, LeftOut, NominalRate, Protocol, Sensor, Site, TruthAlignment, TruthReading, read_config
+from session.io.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
+from session.io.config import (
+    Accelerometer,
+    Config,
+    LeftOut,
+    NominalRate,
+    Protocol,
+    Sensor,
+    Site,
+    TruthAlignment,
+    TruthReading,
+    config_of,
+    read_config,
+)
 from session.io.errors import CalibrationError, DataError, FormatError, StorageError
-from session.io.files import MOST_TOML, open_file, read_text, require_file, unreadable
+from session.io.files import MOST_TOML, naming, open_file, read_text, require_file, result_folder, unreadable
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.io.logfile import NAME as KNOWN_TURNS
 from session.io.names import log_paths, refuse_array
-from session.io.samples import Samples, joined, mapped, samples_from_arrays, usual_ranges
+from session.io.samples import Samples, joined, mapped
 from session.io.texts import command_line, printable, unicode_text
 from session.io.toml import Note, line, parse_toml, value_text
 from session.io.units import DEG
+from session.io.written import attitudes_text, board_text, exclude_text, log_lines, notes_text, toml_text, truth_text, turns_text
 
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
 
 ATTITUDES = "attitudes.csv"
+#: keys of ``[sensor]`` that a saved session has besides those of a new one; which rows were its own (rows, where) is done with
+OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma")
+#: beyond any full scale, dps or g
+FAR = 1e9
 #: far beyond any recording, and small enough for a table with a row each
 MOST_STILLS = 100_000
 
@@ -57,12 +78,17 @@ class Session:
     @classmethod
     def from_arrays(
         cls,
-        t_s: ArrayLike,
-        gyro_rps: ArrayLike,
-        accel_mps2: ArrayLike,
+        t_s: ArrayLike | None = None,
+        gyro_rps: ArrayLike | None = None,
+        accel_mps2: ArrayLike | None = None,
         temp_c: ArrayLike | None = None,
         *,
+        logs: Sequence[tuple[ArrayLike, ...]] = (),
         closures: Sequence[tuple[ArrayLike, ...]] = (),
+        truth: Sequence[tuple[ArrayLike, ...]] = (),
+        turns: Sequence[tuple[Any, ...]] = (),
+        rate_unit: str = "rad/s",
+        force_unit: str = "m/s^2",
         name: str = "arrays",
         model: str = "unknown",
         serial: str = "",
@@ -72,30 +98,130 @@ class Session:
         site: Site | None = None,
         protocol: Protocol | None = None,
     ) -> Session:
-        """A session of one log that was never a file.
+        """A session that was never a file.
 
-        t_s (N,) s, increasing; gyro_rps (N, 3) rad/s and accel_mps2 (N, 3) m/s^2 in body axes b (forward-right-down), as measured;
-        temp_c (N,) degC.  closures: closure runs, each ``(t_s, gyro_rps, accel_mps2)`` or with ``temp_c`` as fourth, on the log's clock.
-        Full scales that are not given are the smallest usual ones that hold the data.  accelerometer: its pre-calibration (none); site
-        and protocol as in session.toml.  Raises DataError for what no file may hold either.
+        Parameters
+        ----------
+        t_s, gyro_rps, accel_mps2, temp_c : array_like
+            One log: (N,) s, increasing; (N, 3) rad/s and (N, 3) m/s^2 in body axes b (forward-right-down), as measured; (N,) degC, which
+            may be left out.
+        logs : sequence of tuple
+            Several logs in their place, each ``(t_s, gyro_rps, accel_mps2)`` or with ``temp_c`` as fourth.
+        closures : sequence of tuple
+            Closure runs, each likewise, on the clock of the logs.
+        truth : sequence of tuple
+            Attitudes as the reference, for each log ``(t_s, q_nb)`` or with ``window`` as third: (K,) s on the log's clock, (K, 4) body to
+            north-east-down, scalar first.
+        turns : sequence of tuple
+            Turns of known angle, each ``(number, axis, angle_deg, sigma_deg)``, with the number of a log as fifth where the turn counts
+            within that log; axis: ``"x"``, ``"-y"``, or three numbers in body axes.
+        rate_unit, force_unit : str
+            Units of all rates and forces that are given, as ``"dps"`` and ``"g"``; inside, all is SI.
+        name, model, serial : str
+            Of the session, one word; of the sensor.
+        gyro_fs_dps, accel_fs_g : float
+            Full scales; those not given are the smallest usual ones that hold the data.
+        accelerometer, site, protocol : Accelerometer, Site, Protocol
+            Its pre-calibration (none), and sections of session.toml.
+
+        Returns
+        -------
+        Session
+            For ``check``, ``fit``, ``explain`` and the others; ``save`` writes it as a folder.
+
+        Raises
+        ------
+        DataError
+            For what no file may hold either, and for rates that no such gyroscope reads, which are in degrees.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> t_s = np.arange(1000) / 100
+        >>> session = Session.from_arrays(t_s, np.zeros((1000, 3)), np.tile([0, 0, -1.0], (1000, 1)), force_unit="g")
+        >>> session.logs[0].samples.accel[0, 2]
+        np.float64(-9.80665)
+
         """
-        if Path(name).name != name or not name:
+        for what, text in (("name", name), ("model", model), ("serial", serial)):
+            require_kind(what, text, str, "text")
+        if Path(name).name != name or not name or "\0" in name:
             raise DataError(f"name is {name!r}, expected one word, as of a folder")
-        if protocol is not None and protocol.reference != "gravity":
-            raise DataError(
-                f'{name}: reference is "{protocol.reference}"; arrays have gravity alone, the others come from a session folder'
-            )
-        if not all(len(run) in (3, 4) for run in closures):
-            raise DataError(f"{name}: each of closures is (t_s, gyro_rps, accel_mps2) or (t_s, gyro_rps, accel_mps2, temp_c)")
-        logs = [_from_memory(f"{name}.log", t_s, gyro_rps, accel_mps2, temp_c)]
-        runs = [_from_memory(f"{name}.closure{number}", *run) for number, run in enumerate(closures, start=1)]
-        usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*logs, *runs)]))
+        given_rows = {"logs": logs, "closures": closures, "truth": truth, "turns": turns}
+        for what, rows in given_rows.items():
+            require_kind(what, rows, (list, tuple, NoneType), "a list of tuples")
+        logs, closures, truth, turns = (rows or () for rows in given_rows.values())
+        for what, record, kind in (("accelerometer", accelerometer, Accelerometer), ("site", site, Site), ("protocol", protocol, Protocol)):
+            require_kind(what, record, (kind, NoneType), f"a tinygc.{kind.__name__}")
+        protocol = protocol or Protocol(reference="truth" if len(truth) else "gravity")
+        if protocol.reference == "table" or (protocol.reference == "truth") != (len(truth) > 0):
+            raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity", or "truth" with truth=')
         for what, given in (("gyro_fs_dps", gyro_fs_dps), ("accel_fs_g", accel_fs_g)):
-            if given is not None and not 0 < given < float("inf"):
-                raise DataError(f"{name}: {what} is {given!r}, expected the full scale that the sensor was set to")
-        sensor = Sensor(model, serial, 1 / logs[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
-        config = Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol or Protocol())
-        return cls(Path(name), config, tuple(logs), tuple(runs))
+            require_kind(what, given, (int, float, np.number, NoneType), "the full scale that the sensor was set to")
+            if given is not None and not 0 < given < FAR:
+                raise DataError(f"{what} is {given!r:.60}, expected the full scale that the sensor was set to")
+        one = [array for array in (t_s, gyro_rps, accel_mps2, temp_c) if array is not None]
+        if bool(one) == (len(logs) > 0) or (one and (t_s is None or gyro_rps is None or accel_mps2 is None)):
+            raise DataError("give one log as t_s, gyro_rps and accel_mps2, or several as logs=")
+        si = si_of("rate_unit", "gyro", rate_unit), si_of("force_unit", "accel", force_unit)
+        if one:
+            made = logs_of_arrays("", [f"{name}.log"], [(t_s, gyro_rps, accel_mps2, temp_c)], gyro_fs_dps, si)
+        else:
+            made = logs_of_arrays("logs", _numbered(f"{name}.log", logs), logs, gyro_fs_dps, si)
+        runs = logs_of_arrays("closures", _numbered(f"{name}.closure", closures), closures, gyro_fs_dps, si)
+        if len(truth) not in (0, len(made)):
+            raise DataError(f"truth has {len(truth)} entries, expected {len(made)}, one {TRUTH_ARRAYS} for each log")
+        if len(truth) and len(turns):
+            raise DataError("turns= are of known angle against gravity, and truth= sees all three angles of every turn; leave turns out")
+        usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*made, *runs)]))
+        sensor = Sensor(model, serial, 1 / made[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
+        return cls(
+            folder=Path(name),
+            config=Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol),
+            logs=made,
+            closures=runs,
+            truths=truths_of_arrays(_numbered(f"{name}.truth", truth), truth) if len(truth) else None,
+            turns=turns_of_arrays(turns, made),
+        )
+
+    def save(self, folder: Path | str) -> Path:
+        """Write a session folder that ``read_session`` reads to the same numbers, and return it.
+
+        Rates are in rad/s, specific force in m/s^2 and stamps in ns, with all digits; registers become such numbers.  Logs and closure
+        runs are numbered from 1.  Raises FormatError where the folder holds something, and for a setting that no session.toml may hold.
+        """
+        require_kind("folder", folder, (str, os.PathLike), "the path of a new folder")
+        if "\0" in str(folder) or not str(folder).strip():
+            raise DataError(f"folder is {folder!r:.60}, expected the path of a new folder")
+        folder = Path(folder)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FormatError(f"{folder}: holds something already; give a new or an empty folder")
+        names = {log.path.name: f"log{number:04d}.csv" for number, log in enumerate(self.logs, start=1)}
+        plain = {old.removesuffix(".gz"): new for old, new in names.items()}
+        exclude = tuple(replace(row, log=plain.get(row.log.removesuffix(".gz"), row.log)) for row in self.config.exclude)
+        own = self.config.accelerometer
+        if own.source in ("stills", "prior"):  # estimated from these very stills
+            own = replace(own, own_stills=True)
+        config = replace(self.config, exclude=exclude, accelerometer=own)
+        text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
+        config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
+        reading = self.alignment.reading if self.alignment is not None else TruthReading.of(config.truth)
+        with result_folder(folder), naming(folder):
+            (folder / "session.toml").write_text(text, encoding="utf-8", newline="\n")
+            for log, name in zip(self.logs, names.values(), strict=True):
+                _write_lines(folder / name, log_lines(log))
+            for number, run in enumerate(self.closures, start=1):
+                _write_lines(folder / f"closure{number:04d}.csv", log_lines(run))
+            for number, truth in enumerate(self.truths or (), start=1):
+                _write_lines(folder / f"truth{number:04d}.csv", [truth_text(truth.reread(reading, TruthReading()))])
+            if self.turns:
+                turns = tuple(replace(turn, log=turn.log and names[turn.log]) for turn in self.turns)
+                _write_lines(folder / KNOWN_TURNS, [turns_text(turns)])
+            if self.attitudes is not None:
+                _write_lines(folder / ATTITUDES, [attitudes_text(self.attitudes)])
+            for rest in self.rests:
+                shutil.copyfile(rest, folder / rest.name)
+        return folder
 
     def __repr__(self) -> str:
         seconds = sum(log.samples.duration_s for log in self.logs)
@@ -119,9 +245,14 @@ class Session:
         sensor = self.config.sensor
         return sensor.nominal_rate if log.counted or sensor.odr_sigma is not None else None
 
+    @property
+    def in_memory(self) -> bool:
+        """Whether it is made of arrays and was never a folder."""
+        return any(log.in_memory for log in self.logs)
+
     def own_folder(self, name: str) -> Path:
         """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""
-        if any(log.in_memory for log in self.logs):
+        if self.in_memory:
             raise CalibrationError(f"{self.name}: made of arrays, it has no folder of its own; give one to save to")
         return self.folder / name
 
@@ -130,8 +261,13 @@ class Session:
         return log.samples.with_accel(mapped(log.samples.accel, self.config.accelerometer.correct))
 
 
-def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None = None) -> Log:
-    return Log(Path(name), samples_from_arrays(name, t_s, gyro_rps, accel_mps2, temp_c), raw=False, in_memory=True)
+def _numbered(stem: str, given: Sequence[Any]) -> list[str]:
+    return [f"{stem}{number}" for number in range(1, len(given) + 1)]
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(lines)
 
 
 def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
@@ -245,10 +381,9 @@ def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
 def input_files(session: Session) -> list[Path]:
     """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
-    in_memory = all(log.in_memory for log in session.logs)
-    dials += [session.folder / NAME] if session.turns and not in_memory else []
-    truths = [truth.path for truth in session.truths or ()]
-    config = [] if in_memory else [session.folder / "session.toml"]
+    dials += [session.folder / NAME] if session.turns and not session.in_memory else []
+    truths = [] if session.in_memory else [truth.path for truth in session.truths or ()]
+    config = [] if session.in_memory else [session.folder / "session.toml"]
     return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
 
 
@@ -259,6 +394,9 @@ def input_hashes(session: Session) -> dict[str, str]:
     if session.turns and NAME not in hashes:
         rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
         hashes[NAME] = hashlib.sha256(repr(rows).encode()).hexdigest()
+    for truth in session.truths or ():
+        arrays = (truth.t_ns, "<i8"), (truth.q_nb, "<f8"), (truth.window, "<i8")
+        hashes.setdefault(file_key(truth.path), _hash_of_arrays(arrays))
     return hashes
 
 
@@ -271,8 +409,14 @@ def hash_of_log(log: Log) -> str:
     """Of its file; of arrays that were never a file, of their bytes, little-endian, one array after the other."""
     if not log.in_memory:
         return sha256_of(log.path)
-    digest, samples = hashlib.sha256(), log.samples
-    for array, kind in ((samples.t_ns, "<i8"), (samples.gyro, "<f8"), (samples.accel, "<f8"), (samples.temp_c, "<f8")):
+    samples = log.samples
+    return _hash_of_arrays(((samples.t_ns, "<i8"), (samples.gyro, "<f8"), (samples.accel, "<f8"), (samples.temp_c, "<f8")))
+
+
+def _hash_of_arrays(arrays: Iterable[tuple[np.ndarray | None, str]]) -> str:
+    """SHA-256 of arrays that are there, each with its type, in hexadecimal."""
+    digest = hashlib.sha256()
+    for array, kind in arrays:
         if array is not None:
             digest.update(np.ascontiguousarray(array, dtype=kind).tobytes())
     return digest.hexdigest()
@@ -293,16 +437,6 @@ def sha256_of(path: Path) -> str:
 
 HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
 NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
-
-
-def notes_text(notes: Mapping[str, Note]) -> str:
-    """Lines of ``[notes]``."""
-    return "".join(line(name, value) for name, value in notes.items())
-
-
-def exclude_text(rows: tuple[LeftOut, ...]) -> str:
-    """``[[exclude]]`` of each turn."""
-    return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
 
 
 def add_notes(path: Path, notes: Mapping[str, Note]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -229,7 +229,11 @@ def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn
         cells = []
     if len(cells) != len(header):
         raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
-    cell = dict(zip(header, cells, strict=True))
+    return known_turn(where, dict(zip(header, cells, strict=True)), logs)
+
+
+def known_turn(where: str, cell: Mapping[str, str], logs: list[str]) -> KnownTurn:
+    """A turn of its four cells as text, and of ``log``; logs: names of the session's logs.  FormatError says what is wrong, and where."""
     words = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between invisible characters
     turn = _number(where, "turn", cell["turn"], "a whole number, the first turn is 0")
     if turn != int(turn) or not 0 <= turn < MOST_TURNS:

@@ -43,6 +43,8 @@ RENAMED = {
 }
 #: packages that are gone, and that Python asks for on the way to an old name
 _PARENTS = {name.rsplit(".", count)[0] for name in RENAMED for count in range(1, name.count("."))}
+#: those of them whose name is a function now -> its module
+_FUNCTIONS = {f"tinygc.{name}": "tinygc.library.many" for name in ("array", "fleet", "lot")}
 
 
 #: schema of a result, without its number 1 of version 0.1.0 -> the keys that have another name in number 2, at any depth
@@ -115,13 +117,20 @@ def renamed_fields(**names: str) -> Callable[[type[T]], type[T]]:
     return decorate
 
 
+class _GonePackage(ModuleType):
+    """A package that is gone and whose name is a function now: what asks for an old module in it must not hide the function."""
+
+    def __call__(self, *args: Any, **values: Any) -> Any:
+        return getattr(import_module(_FUNCTIONS[self.__name__]), self.__name__.rpartition(".")[2])(*args, **values)
+
+
 class _Finder:
     # Python asks a finder and a loader for these three methods; their abstract classes take longer to import than all else here.
     def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> ModuleSpec | None:
         return ModuleSpec(name, cast(Any, self), is_package=name in _PARENTS) if name in RENAMED or name in _PARENTS else None
 
-    def create_module(self, spec: ModuleSpec) -> None:
-        return None
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        return _GonePackage(spec.name) if spec.name in _FUNCTIONS else None
 
     def exec_module(self, module: ModuleType) -> None:
         name = module.__name__

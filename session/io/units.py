@@ -45,6 +45,10 @@ def complaint(name: str, value: float, kind: str) -> str:
     return f"{name} is {value:g}, beyond any sensor ({SAID[kind]}); is its unit right? correct or remove that line"
 
 
+#: of its full scale, what no gyroscope reads: beyond it the unit is another, most often degrees; and the largest usual full scale, dps
+BEYOND_FULL_SCALE, LARGEST_DPS = 1.2, 4000.0
+
+
 # The one table of units: as people write them in headers and options, and what they are in SI.
 
 #: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from session.bench.session_file import ASSUMED, UNKNOWN
+from session.io.arrays import USUAL_DPS, USUAL_G
 from session.io.config import Sensor
 from session.io.dialects import Answers
 from session.io.numeric import runs_of
 from session.io.questions import Question, QuestionsError
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
-from session.io.samples import USUAL_DPS, USUAL_G
 from session.io.standard import OWN
 from session.io.units import DEG, G
 from session.replay.join import LEAST_GRAVITY, Joined

@@ -17,7 +17,8 @@ from tinygc.deploy.exports._context import read_context
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.bias_of_day import origin_of
 from tinygc.estimation.compare import compare, read_calibrated, to_json
-from tinygc.library.sessions import fit, simulate
+from tinygc.library.fits import fit
+from tinygc.library.sessions import simulate
 from tinygc.planning.proposals import requested_by_explain
 from tinygc.reporting.tables import comparison_page
 from tinygc.reporting.terminal import as_text

@@ -187,19 +187,6 @@ def write_json(path: Path | None, table: dict) -> None:
         raise _no_json(path, error) from None
 
 
-def write_files(args: argparse.Namespace, folder: Path, files: dict[str, str], notes: list[str]) -> None:
-    """Write the files of an export, print their names, and write the JSON."""
-    from session.io.files import result_folder
-    from session.io.results import write_text_whole
-
-    with result_folder(folder):
-        for name, text in files.items():
-            write_text_whole(folder / name, text)
-            output(args).print(f"written: {folder / name}", soft_wrap=True)
-    written = [str(folder / name) for name in files]
-    write_json(args.json, {"schema": "tinygc-export/2", "format": args.to, "files": written, "remarks": notes})
-
-
 def _try_json(path: Path) -> None:
     if is_stream(path) or _is_the_systems(path):  # a stream of the system is not opened twice
         return

@@ -11,7 +11,7 @@ import numpy as np
 from session.detect.check_references import ACCELEROMETER, SAID, ZERO_DRIFT, drift_finding, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
-from session.detect.findings import Finding, stop_at_errors
+from session.detect.findings import Finding, as_arguments, stop_at_errors
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
 from session.io.errors import CalibrationError
@@ -115,6 +115,10 @@ class Prepared:
     problem: Problem
     given: Problem | None = None
 
+    def __post_init__(self) -> None:
+        if self.session.in_memory:
+            object.__setattr__(self, "findings", [as_arguments(finding) for finding in self.findings])
+
     @property
     def session(self) -> Session:
         """The session that the problem was built from."""
@@ -159,6 +163,8 @@ def prepare(
     if session.config.accelerometer.own_stills and accelerometer == AUTO:
         accelerometer = "fit"  # a calibration from these stills is no independent information
     if accelerometer in ("given", "prior") and source == "none":
+        if session.in_memory:
+            raise CalibrationError(f"{session.name}: it has no accelerometer= to take as {accelerometer}; leave that option out")
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
@@ -168,7 +174,8 @@ def prepare(
     found = looked_at = SessionStills(session) if known is None else known.under(session)
     findings = own + aligned + check_session(session, found)
     # ``build_problem`` refuses too few turns in the same words, and knows of a prior and of what is left out by request.
-    stop_at_errors([finding for finding in findings if finding.what != TURNS])
+    errors = [finding for finding in findings if finding.what != TURNS]
+    stop_at_errors([as_arguments(finding) for finding in errors] if session.in_memory else errors)
     findings = [finding for finding in findings if finding.level != "error"]
     whole = with_bridges(session)
     found = SessionStills(whole, found)

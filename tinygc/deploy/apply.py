@@ -51,6 +51,10 @@ class Applied:
     accelerometer: str | None
     notes: tuple[str, ...]
 
+    def to_json(self) -> dict:
+        """``tinygc-apply/1`` (docs/formats.md)."""
+        return {"schema": "tinygc-apply/1", **vars(self), "out": str(self.out)}
+
 
 def model_of(path: Path) -> Path:
     """Return the model file that a path means: of a session's or an array's folder the one that its fit recommends.
@@ -86,14 +90,17 @@ def apply_model(
     session: Path | None = None,
     unit: str = "rps",
     progress: Progress | None = None,
+    table: dict | None = None,
 ) -> Applied:
     """Write ``log`` with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that TinyGC can read.
+
+    table: what the model's file holds, of a model that is in memory, ``model_path`` being but its name.
 
     Full scales come from ``session``, from the session.toml next to the log, or from the model file, in this order.  ``calibration.py``
     chooses the calibration of the accelerometer.  ``out`` appears only when it is complete.  ``-`` is standard input or output.
     Raises FormatError, DataError, CalibrationError.
     """
-    model, table = models.load_with_table(model_path)
+    model, table = models.load_with_table(model_path) if table is None else (models.from_dict(table, str(model_path)), table)
     began_s = None if model.session_s is None else began_in_session(model, table, model_path, log)
     reader = Reader(log, answers)
     if reader.layout.gyro is None:

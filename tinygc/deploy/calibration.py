@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from session.io.arrays import refuse_degrees, si_of
 from session.io.config import Accelerometer, Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import sha256_of
@@ -219,7 +220,7 @@ def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
     """Convert to a float64 array; raises CalibrationError for other than numbers."""
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CalibrationError(f"{name} is not made of numbers") from None
 
 
@@ -231,6 +232,19 @@ def refuse_gaps(name: str, array: np.ndarray) -> None:
     if (far := beyond_any_sensor(array, 1.0, KINDS[name])).any():
         row = int(np.argmax(far.reshape(len(array), -1).any(axis=1)))
         raise CalibrationError(f"{name}[{row}] is {np.abs(array[row]).max():g} {SI[KINDS[name]]}, beyond any sensor; is its unit right?")
+
+
+def rates_in_si(raw: np.ndarray, unit: str, full_scale_dps: float | None) -> tuple[np.ndarray, float]:
+    """Return rates (N, 3) in rad/s, and rad/s per ``unit``, in which they are given.
+
+    Raises CalibrationError for an unknown unit, a rate that is not finite, and one beyond what the full scale, or any usual one, allows.
+    """
+    si = si_of("unit", "gyro", unit)
+    rates = raw if si == 1 else raw * si
+    refuse_gaps("raw", rates)
+    do = 'are the rates in degrees? give unit="dps"' if si == 1 else "is the unit another?"
+    refuse_degrees("raw", rates, full_scale_dps, f"{do}, or a model of a sensor that is as fast")
+    return rates, si
 
 
 def _rows(raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> tuple[np.ndarray, ...]:
@@ -259,16 +273,19 @@ class Live:
         """Raises CalibrationError where the model needs later samples or its session's time, or lacks the rate."""
         if bygone := effects_of_session_time(calibration.model):
             raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
-        self._stream = Stream(calibration, live=True)
+        self._stream, self._full_scale_dps = Stream(calibration, live=True), calibration.full_scale_dps
 
-    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
-        """Return the calibrated rate (3,) rad/s: raw (3,) rad/s, acc (3,) m/s^2, temp degC.  Raises CalibrationError for other shapes."""
+    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None, *, unit: str = "rad/s") -> np.ndarray:
+        """Return the calibrated rate (3,), in the unit that raw (3,) is in: rad/s, or ``unit="dps"``; acc (3,) m/s^2, temp degC.
+
+        Raises CalibrationError for other shapes, and for a rate that no such gyroscope reads.
+        """
         sample = as_numbers("raw", raw)
         if sample.shape != (3,):
             raise CalibrationError(f"raw has shape {sample.shape}, expected (3,), rad/s: a live stream takes one sample at a time")
-        refuse_gaps("raw", sample[None])
+        rates, si = rates_in_si(sample[None], unit, self._full_scale_dps)
         acc, temp = (None if value is None else as_numbers(name, value)[None] for name, value in (("acc", acc), ("temp", temp)))
-        return self._stream.push(sample[None], acc, temp)[0]
+        return self._stream.push(rates, acc, temp)[0] / si
 
 
 # A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another.
@@ -294,6 +311,8 @@ class Calibration:
             raise CalibrationError(f"rate_hz is {rate_hz!r}, expected samples a second")
         self.model, self.rate_hz, self._table = model, rate_hz, table
         self.accelerometer = accelerometer if table is None else accelerometer_of(table)
+        #: full scale of the gyroscope that was fitted, dps; None where no table has it
+        self.full_scale_dps = None if table is None else sensor_of(table).gyro_fs_dps
         effects = [claim.effect for claim in model.undone]
         self.effects = tuple(effect.id for effect in effects)
         inputs = {*model.conditions, *(name for effect in effects for name in effect.inputs)}
@@ -307,22 +326,31 @@ class Calibration:
         return f"<Calibration {self.model.kind}, {self.model.parameters} parameters{undone}>"
 
     def __call__(
-        self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None, *, began_s: float | None = None
+        self,
+        raw: ArrayLike,
+        acc: ArrayLike | None = None,
+        temp: ArrayLike | None = None,
+        *,
+        unit: str = "rad/s",
+        began_s: float | None = None,
     ) -> np.ndarray:
-        """Return calibrated rates (N, 3) rad/s of one log: raw (N, 3) rad/s, acc (N, 3) m/s^2, temp (N,) degC.
+        """Return calibrated rates (N, 3) of one log, in the unit that raw (N, 3) is in; acc (N, 3) m/s^2, temp (N,) degC.
 
+        unit: of the rates that are given, and of those that are returned: ``rad/s``, ``dps``, ``mdps`` and the like.
         began_s: s of the model's own session at which the rows begin, needed only by a model that follows that session's time.
         The call has no state: the same arrays give the same result.  For single samples (3,) use ``live()``.  Raises CalibrationError
-        where a needed input is missing, and for other shapes.
+        where a needed input is missing, for other shapes, and for rates beyond 1.2 times the full scale of the fitted sensor, or beyond
+        4000 dps where the model's file has none: they are in degrees.
         """
         rates = as_numbers("raw", raw)
         if rates.shape == (3,):
             raise CalibrationError("raw is one sample (3,); live() takes one after another, and arrays are (N, 3)")
         if rates.ndim != 2 or rates.shape[-1] != 3:
             raise CalibrationError(f"raw has shape {rates.shape}, expected (N, 3), rad/s")
-        refuse_gaps("raw", rates)
+        rates, si = rates_in_si(rates, unit, self.full_scale_dps)
         stream = self.stream(began_s)
-        return np.concatenate([stream.push(rates, acc, temp), stream.flush()])
+        omega = np.concatenate([stream.push(rates, acc, temp), stream.flush()])
+        return omega if si == 1 else omega / si
 
     def force(self, measured: ArrayLike) -> np.ndarray:
         """Return calibrated specific force, m/s^2, from the measured force of one sample (3,) or of many (N, 3).
@@ -350,7 +378,11 @@ class Calibration:
 
     def at_end(self) -> Calibration:
         """Return the model for logs of any time: effects of session time are held at their values at the session's end."""
-        return self if self.model.session_s is None else Calibration(self.model.at_end(), self.rate_hz, None, self.accelerometer)
+        if self.model.session_s is None:
+            return self
+        ended = Calibration(self.model.at_end(), self.rate_hz, None, self.accelerometer)
+        ended.full_scale_dps = self.full_scale_dps
+        return ended
 
     def stream(self, began_s: float | None = None) -> Stream:
         """Return a stream for one log, piece by piece; began_s as in a call.  Raises CalibrationError where a needed rate is missing, or
@@ -390,7 +422,8 @@ def load(path: Path | str, rate_hz: float | None = None) -> Calibration:
     Returns
     -------
     Calibration
-        ``omega = model(raw)`` calibrates rates (N, 3), rad/s, in the body axes of the fitted log.
+        ``omega = model(raw)`` calibrates rates (N, 3), rad/s, in the body axes of the fitted log; ``model(raw, unit="dps")`` takes and
+        gives dps.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -234,9 +234,10 @@ class Origin:
     says: str
 
 
-def origin_of(path: Path, session: Session) -> Origin:
-    """Compare the logs' hashes in the model file, or in ``fit``'s record in the same folder, with those of the session's logs."""
-    table = read_json(path)
+def origin_of(path: Path, session: Session, table: dict | None = None) -> Origin:
+    """Compare the logs' hashes in the model file, or in ``fit``'s record in the same folder, with those of the session's logs; table: what
+    the file holds, where it was read before."""
+    table = read_json(path) if table is None else table
     logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
     name = stored.get("session") if isinstance(stored.get("session"), str) else None
@@ -282,7 +283,7 @@ FEWEST_STILLS = 5
 class Rebiased:
     """A stored calibration in a new session: problem and runs of that session; stored model; changes (3,) rad/s to its calibrated rate by
     source, with sigma (3,) or None; the requested source; error angles (S, d) rad and run errors by "stored" and source; path of the
-    stored model, and its origin."""
+    stored model, its origin, and what its file holds."""
 
     problem: Problem
     runs: list[ClosureRun]
@@ -293,6 +294,7 @@ class Rebiased:
     run_errors: list[dict[str, np.ndarray]]
     path: Path
     origin: Origin
+    table: dict = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
@@ -311,39 +313,43 @@ class Rebiased:
 
 
 def rebias_session(
-    folder: Path,
+    where: Session | Path,
     path: Path,
     source: str,
     given_dps: np.ndarray | None = None,
     *,
+    table: dict | None = None,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Rebiased:
-    """Estimate the bias from ``source``, and from the other sources for comparison where they are available.
+    """Estimate the bias of a session, or a session folder, from ``source``, and from the other sources for comparison.
 
+    path: of the stored model; table: what its file holds, of a model that is in memory, path being but its name;
     given_dps (3,): the sensor's reading at rest; exclude: numbers of segments to leave out of the closure.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
-    stored = models.load(path)
+    stored, table = models.load_with_table(path) if table is None else (models.from_dict(table, str(path)), table)
     stored.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
-    problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
+    problem = prepare(where, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
     session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
         changes["start"] = start
     progress("bias from gravity", 2, 3)
-    found = from_gravity(problem, stored, _day_sigma(path))
+    found = from_gravity(problem, stored, _day_sigma(table))
     changes["gravity"] = (found.change, found.sigma)
     if given_dps is not None:
         changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
     if source not in changes:
-        raise SegmentError(f"{folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z")
+        raise SegmentError(
+            f"{session.folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z"
+        )
     all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session))
+    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session, table), table)
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:
@@ -444,9 +450,9 @@ def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
 
 
-def _day_sigma(path: Path) -> np.ndarray | float:
-    """Return the bias spread (3,) rad/s from the model's file, where the fit included several days; else the default."""
-    found = read_json(path).get("bias_sigma_rps")
+def _day_sigma(table: dict) -> np.ndarray | float:
+    """Return the bias spread (3,) rad/s from the table of the model's file, where the fit included several days; else the default."""
+    found = table.get("bias_sigma_rps")
     return DAY_SIGMA_RPS if found is None else np.maximum(np.asarray(found, dtype=float), 1e-6)
 
 
@@ -499,9 +505,16 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
 
     ``fit.json`` belongs to the models that were fitted there, and stays.
     """
-    session = result.problem.session
-    folder = folder or session.folder / "fit"
-    table = read_json(result.path)
+    folder = folder or result.problem.session.own_folder("fit")
+    with result_folder(folder):
+        write_whole(folder / MODEL, rebiased_table(result))
+        write_whole(folder / FIGURES, rebias_to_json(result))
+    return folder
+
+
+def rebiased_table(result: Rebiased) -> dict:
+    """Return the stored model with its new bias as ``tinygc-model/1``."""
+    session, table = result.problem.session, result.table
     before = table["stored"] if isinstance(table.get("stored"), dict) else table
     more = {
         "method": f"stored, bias {result.source}",
@@ -511,10 +524,7 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
         "version": VERSION,
         **{name: table[name] for name in ("sensor", "accelerometer") if name in table},  # E is in that one's body frame
     }
-    with result_folder(folder):
-        write_whole(folder / MODEL, models.to_dict(result.model, **more))
-        write_whole(folder / FIGURES, rebias_to_json(result))
-    return folder
+    return models.to_dict(result.model, **more)
 
 
 def remarks(result: Rebiased) -> list[str]:

@@ -11,18 +11,20 @@ import numpy as np
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from session.io.config import Accelerometer, Config, read_config
-from session.io.errors import DataError, FormatError
-from session.io.folder import sha256_of
+from session.io.errors import DataError, FitError, FormatError
+from session.io.folder import hash_of_log, sha256_of
 from session.io.names import log_paths, refuse_array
 from session.io.renamed import renamed_fields
+from session.io.results import json_text, read_json_text
 from session.io.texts import command_line, printable
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.results import read_fit
+from tinygc.estimation.results import FitResult, model_tables, read_fit
+from tinygc.estimation.results import to_json as fit_to_json
 from tinygc.models.linear import BIAS, MATRIX, NAMES, WORDS, LinearModel, field_jacobian, field_vector
 from tinygc.models.linear import PARAMETERS as GYROSCOPE_PARAMETERS
-from tinygc.models.model import accelerometer_of, certain
+from tinygc.models.model import Model, accelerometer_of, certain
 
 # Whether vectors with covariances agree: their weighted scatter about the weighted mean.
 
@@ -296,21 +298,40 @@ def read_calibrated(folder: Path) -> Calibrated:
         refuse_array(folder)
         raise FormatError(f"{path}: not found; run `{command_line('fit', folder)}` first")
     model, table = models.load_with_table(path)
+    hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
+    do = f"run `{command_line('fit', folder)}` again"
+    fit = read_fit(folder / "fit" / "fit.json", do)
+    if fit.get("goodness") is None:
+        raise FormatError(f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; {do}")
+    return _calibrated(folder, config, path, (model, table), fit, hashes)
+
+
+def calibrated_of(result: FitResult, config: Config) -> Calibrated:
+    """Return the same of a fit that need not lie in a folder; config: of the session as it was given to the fit.
+
+    Raises FitError where least squares was not fitted.
+    """
+    table = model_tables(result).get("least_squares")
+    if table is None:
+        raise FitError(f"{result.session.name}: least_squares was not fitted, and only that is compared; fit it as well")
+    fit = read_json_text(json_text(fit_to_json(result)), "fit.json")
+    hashes = tuple(hash_of_log(log) for log in result.session.logs)
+    path = Path(f"{result.session.name}: model_least_squares.json")
+    return _calibrated(result.session.folder, config, path, (models.from_dict(table), table), fit, hashes)
+
+
+def _calibrated(folder: Path, config: Config, path: Path, stored: tuple[Model, dict], fit: dict, hashes: tuple[str, ...]) -> Calibrated:
+    """Return the record of a fitted session; stored: its model with the table of its file, ``path``; fit: its figures."""
+    model, table = stored
     covariance = _matrix(table.get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
         raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `{command_line('fit', folder)}` again")
     if certain(covariance) or np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
         raise FormatError(f"{path}: the covariance is not positive definite; run `{command_line('fit', folder)}` again")
     notes = []
-    fit = read_fit(folder / "fit" / "fit.json", f"run `{command_line('fit', folder)}` again")
-    if fit.get("goodness") is None:
-        raise FormatError(
-            f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `{command_line('fit', folder)}` again"
-        )
     if fit["goodness"]["p_value"] < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
     unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
-    hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
     accelerometer = None
     if "accelerometer_covariance" in table:
         accelerometer = _matrix(table["accelerometer_covariance"])

@@ -262,7 +262,8 @@ def known_turns_words(result: FitResult) -> str:
     used = [turn for turn in turns if turn["used"]]
     unused = f"; {len(turns) - len(used)} of {len(turns)} not used" if len(used) < len(turns) else ""
     if not used:
-        return f"turns.csv: none of {len(turns)} turns of known angle is used, see the first look"
+        where = "turns=" if result.session.in_memory else "turns.csv"
+        return f"{where}: none of {len(turns)} turns of known angle is used, see the first look"
     each = ", ".join(f"{t['segment']} ({t['angle_deg']:g}° ± {t['sigma_deg']:g}°, left {t['error_deg']:+.3f}°)" for t in used)
     return f"turns of known angle: segment{'s' * (len(used) != 1)} {each}{unused}"
 

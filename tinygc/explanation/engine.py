@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
-from session.detect.findings import Finding
+from session.detect.findings import Finding, as_arguments
 from session.io.errors import CalibrationError
 from session.io.folder import Session
 from session.io.units import DEG
@@ -187,7 +187,8 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
         return []
     seen = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
     says = f"site.heading_deg = {given:g}, the stills say {seen}, which was used"
-    return [Finding("warning", "session.toml", "heading", says, "did the sensor begin at the table's index?")]
+    finding = Finding("warning", "session.toml", "heading", says, "did the sensor begin at the table's index?")
+    return [as_arguments(finding) if problem.session.in_memory else finding]
 
 
 def _verdict(explanation: Explanation) -> str:

@@ -17,9 +17,10 @@ from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
-from tinygc.library.sessions import Progress, nothing, public, session_or_folder
+from tinygc.library.arguments import Progress, nothing, public, session_or_folder
+from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
-from tinygc.reporting.pictures.canvas import save as save_figure
+from tinygc.reporting.pictures.canvas import saved
 from tinygc.reporting.terminal import Group, Text, as_html, as_text
 
 if TYPE_CHECKING:
@@ -106,14 +107,14 @@ class Why:
         return self._report.notes
 
     @cached_property
-    def effects(self) -> tuple[FoundEffect, ...]:
-        """Reported effects, strongest first."""
-        return tuple(_found(entry) for entry in self.table["effects"])
+    def effects(self) -> Listed[FoundEffect]:
+        """Reported effects, strongest first; ``effects.to_frame()`` is a pandas DataFrame."""
+        return Listed(_found(entry) for entry in self.table["effects"])
 
     @cached_property
-    def findings(self) -> tuple[FoundEffect, ...]:
+    def findings(self) -> Listed[FoundEffect]:
         """Findings without a name."""
-        return tuple(_found(entry) for entry in self.table.get("findings", ()))
+        return Listed(_found(entry) for entry in self.table.get("findings", ()))
 
     @property
     def considered(self) -> list[dict[str, Any]]:
@@ -155,10 +156,7 @@ class Why:
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw the page of pictures as a matplotlib figure; write it as PNG if a path is given.  CalibrationError without matplotlib."""
         figure = self._report.picture()
-        if path is not None:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
-            save_figure(figure, Path(path))
-        return figure
+        return figure if path is None else saved(figure, Path(path))
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""

@@ -22,7 +22,7 @@ from session.replay.importing import import_log as import_files
 from session.replay.join import join
 from session.replay.sources import Sources
 from session.replay.took import said_took
-from tinygc.library.sessions import public
+from tinygc.library.arguments import public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 

@@ -1,108 +1,40 @@
-"""``tinygc.check``, ``tinygc.fit`` and ``tinygc.simulate``: each takes a session and returns a result."""
+"""``tinygc.check``, ``tinygc.simulate`` and others: what is known of sessions, what is done before a fit, and what to record next."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
-from functools import cached_property, wraps
-from inspect import signature
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 
-from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
-from session.detect.accelerometer import PARAMETERS
+from session.detect.accelerometer import LengthFit, why_not, write_calibrated_copy
+from session.detect.check_references import own_fit
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.detect.stills import SessionStills
 from session.io.annexes import need
 from session.io.config import Accelerometer, Protocol, Site
-from session.io.errors import CalibrationError, DataError, FitError
-from session.io.folder import Session
+from session.io.errors import CalibrationError, DataError, SegmentError
+from session.io.folder import Session, read_session
 from session.io.names import is_array
+from session.io.texts import command_line
 from session.io.units import DEG, G
 from tinygc.closure.prepared import first_look_at_fit
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
-from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
-from tinygc.estimation.verdict import Acceptance
-from tinygc.models.linear import NAMES
-from tinygc.reporting.fit_screen import verdict_text
-from tinygc.reporting.fit_text import fit_report
-from tinygc.reporting.terminal import Group, as_html, as_text
+from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
+from tinygc.library.arguments import chosen, public, session_or_folder
+from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
+from tinygc.planning.proposals import Proposal, RecordingPlan, propose
+from tinygc.reporting.fit_text import lengths_page
+from tinygc.reporting.terminal import Group, one_line
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session
 from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
-
-if TYPE_CHECKING:
-    from tinygc.deploy.calibration import Calibration
-
-
-# Options and arguments of the public functions.
-
-#: progress callback: current step's description, steps done, steps in all
-Progress = Callable[[str, int, int], None]
-P = ParamSpec("P")
-R = TypeVar("R")
-Options = TypeVar("Options", FitOptions, SimulationOptions)
-
-
-def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a public function: an unknown keyword raises a CalibrationError that names the right one.
-
-    options: a class whose fields are keywords of the function as well.
-    """
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        parameters = [each.name for each in signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
-        known = [*parameters, *([] if options is None else (each.name for each in fields(options)))]
-
-        @wraps(function)
-        def call(*args: P.args, **keywords: P.kwargs) -> R:
-            for name in keywords:
-                if name not in known:
-                    near = get_close_matches(name, known, 1, 0.5)
-                    hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
-                    raise CalibrationError(f"{function.__name__}: no option {name!r}; {hint}")
-            if keywords.get("progress") is not None and not callable(keywords["progress"]):
-                raise CalibrationError(f"progress is {keywords['progress']!r}, expected a function of three arguments: what, done, of")
-            try:
-                signature(function).bind(*args, **keywords)
-            except TypeError as error:
-                raise CalibrationError(f"{function.__name__}: {error}; it takes {', '.join(parameters)}") from None
-            return function(*args, **keywords)
-
-        return call
-
-    return decorate
-
-
-def session_or_folder(session: Any) -> Session | Path:
-    """Return a session, or the path of its folder; CalibrationError for anything else."""
-    if isinstance(session, Session):
-        return session
-    if isinstance(session, str | PathLike):
-        return Path(session)
-    raise CalibrationError(f"session is of type {type(session).__name__}, expected a tinygc.Session or the path of its folder")
-
-
-def nothing(what: str, done: int, of: int) -> None:
-    """Ignore progress; the default callback."""
-
-
-def chosen(kind: type[Options], options: Options | None, choices: dict[str, Any]) -> Options:
-    """Return options of a kind with single fields replaced; CalibrationError if ``options`` are of another kind."""
-    if options is not None and not isinstance(options, kind):
-        raise CalibrationError(f"options is of type {type(options).__name__}, expected tinygc.{kind.__name__}")
-    return replace(kind() if options is None else options, **choices)
-
 
 # ``tinygc.check``: the first look at a session, or at a folder whose logs may be unreadable.
 
@@ -153,209 +85,185 @@ def check(session: Any) -> list[Finding]:
     return need("checks of arrays").check_array(session, first_look_at_fit)
 
 
-# ``tinygc.fit``: fit calibrations to a session and report their closure.
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One fitted number."""
-
-    #: ``E_xy``, ``B_x``, ``bias_x``, …
-    name: str
-    #: in ``unit``
-    value: float
-    #: one standard deviation, in ``unit``
-    sigma: float
-    #: SI unit; ``1`` if unitless
-    unit: str
-
-    def __repr__(self) -> str:
-        return f"<{self.name} = {self.value:.6g} ± {self.sigma:.2g}{'' if self.unit == '1' else f' {self.unit}'}>"
+# ``tinygc.accelerometer``: the accelerometer alone, from gravity's length in the stills.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """What ``tinygc.fit`` returns: parameters with their sigmas, closure of each method, models."""
+class OwnAccelerometer(Shown):
+    """Result of ``tinygc.accelerometer``."""
 
-    #: complete result of the fit, in SI
-    result: FitResult
+    #: the session, as it was given
+    session: Session
+    #: lengths of gravity in the stills, before and after, and how much each still counts
+    lengths: LengthFit
 
     def __repr__(self) -> str:
-        tilt = self.closure["least_squares" if "least_squares" in self.result.methods else next(iter(self.result.methods))]
-        return (
-            f"<Fit of {self.session.name}: {', '.join(self.result.methods)}; "
-            f"{len(self.result.problem.used)} segments, held out {tilt['tilt_rms_deg']:.4f}°>"
-        )
+        return f"<OwnAccelerometer of {self.session.name}: {len(self.lengths.before)} stills>"
+
+    @cached_property
+    def fit(self) -> AccelerometerFit:
+        """The calibration with its covariance, in SI."""
+        return of_lengths(self.lengths)
 
     @property
-    def session(self) -> Session:
-        """The fitted session."""
-        return self.result.session
+    def calibration(self) -> Accelerometer:
+        """The calibration ``f = matrix @ (measured - bias_mps2)``, for ``Session.from_arrays(…, accelerometer=…)``."""
+        return self.lengths.accelerometer
 
     @cached_property
-    def parameters(self) -> dict[str, Estimate]:
-        """The 12 least-squares parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (unitless), ``B_x`` … ``B_z`` in rad/s."""
-        values, sigmas = self.result.linear.model.vector, np.sqrt(np.diag(self.result.covariance))  # type: ignore[attr-defined]
-        return {
-            name: Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s")
-            for name, value, sigma in zip(NAMES, values, sigmas, strict=True)
-        }
-
-    @property
-    def accelerometer(self) -> AccelerometerFit:
-        """The accelerometer that gives the references: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``,
-        ``spread_mps2``."""
-        return self.result.accelerometer
-
-    @cached_property
-    def accelerometer_parameters(self) -> dict[str, Estimate]:
-        """The accelerometer's nine numbers of f = M (measured - b) in its own triad: ``scale_x`` … (M's diagonal less 1),
-        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both unitless, and ``bias_x`` … in m/s^2.
-
-        A sigma is NaN if the calibration was taken as given.  The session does not observe those named in ``accelerometer.unobserved``.
-        """
-        found = self.accelerometer
-        sigmas = np.full(PARAMETERS, np.nan) if found.sigmas is None else found.sigmas
-        names = [name.replace(" ", "_") for name in ACCELEROMETER_NAMES]
-        return {
-            name: Estimate(name, float(value), float(sigma), "m/s^2" if name.startswith("bias") else "1")
-            for name, value, sigma in zip(names, found.values, sigmas, strict=True)
-        }
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance (12, 12) of ``parameters``, in their order and units."""
-        return self.result.covariance
-
-    @cached_property
-    def closure(self) -> dict[str, ClosureFigures]:
-        """Held-out closure by method, degrees rms: ``tilt_rms_deg``, ``roll_rms_deg``, ``pitch_rms_deg``, ``yaw_rms_deg`` (or None)."""
-        return {name: closure_figures(fit.held_out) for name, fit in self.result.methods.items()}
-
-    @cached_property
-    def closure_runs(self) -> dict[str, dict[str, dict[str, float]]]:
-        """Error at the return of each closure run, by file and method, degrees: ``roll_deg``, ``pitch_deg``, ``yaw_deg``, ``rmse_deg``."""
-        pairs = zip(self.result.runs, self.result.run_errors, strict=True)
-        return {run.file: {name: run_figures(error) for name, error in errors.items()} for run, errors in pairs}
-
-    @cached_property
-    def models(self) -> dict[str, Calibration]:
-        """The calibration of each method, ready for use."""
-        from tinygc.deploy.calibration import Calibration
-
-        rate_hz = 1 / self.result.problem.logs[0].samples.period_s
-        tables = model_tables(self.result)
-        return {name: Calibration(fit.model, rate_hz, tables[name]) for name, fit in self.result.methods.items()}
-
-    @property
-    def model(self) -> Calibration:
-        """The least-squares calibration.  Raises FitError if that method was not requested."""
-        if "least_squares" not in self.models:
-            raise FitError(f"least_squares was not fitted; take one of models: {', '.join(self.models)}")
-        return self.models["least_squares"]
-
-    def verdict(self, limit_deg: float | None = None) -> Acceptance:
-        """PASS, NOT DECIDED or FAIL (``word``), with its ``headline``, ``rule``, ``reasons`` and ``doubts``."""
-        return self.result.verdict(limit_deg)
+    def parameters(self) -> Named[Estimate]:
+        """Its nine numbers by name, as ``Fit.accelerometer_parameters``."""
+        return Named(accelerometer_estimates(self.fit))
 
     @property
     def page(self) -> Group:
-        """What ``fit --verbose`` prints, as a rich renderable."""
-        return Group(verdict_text(self.verdict()), fit_report(self.result))
+        """What the command prints, as a rich renderable."""
+        return lengths_page(self.session.name, self.lengths, self.fit)
 
-    def summary(self) -> str:
-        """What ``fit --verbose`` prints: verdict, closure by method, closure runs, parameters with their sigmas, remarks."""
-        return as_text(self.page)
+    def to_json(self) -> dict:
+        """``tinygc-accelerometer/1`` (docs/formats.md)."""
+        stills = len(self.lengths.before)
+        return {"schema": "tinygc-accelerometer/1", "session": self.session.name, "stills": stills, **self.fit.to_json()}
 
-    def _repr_html_(self) -> str:
-        return as_html(self.page)
-
-    def to_json(self, limit_deg: float | None = None) -> dict:
-        """``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
-        return to_json(self.result, limit_deg)
-
-    def save(self, folder: Path | str | None = None, limit_deg: float | None = None) -> Path:
-        """Write each method's model and the figures into a folder (``fit`` in the session's folder by default); returns it."""
-        return save_models(self.result, None if folder is None else Path(folder), limit_deg)
+    def save(self, folder: Path | str) -> Path:
+        """Write a copy of the session with this calibration in its session.toml; returns the folder, which must be new or empty."""
+        if self.session.in_memory:
+            own = replace(self.calibration, source="stills")
+            return replace(self.session, config=replace(self.session.config, accelerometer=own)).save(folder)
+        write_calibrated_copy(self.session.folder, Path(folder), self.calibration)
+        return Path(folder)
 
 
-@public(FitOptions)
-def fit(session: Session | Path | str, options: FitOptions | None = None, *, progress: Progress | None = None, **choices: Any) -> Fit:
-    """Fit the calibration ``omega = E m + B`` of a session, and the other methods that are chosen.
+@public()
+def accelerometer(session: Session | Path | str) -> OwnAccelerometer:
+    """Calibrate the accelerometer alone, from gravity's magnitude in the stills of a session.
 
     Parameters
     ----------
     session : Session, str or Path
-        The recording, or its folder.  Rates are in rad/s, specific force in m/s^2, both (N, 3) in body axes forward, right, down.
-    options : FitOptions, optional
-        Options that decide the fit's numbers.
-    progress : callable, optional
-        Called with the current step's description, the number of steps done and the number of all steps.
-    **choices
-        Single fields of ``FitOptions``: ``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``.
+        The recording, or its folder.  The calibration of the accelerometer that it has is not used.
 
     Returns
     -------
-    Fit
-        ``parameters`` (E without unit, B in rad/s), ``covariance`` (12, 12), ``closure`` in degrees, ``models``.
+    OwnAccelerometer
+        ``calibration``, ``parameters`` with their sigmas, ``summary()``; ``save(folder)`` writes a copy of the session with it.
 
     Raises
     ------
     CalibrationError
-        For data that cannot be read or fitted, and for a wrong option; its message is one line.
+        For data that cannot be read, and for stills that do not determine it: too few attitudes, or none in which gravity is about 1 g.
 
     Examples
     --------
     >>> import tinygc
-    >>> simulated = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1)
-    >>> result = tinygc.fit(simulated.session, methods=("least_squares",))
-    >>> result.parameters["B_x"].unit
-    'rad/s'
-    >>> abs(result.parameters["E_xx"].value - simulated.truth["E"][0][0]) < 5 * result.parameters["E_xx"].sigma
-    True
+    >>> session = tinygc.simulate(segments=24, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> found = tinygc.accelerometer(session)
+    >>> found.parameters["bias_x"].unit
+    'm/s^2'
 
     """
-    where, options = session_or_folder(session), chosen(FitOptions, options, choices)
-    if options.physics is None:
-        return Fit(fit_session(where, options, progress or nothing))
-    from tinygc.explanation.physics import physics_methods
+    where = session_or_folder(session)
+    read = where if isinstance(where, Session) else read_session(where)
+    bare = replace(read, config=replace(read.config, accelerometer=Accelerometer(source="none")))
+    found = own_fit(bare)
+    if found is None:
+        raise SegmentError(
+            f"{read.folder}: no still in which gravity is about 1 g; see `{command_line('check', read.folder)}` for its units"
+        )
+    if found.rung is None:
+        raise SegmentError(f"{read.folder}: {why_not(found)}; rest it on all six sides and some edges")
+    return OwnAccelerometer(read, found)
 
-    return Fit(fit_session(where, options, progress or nothing, physics=physics_methods))
+
+# ``tinygc.plan``: what to record next.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Shown):
+    """Result of ``tinygc.plan``."""
+
+    result: RecordingPlan
+
+    def __repr__(self) -> str:
+        return f"<Plan of {len(self.proposals)} movements>"
+
+    @property
+    def proposals(self) -> Listed[Proposal]:
+        """Movements, the best first: ``words``, ``parameter``, and its sigma ``now`` and ``after`` in units of its target."""
+        return Listed(self.result.proposals)
+
+    @property
+    def requested(self) -> str | None:
+        """The recording that the last ``explain`` requests, or None."""
+        return self.result.asked
+
+    @property
+    def enough(self) -> int | None:
+        """How many more turns reach every target; None if not even many do."""
+        return self.result.enough
+
+    @property
+    def lines(self) -> list[str]:
+        """What the command prints."""
+        asked, enough = self.requested, self.enough
+        said = [] if self.result.lot is None else [self.result.lot.words]
+        said += [f"explain asks: {asked}"] if asked else []
+        for number, move in enumerate(self.proposals, start=1):
+            said.append(f"{number}. {move.words}: {move.parameter}, {move.now:.1f} -> {move.after:.1f} times its target sigma")
+        if self.proposals and enough is not None:
+            said.append(f"{enough} more turn{'s are' if enough != 1 else ' is'} enough for every target")
+        if not self.proposals:
+            own = "of the accelerometer 50 ppm, or 100 where it is given, 0.05 mrad, 0.05 mg"
+            done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {own})"
+            said.append(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
+        return said
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, as a rich renderable."""
+        return Group(*map(one_line, self.lines))
+
+    def to_json(self) -> dict:
+        """``tinygc-plan/2`` (docs/formats.md)."""
+        lot = None if self.result.lot is None else self.result.lot.to_json()
+        found = {"requested": self.requested, "proposals": [vars(each) for each in self.proposals], "enough": self.enough, "lot": lot}
+        return {"schema": "tinygc-plan/2", **found}
 
 
 @public()
-def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> Any:
-    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
+def plan(session: Session | Path | str, *, count: int = 5, lot: Path | str | None = None) -> Plan:
+    """Say which movements to record next.
 
     Parameters
     ----------
-    folders : str, Path or sequence of them
-        Folders of rest logs and sessions of one sensor.
-    most_order : int, optional
-        Highest order of the polynomials over temperature, 0 to 5.
-    progress : callable, optional
-        Called with the current step's description, the number of steps done and the number of all steps.
+    session : Session, str or Path
+        What was recorded so far, or its folder.
+    count : int, optional
+        Movements at most.
+    lot : str or Path, optional
+        File of a production lot, as prior: fewer turns are enough.
 
     Returns
     -------
-    ThermalFit
-        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
-        identity.
+    Plan
+        ``proposals``, ``requested``, ``enough``, ``summary()``.
 
     Raises
     ------
     CalibrationError
-        For data that cannot be read or fitted, and if the temperature annex was removed; its message is one line.
+        For data that cannot be read or fitted.
 
     Examples
     --------
     >>> import tinygc
-    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
-    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
+    >>> found = tinygc.plan(tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session, count=2)
+    >>> len(found.proposals)
+    2
 
     """
-    annex = need("calibrations over temperature")
-    return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
+    if count < 1:
+        raise CalibrationError(f"count is {count!r}, expected a whole number of 1 or more")
+    return Plan(propose(session_or_folder(session), count, None if lot is None else Path(lot)))
 
 
 # ``tinygc.simulate``: simulate a session and its truth; other commands read it like a recorded one.

@@ -13,7 +13,7 @@ from session.detect.check_references import with_aligned_truth, with_own_acceler
 from session.detect.check_samples import with_bridges
 from session.io.annexes import need
 from session.io.errors import FormatError
-from session.io.folder import read_session, sha256_of
+from session.io.folder import Session, read_session, sha256_of
 from session.io.results import Keys, MapOf, Maybe, Text, read_required
 from session.io.texts import printable
 from session.io.units import DEG, STANDARD_GRAVITY_MPS2
@@ -93,9 +93,9 @@ class RecordingPlan:
     lot: PriorUse | None = None
 
 
-def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
-    """Plan a session; lot: file of a production lot.  Raises the errors of ``build_problem`` and ``lot_for``."""
-    session, _ = with_own_accelerometer(read_session(folder))
+def propose(where: Session | Path, count: int = 5, lot: Path | None = None) -> RecordingPlan:
+    """Plan after a session, or a session folder; lot: file of a production lot.  Raises the errors of ``build_problem`` and ``lot_for``."""
+    session, _ = with_own_accelerometer(where if isinstance(where, Session) else read_session(where))
     given = None if lot is None else need("a lot as prior (--lot)").lot_for(lot, session.config.sensor.model)
     session, _ = with_aligned_truth(session)
     problem = build_problem(with_bridges(session), prior=None if given is None else given.prior)
@@ -109,7 +109,8 @@ def propose(folder: Path, count: int = 5, lot: Path | None = None) -> RecordingP
             known = replace(known, covariance=np.linalg.inv(information))
     all_turns = _greedy(known, MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
-    return RecordingPlan(all_turns[:count], requested_by_explain(session.folder), enough, use)
+    asked = None if session.in_memory else requested_by_explain(session.folder)
+    return RecordingPlan(all_turns[:count], asked, enough, use)
 
 
 @dataclass(frozen=True, eq=False)

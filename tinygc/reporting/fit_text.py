@@ -245,9 +245,10 @@ def _heading_words(result: FitResult) -> str:
         return f"Earth's rotation, heading estimated from the stills: {heading}"
     if earth.source == "unknown":
         return "Earth's rotation about the vertical only (the stills do not show the heading)"
-    return (
-        "the Earth's rotation is left out (no site.latitude_deg in session.toml)" if result.options.earth else "Earth's rotation left out"
-    )
+    if not result.options.earth:
+        return "Earth's rotation left out"
+    missing = "no latitude_deg in site=" if result.session.in_memory else "no site.latitude_deg in session.toml"
+    return f"the Earth's rotation is left out ({missing})"
 
 
 def _methods(result: FitResult) -> Table:
@@ -302,11 +303,16 @@ def _closure_runs(result: FitResult) -> Table:
     return table
 
 
-def parameters_table(result: FitResult) -> Table:
-    """Sensor errors by least squares, in the terms and signs of the report (``field_parameters``)."""
+def sensor_errors(result: FitResult) -> list[Quantity]:
+    """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
     hidden = tuple(result.linear.notes.get("unobserved", ()))
     moved = None if result.allowed is None else result.allowed.of
-    quantities = field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
+    return field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
+
+
+def parameters_table(result: FitResult) -> Table:
+    """Table of the sensor errors by least squares."""
+    quantities = sensor_errors(result)
     by_name = {(q.word, q.component): q for q in quantities}
     table = plain_table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
     table.padding = (0, 1, 0, 0)

@@ -13,12 +13,13 @@ import numpy as np
 from session.io.config import SCHEMA
 from session.io.errors import FormatError
 from session.io.files import MOST_TOML, naming, read_bytes, result_folder
-from session.io.logfile import COLUMNS, KnownTurn
 from session.io.logfile import NAME as KNOWN_TURNS
+from session.io.logfile import KnownTurn
 from session.io.names import has_recorded_name
 from session.io.texts import comment
 from session.io.toml import line
 from session.io.units import DEG, MG
+from session.io.written import turns_text
 from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simulate_session
@@ -51,12 +52,6 @@ def stopped_turns(plan: MovementPlan, options: SimulationOptions) -> tuple[Known
         angle_deg = round((change + error) / DEG, 6)
         found.append(KnownTurn(number, None, axis / np.linalg.norm(axis), words, angle_deg * DEG, options.stop_sigma_deg * DEG))
     return tuple(found)
-
-
-def turns_text(turns: tuple[KnownTurn, ...]) -> str:
-    """Text of ``turns.csv``."""
-    rows = [f"{turn.turn},{turn.words},{turn.angle_rad / DEG:.6f},{turn.sigma_rad / DEG:g}" for turn in turns]
-    return "\n".join([",".join(COLUMNS), *rows]) + "\n"
 
 
 def _axis(gimbal: int, angles: np.ndarray) -> np.ndarray:

@@ -85,6 +85,24 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
     return ArraySession(folder, tuple(units), tuple(units.values()))
 
 
+def array_of(units: Sequence[Session], name: str = "array") -> ArraySession:
+    """An array of sessions that are in memory, numbered from 0 in their order.  Raises DataError or FormatError as ``read_array``."""
+    if Path(name).name != name or not name or "\0" in name:
+        raise DataError(f"name is {name!r:.60}, expected one word, as of a folder")
+    if len(units) < LEAST_UNITS:
+        raise DataError(f"{name}: an array of {len(units)} unit{'s' * (len(units) != 1)}; expected two sessions or more")
+    folder, numbered = Path(name), dict(enumerate(units))
+    for number, unit in numbered.items():
+        if (reference := unit.config.protocol.reference) != "gravity":
+            raise DataError(
+                f'{name}: unit {number} has reference "{reference}"; the reference of an array is "gravity" and its other units'
+            )
+    _same_logs(folder, numbered)
+    _same_time(folder, numbered)
+    _not_twice(folder, numbered)
+    return ArraySession(folder, tuple(numbered), tuple(numbered.values()))
+
+
 def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Callable[[str], None]) -> dict[int, Session]:
     """Units whose logs lie in this folder, log0001.unit0.csv and so on."""
     paths = {stem: log_paths(folder, stem) for stem in ("log", "closure", "rest")}

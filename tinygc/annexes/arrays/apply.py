@@ -199,6 +199,34 @@ class ArrayApplied:
     force: bool
     notes: tuple[str, ...]
 
+    def to_json(self) -> dict:
+        """Return ``tinygc-apply/1`` (docs/formats.md) of an array."""
+        return {
+            "schema": "tinygc-apply/1",
+            "out": str(self.out),
+            "rows": self.rows,
+            "kind": "array",
+            "delay_s": 0.0,
+            "accelerometer": "model" if self.force else "none",
+            "notes": list(self.notes),
+            "log": self.which,
+            "clocks": self.clocks,
+            "left_out": self.left_out,
+            "at_end": self.at_end,
+            "units": [{"number": number, "used_share": share} for number, share in self.used.items()],
+            "events": [
+                {
+                    "t_s": at_s,
+                    "unit": event.unit,
+                    "what": event.what,
+                    "reason": event.reason,
+                    "size_dps": event.size_rps / DEG,
+                    "bar_dps": event.bar_rps / DEG,
+                }
+                for at_s, event in self.events
+            ],
+        }
+
 
 def apply_array(
     model_path: Path,

@@ -1,4 +1,4 @@
-"""Commands for arrays: ``fit``, ``explain``, ``apply``, ``export`` and ``simulate`` of several units on one rigid body.
+"""Commands for arrays: ``fit``, ``explain``, ``apply`` and ``simulate`` of several units on one rigid body.
 
 Imports nothing heavy at its top, since the core's commands load it for its options.
 """
@@ -15,7 +15,7 @@ from session.io.errors import CalibrationError
 from session.io.texts import command_line
 from tinygc.cli.arguments import STANDARD, add_field_arguments, given_fields
 from tinygc.cli.options import answers_of, given
-from tinygc.cli.results import Done, beside_log, complain, output, print_commands, try_destinations, verdict, write_files, write_json
+from tinygc.cli.results import Done, beside_log, complain, output, print_commands, try_destinations, verdict, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
@@ -111,15 +111,13 @@ def explain(args: argparse.Namespace) -> int:
 def apply(args: argparse.Namespace, out: Path) -> int:
     """Write an array's folder as one log: the fused units, and those that fault detection excluded."""
     from session.io.units import DEG
-    from tinygc.annexes.arrays.apply import apply_array
+    from tinygc.annexes.arrays import library
     from tinygc.reporting.terminal import progress_bar
 
     if args.session is not None:
         raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")
-    if not args.log.is_dir():
-        raise CalibrationError(f"{args.log}: no folder; an array's model takes the array's folder")
     with progress_bar(args.quiet) as progress:
-        done = apply_array(args.model, args.log, out, answers_of(args), args.which, args.unit, progress)
+        done = library.apply(args.model, args.log, out, answers_of(args), args.which, args.unit, progress)
     density = ", ".join(f"{1e3 * value / DEG:.3g}" for value in done.noise_density)
     lines = [f"{done.out}: {done.rows} samples of {len(done.used)} units fused ({density} mdps/rtHz while all are in)"]
     for at_s, event in done.events:
@@ -127,42 +125,5 @@ def apply(args: argparse.Namespace, out: Path) -> int:
         size = "" if math.isnan(event.size_rps) else f": {event.size_rps / DEG:.3g} dps, bar {event.bar_rps / DEG:.3g} dps"
         lines.append(f"  {at_s:.3f} s: {who} {event.what}{f' ({event.reason}{size})' if event.reason else ''}")
     beside_log(args, [*lines, *(f"  {note}" for note in done.notes)], str(out) == STANDARD)
-    write_json(
-        args.json,
-        {
-            "schema": "tinygc-apply/1",
-            "out": str(done.out),
-            "rows": done.rows,
-            "kind": "array",
-            "delay_s": 0.0,
-            "accelerometer": "model" if done.force else "none",
-            "notes": list(done.notes),
-            "log": done.which,
-            "clocks": done.clocks,
-            "left_out": done.left_out,
-            "at_end": done.at_end,
-            "units": [{"number": number, "used_share": share} for number, share in done.used.items()],
-            "events": [
-                {
-                    "t_s": at_s,
-                    "unit": event.unit,
-                    "what": event.what,
-                    "reason": event.reason,
-                    "size_dps": event.size_rps / DEG,
-                    "bar_dps": event.bar_rps / DEG,
-                }
-                for at_s, event in done.events
-            ],
-        },
-    )
-    return 0
-
-
-def export(args: argparse.Namespace) -> int:
-    """Export an array's model file into files next to it."""
-    from tinygc.annexes.arrays.c_code import export_array
-
-    if args.model is not None:
-        raise CalibrationError(f"--model goes with a session folder; {args.folder} is an array's model itself")
-    write_files(args, args.out or args.folder.parent / "export", export_array(args.folder, args.to), [])
+    write_json(args.json, done.to_json())
     return 0

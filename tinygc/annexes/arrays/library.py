@@ -1,4 +1,4 @@
-"""Python interface of ``fit`` and ``explain`` for an array: several units on one rigid body, estimated together."""
+"""Python interface of ``fit``, ``explain``, ``apply`` and ``export`` for an array: several units on one rigid body, estimated together."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.annexes.arrays.recording import ArraySession, read_array
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError
+from tinygc.annexes.arrays.apply import ArrayApplied, apply_array
+from tinygc.annexes.arrays.c_code import export_array
 from tinygc.annexes.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.annexes.arrays.explanation import (
     ArrayExplanation,
@@ -114,3 +118,23 @@ def explain(
     )
     found = explain_array(read, seed=seed, use_earth=use_earth, progress=progress)
     return ExplainedArray(found, tuple(check_units(found, other, seed=seed, use_earth=use_earth, progress=progress) for other in others))
+
+
+def apply(
+    model: Path,
+    folder: Path,
+    out: Path,
+    answers: Answers = Answers(),  # noqa: B008  # it is frozen
+    which: str | None = None,
+    unit: str = "rps",
+    progress: Progress = lambda what, done, of: None,
+) -> ArrayApplied:
+    """Fuse an array's folder into one log; which: its log, of several.  CalibrationError for what is no folder, and as ``apply_array``."""
+    if not folder.is_dir():
+        raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
+    return apply_array(model, folder, out, answers, which, unit, progress)
+
+
+def export(model: Path, to: str) -> dict[str, str]:
+    """Return file name -> text of an array's model file in a format.  ExportError for a format that holds one sensor only."""
+    return export_array(model, to)

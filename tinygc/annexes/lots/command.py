@@ -8,8 +8,6 @@ from tinygc.cli.arguments import file_written, path_read
 from tinygc.cli.results import output, verdict, write_json
 
 SUMMARY = "statistics of a lot of sensors: spread, drift, repeatability, outliers"
-#: the table in the output folder of ``fleet``
-TABLE = "fleet.sqlite"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -24,22 +22,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print and write the statistics of a lot."""
-    from tinygc.annexes.lots.capability import read_limits
-    from tinygc.annexes.lots.fleet_summary import lot_of_table
-    from tinygc.annexes.lots.fleet_table import read_table
-    from tinygc.annexes.lots.page import save as save_page
-    from tinygc.annexes.lots.report import save, to_json
-    from tinygc.annexes.lots.text import headline, lot_page
+    from tinygc.annexes.lots.text import headline
+    from tinygc.library.many import lot
 
-    folder = args.table.parent if args.table.name == TABLE else args.table
-    limits = read_limits(args.limits) if args.limits else None
-    with read_table(folder) as table:
-        report = lot_of_table(table, args.model, limits, args.seed)
-    output(args).print(lot_page(report))
+    found = lot(args.table, model=args.model, limits=args.limits, seed=args.seed)
+    report = found.result
+    output(args).print(found.page)
     verdict(args, headline(report))
     if args.out is not None:
-        save(report, args.out)
+        found.save(args.out)
     if args.html is not None:
-        save_page(report, args.html)
-    write_json(args.json, to_json(report))
+        found.save_page(args.html)
+    write_json(args.json, found.to_json())
     return 1 if args.strict and (report.hierarchy.drifts or report.outliers) else 0

@@ -85,7 +85,6 @@ SUMMARY = "check, fit and explain thousands of sessions, each once, into one tab
 USES_EFFECTS = True
 STEPS = ("check", "fit", "explain")
 MOST_JOBS = 1024
-PAGE, LOT = "fleet.html", "lot.json"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -123,31 +122,20 @@ def steps(text: str) -> tuple[str, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the missing sessions, then print a summary of the table."""
-    from tinygc.annexes.lots.fleet_page import save
-    from tinygc.annexes.lots.fleet_summary import lot_if_any, summarise, to_check
-    from tinygc.annexes.lots.fleet_table import read_table
-    from tinygc.annexes.lots.page import lot_sections
-    from tinygc.annexes.lots.report import save as save_lot
-    from tinygc.annexes.lots.text import fleet_page
+    from tinygc.annexes.lots.library import LOT, PAGE, summed_up
 
     tally = _computed(args) if args.folders or args.listed is not None else None
-    with read_table(args.out) as table:
-        summary, offered = summarise(table, args.limit), to_check(table)
-        _write_csv(args, table)
-        lot = lot_if_any(table, args.seed)
-    page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
-    if lot:
-        save_lot(lot, args.out / LOT)
-    elif (args.out / LOT).exists():
+    found = summed_up(args.out, tally, args.limit, args.seed)
+    summary, page = found.result, args.out / PAGE
+    _write_csv(args)
+    if found.lot is None and (args.out / LOT).exists():
         complain(f"{args.out / LOT}: left as it was, and not of this table, whose sensors are of several models or too few for a lot")
-    output(args).print(fleet_page(summary, tally))
-    files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
-    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
-    commands = [command_line("explain", first, "--check-on", *others) for first, others in offered]
+    output(args).print(found.page)
+    output(args).print(f"written: {', '.join(map(str, found.files))}", soft_wrap=True)
+    commands = [command_line("explain", first, "--check-on", *others) for first, others in found.offered]
     if commands:
         print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
-    now = {"done": 0, "failed": 0, "reused": 0} if tally is None else {name: getattr(tally, name) for name in ("done", "failed", "reused")}
-    write_json(args.json, {"schema": "tinygc-fleet/1", "run": now, **summary.to_json()})
+    write_json(args.json, found.to_json())
     failed = summary.failed + summary.died + summary.unreadable
     if args.limit is not None and summary.missed:
         complain(f"above --limit {args.limit:g} deg, or of no use: {summary.missed} of {summary.passed + summary.missed} fitted sessions")
@@ -159,8 +147,7 @@ def run(args: argparse.Namespace) -> int:
 def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
     """Run the fleet; raises CalibrationError where there is no session at all."""
     from tinygc.annexes.lots.fleet_row import FleetOptions
-    from tinygc.annexes.lots.fleet_run import Cluster, Processes, run_fleet
-    from tinygc.annexes.lots.fleet_table import open_table
+    from tinygc.annexes.lots.library import compute, no_session
 
     chosen = tuple(step for step in args.only if step not in args.without)
     if not chosen:
@@ -168,15 +155,10 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
     effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may have another working directory
     options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
     count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
-    with open_table(args.out) as table, Meter(args.quiet, count) as meter:
-        executor = Cluster(args.scheduler) if args.scheduler else Processes(args.jobs or _cores())
-        try:
-            tally = run_fleet(_folders(args), table, executor, options, retry=args.retry, progress=meter)
-        finally:
-            executor.close()
+    with Meter(args.quiet, count) as meter:
+        tally = compute(_folders(args), args.out, options, jobs=args.jobs, scheduler=args.scheduler, retry=args.retry, progress=meter)
     if not tally.folders:
-        places = ", ".join(map(str, [*args.folders, *([args.listed] if args.listed else [])]))
-        raise CalibrationError(f"{places}: no session folder there; one holds session.toml and log*.csv")
+        raise no_session([*args.folders, *([args.listed] if args.listed else [])])
     return tally
 
 
@@ -195,21 +177,18 @@ def _folders(args: argparse.Namespace) -> Iterator[Path]:
         yield from listed_folders(os.fsdecode(line) for line in file)
 
 
-def _cores() -> int:
-    """Return the number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _write_csv(args: argparse.Namespace, table) -> None:  # type: ignore[no-untyped-def]
+def _write_csv(args: argparse.Namespace) -> None:
     from session.io.results import whole
     from tinygc.annexes.lots.fleet_summary import write_csv
+    from tinygc.annexes.lots.fleet_table import read_table
     from tinygc.cli.results import standard_output
 
     if args.csv is None:
         return
-    if str(args.csv) == STANDARD:
-        with standard_output():
-            write_csv(table, sys.stdout)
-        return
-    with whole(args.csv) as place, place.open("w", encoding="utf-8", newline="") as file:
-        write_csv(table, file)
+    with read_table(args.out) as table:
+        if str(args.csv) == STANDARD:
+            with standard_output():
+                write_csv(table, sys.stdout)
+            return
+        with whole(args.csv) as place, place.open("w", encoding="utf-8", newline="") as file:
+            write_csv(table, file)

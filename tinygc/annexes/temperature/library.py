@@ -13,7 +13,7 @@ from session.io.texts import printable
 from tinygc.annexes.temperature.axis_fit import ORDERS
 from tinygc.annexes.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.annexes.temperature.sessions_fit import ThermalFit, join, joined, of_rests_alone, point_of
-from tinygc.library.sessions import Progress
+from tinygc.library.arguments import Progress
 
 
 def fit_temperature(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from session.io.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.results import output, write_json
 
@@ -19,31 +18,14 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate nine parameters, or as many as the attitudes determine, and write a copy with them."""
-    from dataclasses import replace
+    from tinygc.library.sessions import accelerometer
 
-    from session.detect.accelerometer import why_not, write_calibrated_copy
-    from session.detect.check_references import own_fit
-    from session.io.config import Accelerometer
-    from session.io.errors import SegmentError
-    from session.io.folder import read_session
-    from tinygc.estimation.accelerometer import of_lengths
-    from tinygc.reporting.fit_text import lengths_page
-
-    session = read_session(args.folder)
-    bare = replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))
-    found = own_fit(bare)
-    if found is None:
-        raise SegmentError(
-            f"{args.folder}: no still in which gravity is about 1 g; see `{command_line('check', args.folder)}` for its units"
-        )
-    if found.rung is None:
-        raise SegmentError(f"{args.folder}: {why_not(found)}; rest it on all six sides and some edges")
-    table = of_lengths(found)
+    found = accelerometer(args.folder)
     out = args.out or args.folder.resolve().with_name(args.folder.resolve().name + "_calibrated")
     if str(out) != "-":
-        write_calibrated_copy(args.folder, out, found.accelerometer)
-    output(args).print(lengths_page(session.name, found, table))
+        found.save(out)
+    output(args).print(found.page)
     if str(out) != "-":
         output(args).print(f"calibrated copy: {out}", soft_wrap=True)
-    write_json(args.json, {"schema": "tinygc-accelerometer/1", "session": session.name, "stills": len(found.before), **table.to_json()})
+    write_json(args.json, found.to_json())
     return 0

@@ -38,7 +38,8 @@ def run(args: argparse.Namespace) -> int:
     """Write a log with calibrated rates and specific force."""
     from session.io.annexes import need
     from session.io.errors import CalibrationError
-    from tinygc.deploy.apply import apply_model, model_of
+    from tinygc.deploy.apply import model_of
+    from tinygc.library.applied import apply
     from tinygc.models.files import is_array_model
     from tinygc.reporting.terminal import progress_bar
 
@@ -51,14 +52,11 @@ def run(args: argparse.Namespace) -> int:
     args.model = model_of(args.model)
     if is_array_model(args.model):
         return need("commands on arrays").apply(args, out)
-    if args.log.is_dir():
-        raise CalibrationError(f"{args.log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
-    if args.which:
-        raise CalibrationError("--which goes with an array's model and the array's folder")
+    answers = vars(answers_of(args))
     with progress_bar(args.quiet) as progress:
-        done = apply_model(args.model, args.log, out, answers_of(args), args.session, args.unit, progress)
+        done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress, **answers)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
     said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late}, {args.model.name})", *(f"  {note}" for note in done.notes)]
     beside_log(args, said, to_stdout)
-    write_json(args.json, {"schema": "tinygc-apply/1", **vars(done), "out": str(done.out)})
+    write_json(args.json, done.to_json())
     return 0

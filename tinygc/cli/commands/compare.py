@@ -21,19 +21,15 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare sessions of one sensor."""
-    from session.io.errors import CalibrationError
-    from tinygc.estimation.compare import DIFFERS_P, compare, read_calibrated, to_json
-    from tinygc.reporting.tables import comparison_page
-    from tinygc.reporting.tables import comparison_verdict_line as verdict_line
+    from tinygc.estimation.compare import DIFFERS_P
+    from tinygc.library.comparisons import compare
 
-    if len(args.folders) < 2:
-        raise CalibrationError("compare needs two sessions or more")
-    found = compare([read_calibrated(folder) for folder in args.folders], args.bias)
-    output(args).print(comparison_page(found))
-    verdict(args, verdict_line(found))
-    write_json(args.json, to_json(found))
+    found = compare(args.folders, bias=args.bias)
+    output(args).print(found.page)
+    verdict(args, found.verdict_line)
+    write_json(args.json, found.to_json())
     limits = [limit for limit in (args.limit, DIFFERS_P if args.strict else None) if limit is not None]
-    return 1 if any(found.verdict.p_value < limit for limit in limits) else 0
+    return 1 if any(found.p_value < limit for limit in limits) else 0
 
 
 def _probability(text: str) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tinygc.cli.arguments import filled, folder_written, path_read
-from tinygc.cli.results import complain, write_files
+from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, format_named
 
 SUMMARY = "write the calibration for other programs"
@@ -23,23 +23,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write a calibration in another program's format."""
-    from session.io.annexes import need
-    from session.io.errors import CalibrationError
-    from session.io.names import is_array
-    from tinygc.deploy.exports import exporter
-    from tinygc.deploy.exports._context import read_context
+    from tinygc.library.reports import exported
     from tinygc.models.files import is_array_model
 
-    if is_array_model(args.folder):
-        return need("commands on arrays").export(args)
-    if args.model is None and is_array(args.folder):
-        raise CalibrationError(f"{args.folder}: an array; give its model, {args.folder / 'fit' / 'model_array.json'}, which its fit writes")
-    said = []
-
-    def say(line: str) -> None:
-        said.append(line)
-        complain(line)
-
-    model, context = read_context(args.folder, args.model, say, anyway=args.anyway)
-    write_files(args, args.out or args.folder / "export", exporter(args.to).export(model, context), said)
+    made = exported(args.folder, args.to, args.model, args.anyway, complain)
+    home = args.folder.parent if is_array_model(args.folder) else args.folder
+    written = made.save(args.out or home / "export")
+    for path in written:
+        output(args).print(f"written: {path}", soft_wrap=True)
+    write_json(args.json, made.to_json(written))
     return 0

@@ -68,7 +68,7 @@ def _fit(args: argparse.Namespace) -> Done:
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.estimation.adamw import forget
-    from tinygc.library.sessions import fit
+    from tinygc.library.fits import fit
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
     from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
@@ -147,19 +147,19 @@ def _rebias(args: argparse.Namespace) -> Done:
             f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
-    from tinygc.estimation.bias_of_day import MODEL, rebias_session, rebias_to_json, save_rebiased
-    from tinygc.reporting.fit_text import rebias_report
+    from tinygc.estimation.bias_of_day import MODEL
+    from tinygc.library.biases import rebias
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         exclude = tuple(dict.fromkeys(args.exclude))
-        result = rebias_session(
-            args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
+        result = rebias(
+            args.folder, args.model, args.bias, bias_dps=args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
         )
-    table = rebias_to_json(result) | defaults_json(args)
-    folder = save_rebiased(result, args.out)
-    output(args).print(rebias_report(result))
+    table = result.to_json() | defaults_json(args)
+    folder = result.save(args.out)
+    output(args).print(result.page)
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
     chosen = f"stored_{args.bias}"
     only = {

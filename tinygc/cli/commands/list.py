@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from session.io.errors import CalibrationError
 from tinygc.cli.arguments import path_read
 from tinygc.cli.results import output, write_json
 
@@ -19,11 +18,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List the sessions of a folder; one that cannot be read is listed with the reason."""
-    from tinygc.estimation.listing import list_sessions
+    from tinygc.library.known import list_sessions
     from tinygc.reporting.tables import sessions_table
 
-    if not args.folder.is_dir():
-        raise CalibrationError(f"{args.folder}: no folder; give one with session folders in it")
     sessions = list_sessions(args.folder)
     output(args).print(sessions_table(args.folder, sessions))
     write_json(args.json, {"schema": "tinygc-list/1", "sessions": [session.to_json() for session in sessions]})

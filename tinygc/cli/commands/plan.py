@@ -22,26 +22,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Recommend what to record next."""
-    from tinygc.planning.proposals import propose
+    from tinygc.library.sessions import plan
 
-    plan = propose(args.folder, args.count, args.lot)
-    proposals, asked = plan.proposals, plan.asked
-    console = output(args)
-    if plan.lot is not None:
-        console.print(plan.lot.words, soft_wrap=True)
-    if asked:
-        console.print(f"explain asks: {asked}")
-    for number, proposal in enumerate(proposals, start=1):
-        console.print(
-            f"{number}. {proposal.words}: {proposal.parameter}, {proposal.now:.1f} -> {proposal.after:.1f} times its target sigma"
-        )
-    if proposals and plan.enough is not None:
-        console.print(f"{plan.enough} more turn{'s are' if plan.enough != 1 else ' is'} enough for every target")
-    if not proposals:
-        accelerometer = "of the accelerometer 50 ppm, or 100 where it is given, 0.05 mrad, 0.05 mg"
-        done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {accelerometer})"
-        console.print(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
-    lot = None if plan.lot is None else plan.lot.to_json()
-    found = {"requested": asked, "proposals": [vars(proposal) for proposal in proposals], "enough": plan.enough, "lot": lot}
-    write_json(args.json, {"schema": "tinygc-plan/2", **found})
+    found = plan(args.folder, count=args.count, lot=args.lot)
+    first, *lines = found.lines
+    output(args).print(first, soft_wrap=found.result.lot is not None)  # what is said of the lot stays on one line
+    for line in lines:
+        output(args).print(line)
+    write_json(args.json, found.to_json())
     return 0

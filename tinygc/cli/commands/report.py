@@ -42,9 +42,8 @@ def run(args: argparse.Namespace) -> int:
 def _report(args: argparse.Namespace) -> Done:
     from session.io.units import DEG
     from tinygc.estimation.choice import tilt_rms
-    from tinygc.reporting.html.evidence import gather
-    from tinygc.reporting.html.page import save, summary
-    from tinygc.reporting.html.paper import print_pdf, require_browser
+    from tinygc.library.reports import report
+    from tinygc.reporting.html.paper import require_browser
     from tinygc.reporting.terminal import progress_bar
 
     path = args.out or args.folder / "report.html"
@@ -53,19 +52,14 @@ def _report(args: argparse.Namespace) -> Done:
         require_browser()
         try_file(args, path.with_suffix(".pdf"))
     with progress_bar(args.quiet) as progress:
-        evidence = gather(args.folder, fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
-    save(evidence, path)
-    files = [path, *([print_pdf(path, path.with_suffix(".pdf"))] if args.pdf else [])]
-    decision = evidence.decision
-    output(args).print(decision.headline)
-    output(args).print(decision.rule, style="dim")
-    for met, reason in decision.reasons:
-        output(args).print(f"  {'met' if met else 'not met'}: {reason}")
-    for doubt in decision.doubts:
-        output(args).print(f"  in doubt: {doubt}")
+        made = report(args.folder, options=fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
+    files = made.save(path, pdf=args.pdf)
+    decision, evidence = made.verdict, made.data
+    for line, style in made.lines:
+        output(args).print(line, style=style)
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     verdict(args, decision.headline)
-    table, code = summary(evidence) | defaults_json(args), 0
+    table, code = made.to_json() | defaults_json(args), 0
     if args.limit is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
         code = 1

@@ -6,7 +6,6 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from session.io.texts import command_line
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
@@ -29,24 +28,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print one line for each sensor, or several for one."""
-    from session.io.errors import CalibrationError
-    from session.io.registers import PROFILES, nearest_name, profile_of
+    from tinygc.library.known import sensors
 
-    console = output(args)
+    console, chosen = output(args), sensors(args.name)
     if args.name is None:
-        for profile in PROFILES:
+        for profile in chosen:
             console.print(_line(profile), soft_wrap=True)
         console.print("(remembered figures are in brackets: nothing is held against them)", soft_wrap=True)
-        chosen = PROFILES
     else:
-        one = profile_of(args.name)
-        if one is None:
-            near = nearest_name(args.name)
-            meant = f"; is {near} meant?" if near else ""
-            raise CalibrationError(f"{args.name[:60]!r} is no sensor that is known{meant} (`{command_line('sensors')}`)")
-        for line in _lines(one):
+        for line in _lines(chosen[0]):
             console.print(line, soft_wrap=True)
-        chosen = (one,)
     write_json(args.json, {"schema": "tinygc-sensors/1", "sensors": [_table(profile) for profile in chosen]})
     return 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from session.io.config import Accelerometer, Config, read_config
-from session.io.folder import file_key, sha256_of
+from session.io.folder import file_key, input_hashes, sha256_of
 from session.io.logfile import read_log
 from session.io.names import log_paths
+from session.io.results import json_text, read_json_text
 from session.io.texts import command_line, printable
 from session.io.units import DEG, DEG_PER_HOUR, G
 from tinygc import models
@@ -22,7 +24,7 @@ from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation import bias_of_day
 from tinygc.estimation.choice import worse_in_table
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.results import AT_END, read_judged
+from tinygc.estimation.results import AT_END, FitResult, model_tables, read_judged, to_json
 from tinygc.models.model import Model, accelerometer_of
 
 #: the default method
@@ -36,7 +38,7 @@ LONGEST_NAME = 80
 class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
     hashes: SHA-256 of the model file, session.toml and every log, by file name; say: function that shows a line to the operator;
-    logs: paths of the calibration logs."""
+    temperatures: function that gives those of each calibration log, degC, None of a log without."""
 
     session: str
     method: str
@@ -45,7 +47,7 @@ class Context:
     fit: dict
     hashes: dict[str, str]
     say: Callable[[str], None] = field(default=lambda line: None)
-    logs: tuple[Path, ...] = ()
+    temperatures: Callable[[], list[np.ndarray | None]] = list
 
     @property
     def stem(self) -> str:
@@ -122,8 +124,7 @@ class Context:
 
     def temperature_c(self) -> tuple[float, float] | None:
         """Lowest and highest temperature of the calibration logs, degC; None where they record none.  Reads the logs."""
-        read = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
-        seen = [values for values in read if values is not None]
+        seen = [values for values in self.temperatures() if values is not None]
         return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
 
 
@@ -138,28 +139,69 @@ def read_context(
     """
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
-    if method is None and (folder / "fit" / "model_physics.json").exists():
-        ended = "_at_end" if (folder / "fit" / "model_physics_at_end.json").exists() else ""
-        say(f"least squares is exported; the fit holds physics as well: --model physics{ended}")
+    there = {name for name in ("physics", f"physics{AT_END}") if (folder / "fit" / f"model_{name}.json").exists()}
+    _say_of_physics(there if method is None else set(), say)
     model, table = models.load_with_table(path)
-    if bygone := effects_of_session_time(model):
-        raise ExportError(
-            f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
-            f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
-        )
-    sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
-    hashes = {file_key(source): sha256_of(source) for source in sources}
+    _refuse_session_time(model, path)
+    logs = log_paths(folder, "log")
+    hashes = {file_key(source): sha256_of(source) for source in [path, folder / "session.toml", *logs, *log_paths(folder, "closure")]}
     name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
     judged = named.removesuffix(AT_END)
     fit = _fit_beside(path, judged, f"run `{command_line('fit', folder)}` again")
+    _judge(path.name, fit, judged, say, anyway)
+    return model, Context(
+        name, named, config, table, fit, hashes, say, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs]
+    )
+
+
+def context_of_fit(
+    result: FitResult, method: str | None = None, say: Callable[[str], None] = lambda line: None, *, anyway: bool = False
+) -> tuple[Model, Context]:
+    """Return the same of a fit that need not lie in a folder; method: one of its models, least squares by default.
+
+    Raises ExportError for a model that was not fitted, and as ``read_context``.
+    """
+    tables = model_tables(result)
+    name = method or PREFERRED
+    if name not in tables:
+        raise ExportError(f"{name} was not fitted; the fit has {', '.join(tables)}")
+    _say_of_physics(set(tables) if method is None else set(), say, 'model="{}"')
+    path = Path(f"model_{name}.json")
+    model = models.from_dict(tables[name], path.name)
+    _refuse_session_time(model, path, 'model="{}"')
+    fit = read_json_text(json_text(to_json(result)), "fit.json")  # as the file has it: null for what is no number
+    _judge(path.name, fit, name.removesuffix(AT_END), say, anyway, "anyway=True")
+    session = result.session
+    text = json_text(tables[name]) + "\n"  # as ``save_models`` writes it
+    hashes = {path.name: hashlib.sha256(text.encode()).hexdigest(), **input_hashes(session)}
+    temperatures = [log.samples.temp_c for log in session.logs]
+    return model, Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
+
+
+def _say_of_physics(there: set[str], say: Callable[[str], None], option: str = "--model {}") -> None:
+    """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models; option: that takes one."""
+    if "physics" in there:
+        ended = AT_END if f"physics{AT_END}" in there else ""
+        say(f"least squares is exported; the fit holds physics as well: {option.format(f'physics{ended}')}")
+
+
+def _refuse_session_time(model: Model, path: Path, option: str = "--model {}") -> None:
+    if bygone := effects_of_session_time(model):
+        raise ExportError(
+            f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
+            f"give {option.format(path.stem.removeprefix('model_') + AT_END)}, which fit saves beside it"
+        )
+
+
+def _judge(name: str, fit: dict, judged: str, say: Callable[[str], None], anyway: bool, option: str = "--anyway") -> None:
+    """Raise ExportError for a model that closes held-out segments worse than raw rates, or say so; fit: its figures; option: to insist."""
     if worse := worse_in_table(fit, judged):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
-        words = f"{path.name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
+        words = f"{name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
         if not anyway:
-            raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with --anyway")
-        say(f"{words}; exported because of --anyway")
-    return model, Context(name, named, config, table, fit, hashes, say, tuple(log_paths(folder, "log")))
+            raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with {option}")
+        say(f"{words}; exported because of {option}")
 
 
 def _model_path(folder: Path, method: str | None) -> Path:

@@ -13,7 +13,7 @@ import numpy as np
 
 from session.io.annexes import find
 from session.io.config import Accelerometer
-from session.io.folder import file_key, hash_of_log, input_hashes
+from session.io.folder import Session, file_key, hash_of_log, input_hashes
 from session.io.texts import significant
 from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
 from tinygc import models
@@ -290,37 +290,45 @@ class ReportData:
 
 
 def gather(
-    folder: Path,
+    session: Session | Path,
     options: FitOptions,
     *,
     explain: bool = True,
     limit_deg: float | None = None,
     fit_folder: Path | None = None,
+    fit: FitResult | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> ReportData:
-    """Run fit and explain; fit_folder: folder with earlier output of ``fit`` (the session's ``fit`` by default).
+    """Run fit and explain of a session or a session folder.
 
+    fit_folder: folder with earlier output of ``fit`` (the session's ``fit`` by default); fit: the fit of this session with these options,
+    where it was run before.
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
     progress = progress or (lambda what, done, of: None)
-    prepared = prepare(
-        folder,
-        use_earth=options.earth,
-        exclude=options.exclude,
-        accelerometer=options.accelerometer,
-        progress=lambda what: progress(what, 0, 1),
-    )
-    logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain else {}
-    discovery = find("earlier discoveries") if explain else None
-    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared, physics=physics_methods)
+    prepared = None
+    if explain or fit is None:
+        prepared = prepare(
+            session,
+            use_earth=options.earth,
+            exclude=options.exclude,
+            accelerometer=options.accelerometer,
+            progress=lambda what: progress(what, 0, 1),
+        )
+    folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
+    logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
+    discovery = find("earlier discoveries") if explain and folder is not None else None
+    if fit is None:
+        saved = fit_folder or (None if folder is None else folder / "fit")
+        fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
     truth = fit.session.config.protocol.reference == "truth"
-    if options.exclude and explain:  # segments excluded from the fit are explained all the same
+    if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem)
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
-    explanation = explain_session(folder, **how) if explain and not truth else None
-    against_truth = explain_truth(folder, **how) if explain and truth else None
+    explanation = explain_session(session, **how) if explain and not truth else None
+    against_truth = explain_truth(session, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)
     adopted = adopt(fit, explanation)
     allan = stillness(fit.problem)
@@ -341,7 +349,7 @@ def gather(
         made=_now(),
         limit_deg=limit_deg,
         reused=fit.reused,
-        searched=None if discovery is None else discovery.searched(folder, logs),
+        searched=None if discovery is None or folder is None else discovery.searched(folder, logs),
     )
 
 

@@ -74,6 +74,15 @@ def save(figure: Figure, path: Path) -> None:
         figure.savefig(partial, dpi=110, format="png")
 
 
+def saved(figure: Figure, path: Path) -> Figure:
+    """Write a PNG, in a folder that is made where it is missing, and return the figure."""
+    if path.is_dir():
+        raise CalibrationError(f"{path}: that is a folder; give a file")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save(figure, path)
+    return figure
+
+
 # Colours, with the same meaning in every panel.
 
 AXES = {"x": "#c0392b", "y": "#27804a", "z": "#2c5fa8"}

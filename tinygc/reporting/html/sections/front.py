@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from session.io.texts import printable
 from tinygc.estimation.listing import date_of
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
@@ -46,5 +47,8 @@ def section(evidence: ReportData) -> Section:
 def recorded(evidence: ReportData) -> tuple[str | None, str]:
     """Return when the session was recorded, as far as its files tell, and their source (``SOURCES``)."""
     session = evidence.fit.session
-    date, source = date_of(session.folder, session.config, [log.path for log in session.logs if not log.in_memory])
+    if session.in_memory:  # a folder of that name may be another's
+        noted = session.config.notes.get("date")
+        return (None, "") if noted is None else (printable(str(noted)), "notes")
+    date, source = date_of(session.folder, session.config, [log.path for log in session.logs])
     return (date, "") if date is None or source is None else (_TO_MINUTES.sub(r"\1 \2 UTC", date), source)

@@ -1,0 +1,87 @@
+"""docs/library.md names a Python function for each command, and the notebook runs as it stands."""
+
+import importlib
+import json
+import re
+
+import pytest
+from conftest import ROOT
+
+import tinygc
+from session.io.annexes import SERVICES, is_present
+from tinygc.cli.commands import COMMANDS
+
+PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
+NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
+
+
+def rows() -> dict[str, str]:
+    """Command -> the name of its Python function, as the page's table has them."""
+    found = re.findall(r"^\| `([\w-]+)` \| `([\w.]+)` \| .+ \|$", PAGE, re.M)
+    assert len(dict(found)) == len(found), "a command has two rows"
+    return dict(found)
+
+
+def there(dotted: str):
+    """What a dotted name stands for: an attribute of the longest part that is a module."""
+    parts = dotted.split(".")
+    for count in range(len(parts) - 1, 0, -1):
+        try:
+            thing = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[count:]:
+            thing = getattr(thing, name)
+        return thing
+    raise AttributeError(dotted)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_its_function_on_the_page(command):
+    assert command in rows(), f"docs/library.md: the table has no row for {command}"
+    if command in SERVICES and not is_present(command):
+        pytest.skip(f"the annex of {command} was removed")
+    assert callable(there(rows()[command]))
+
+
+def test_a_function_that_is_not_there_is_found():
+    with pytest.raises(AttributeError):
+        there("tinygc.fitt")
+    with pytest.raises(AttributeError):
+        there("session.bench.port.knwon_ports")
+    assert there("tinygc.fit") is tinygc.fit
+
+
+def test_every_name_of_the_page_exists():
+    """Of tinygc's own names; ``import_log`` belongs to the command ``import``."""
+    names = set(re.findall(r"tinygc\.(\w+)\b(?!\.)", PAGE)) - ({"import_log"} if "import" not in COMMANDS else set())
+    missing = {name for name in names if not hasattr(tinygc, name)} - {"toml"}
+    assert missing - {"effects", "simulation", "annexes", "cli"} == set()
+
+
+def cells(kind: str) -> list[str]:
+    return ["".join(cell["source"]) for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
+
+
+def test_the_notebook_is_small_and_stores_nothing():
+    book = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert book["nbformat"] == 4
+    assert [cell for cell in book["cells"] if cell.get("outputs") or cell.get("execution_count")] == []
+    assert NOTEBOOK.stat().st_size < 10_000
+    assert cells("markdown")[0].startswith("# ")
+
+
+@pytest.mark.broad
+def test_the_notebook_runs_as_it_stands(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    known: dict = {}
+    for cell in cells("code"):
+        exec(cell, known)
+    assert capsys.readouterr().out.startswith("PASS: held out")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("notebook") > 1
+    assert {path.name for path in (tmp_path / "export").iterdir()} >= {"imu_calibration.yaml", "imu.yaml", "tinygc_model.h"}
+    assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")
+    saved, made = tinygc.read_session(tmp_path / "session"), known["session"]
+    assert (saved.logs[0].samples.gyro[:] == made.logs[0].samples.gyro).all()
+    assert known["calibrated_dps"].shape == known["rate_dps"].shape

@@ -1,0 +1,156 @@
+"""``tinygc.apply``: a calibration on arrays, on a log, or from file to file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.io.annexes import need
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError, FormatError
+from session.io.logfile import Log, already_calibrated
+from session.io.samples import Samples
+from tinygc.deploy.apply import Applied, apply_model, model_of
+from tinygc.deploy.calibration import Calibration
+from tinygc.library.arguments import Progress, answers_of, column_unit, is_fit, nothing, public
+from tinygc.models.files import is_array_model, load_with_table
+
+
+@public(Answers)
+def apply(
+    model: Any,
+    data: Any,
+    out: Path | str | None = None,
+    *,
+    acc: Any = None,
+    temp: Any = None,
+    unit: str = "rad/s",
+    session: Path | str | None = None,
+    which: str | None = None,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Any:
+    """Calibrate the rates and the specific force of a log.
+
+    Parameters
+    ----------
+    model : Calibration, Fit, str or Path
+        A calibration, a model file, or the folder of a session: the model that its fit recommends.
+    data : array_like, Log, str or Path
+        Measured rates (N, 3); a session's log; or a log file that ``replay`` reads, with ``out``.
+    out : str or Path, optional
+        The log to write, .csv or .csv.gz, of a log file.
+    acc, temp : array_like, optional
+        Beside rates: calibrated specific force (N, 3), m/s^2, and temperature (N,), degC, where the model needs them.
+    unit : str, optional
+        Of rates, in and out; of a log file the unit that is written.
+    session : str or Path, optional
+        Of a log file: where session.toml is (beside the log); its accelerometer's calibration then holds, not the model's.
+    which : str, optional
+        Of an array's folder with several logs: ``log0002``.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+    **choices
+        What a log file does not tell: ``sensor``, ``odr_hz``, ``gyro_fs_dps``, ``accel_fs_g``, ``time_unit``, ``columns``, ….
+
+    Returns
+    -------
+    ndarray, Samples or Applied
+        Rates (N, 3) of arrays; calibrated samples of a log; of a file what was written: ``out``, ``rows``, ``notes``.
+
+    Raises
+    ------
+    CalibrationError
+        For a model that cannot be read, and for data that do not suit it; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> result = tinygc.fit(session, methods=("least_squares",))
+    >>> samples = tinygc.apply(result, session.logs[0])
+    >>> bool((samples.gyro == tinygc.apply(result, session.logs[0].samples.gyro)).all())
+    True
+
+    """
+    if isinstance(data, str | os.PathLike):
+        return _apply_to_file(model, Path(data), out, unit, session, which, progress, answers_of(choices))
+    if out is not None or session is not None or which is not None or choices:
+        given = [name for name, value in {"out": out, "session": session, "which": which, **choices}.items() if value is not None]
+        raise CalibrationError(f"apply: {', '.join(given)} goes with a log file, and data is a {type(data).__name__}; leave it out")
+    calibration = _calibration(model)
+    if not isinstance(data, Log):
+        return calibration(data, acc, temp, unit=unit)
+    if acc is not None or temp is not None or unit != "rad/s":
+        raise CalibrationError("apply: acc, temp and unit go with rates; a log has its own, in SI")
+    return _apply_to_log(calibration, data)
+
+
+def _calibration(model: Any) -> Calibration:
+    if is_fit(model):
+        return model.model
+    if isinstance(model, Calibration):
+        return model
+    path, _ = stored_model(model)
+    stored, table = load_with_table(model_of(path))
+    return Calibration(stored, None, table)
+
+
+def _apply_to_log(calibration: Calibration, log: Log) -> Samples:
+    """Return a log's samples with calibrated rates, and calibrated force where the model has the accelerometer's calibration."""
+    if (done := already_calibrated(log.comments)) is not None:
+        raise FormatError(f"{log.path.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    samples = log.samples
+    if calibration.rate_hz is None and calibration.uses_rate:
+        calibration = Calibration(calibration.model, 1 / samples.period_s, calibration.to_json())
+    if "temp" in calibration.needs and samples.temp_c is None:
+        raise CalibrationError(f"{log.path.name} lacks the temperature, which the model needs ({', '.join(calibration.effects)})")
+    force = samples.accel[:] if calibration.accelerometer is None else calibration.accelerometer.correct(samples.accel[:])
+    stream = calibration.stream()
+    temp_c = None if samples.temp_c is None else samples.temp_c[:]
+    omega = np.concatenate([stream.push(samples.gyro[:], force, temp_c), stream.flush()])
+    return Samples(samples.t_ns, omega, force, temp_c)
+
+
+def _apply_to_file(
+    model: Any,
+    log: Path,
+    out: Path | str | None,
+    unit: str,
+    session: Path | str | None,
+    which: str | None,
+    progress: Progress | None,
+    answers: Answers,
+) -> Any:
+    if out is None:
+        raise CalibrationError(f"apply: {log} is a file; give out=, the log to write")
+    path, table = stored_model(model)
+    path = path if table is not None else model_of(path)
+    for source in (log, path):
+        if source.exists() and Path(out).exists() and os.path.samefile(source, out):
+            raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
+    if table is None and is_array_model(path):
+        return need("calibrations of arrays").apply(path, log, Path(out), answers, which, column_unit(unit), progress or nothing)
+    if log.is_dir():
+        raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
+    if which:
+        raise CalibrationError("--which goes with an array's model and the array's folder")
+    done: Applied = apply_model(
+        path, log, Path(out), answers, None if session is None else Path(session), column_unit(unit), progress, table
+    )
+    return done
+
+
+def stored_model(model: Any) -> tuple[Path, dict | None]:
+    """Return the path of a stored model; of a calibration or a fit in memory a name, and what its file would hold."""
+    if isinstance(model, str | os.PathLike):
+        return Path(model), None
+    if is_fit(model):
+        model = model.model
+    if not isinstance(model, Calibration):
+        raise CalibrationError(f"model is of type {type(model).__name__}, expected a Calibration, a Fit or a model file")
+    table = model.to_json()
+    return Path(f"model_{table.get('method', table['kind'])}.json"), table

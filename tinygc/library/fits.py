@@ -1,0 +1,274 @@
+"""``tinygc.fit`` and ``tinygc.fit_temperature``: calibrations of a session, and what can be made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from session.io.annexes import need
+from session.io.config import Config, read_config
+from session.io.errors import FitError
+from session.io.folder import Session
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
+from tinygc.estimation.verdict import Acceptance
+from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
+from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
+from tinygc.models.linear import COVERAGE_FACTOR, NAMES
+from tinygc.reporting.fit_screen import verdict_text
+from tinygc.reporting.fit_text import fit_report, sensor_errors
+from tinygc.reporting.terminal import Group
+
+if TYPE_CHECKING:
+    from tinygc.deploy.calibration import Calibration
+    from tinygc.library.reports import Exported, Report
+    from tinygc.reporting.pictures.canvas import Figure
+
+#: the terms that a fit prints
+SENSOR_ERRORS = ("scale factor error", "misalignment", "bias")
+
+# ``tinygc.fit``: fit calibrations to a session and report their closure.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Shown):
+    """What ``tinygc.fit`` returns: parameters with their sigmas, closure of each method, models; its report and exports."""
+
+    #: complete result of the fit, in SI
+    result: FitResult
+    #: the session that was fitted, or its folder
+    source: Session | Path
+
+    def __repr__(self) -> str:
+        tilt = self.closure["least_squares" if "least_squares" in self.result.methods else next(iter(self.result.methods))]
+        return (
+            f"<Fit of {self.session.name}: {', '.join(self.result.methods)}; "
+            f"{len(self.result.problem.used)} segments, held out {tilt['tilt_rms_deg']:.4f}°>"
+        )
+
+    @property
+    def session(self) -> Session:
+        """The fitted session, with the accelerometer's calibration of the fit."""
+        return self.result.session
+
+    @property
+    def config(self) -> Config:
+        """The configuration of the session as it was given to the fit."""
+        return self.source.config if isinstance(self.source, Session) else read_config(self.source / "session.toml")
+
+    @cached_property
+    def parameters(self) -> Named[Estimate]:
+        """The 12 least-squares parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (unitless), ``B_x`` … ``B_z`` in rad/s."""
+        values, sigmas = self.result.linear.model.vector, np.sqrt(np.diag(self.result.covariance))  # type: ignore[attr-defined]
+        return Named(
+            (name, Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s"))
+            for name, value, sigma in zip(NAMES, values, sigmas, strict=True)
+        )
+
+    @cached_property
+    def sensor_errors(self) -> Named[Estimate]:
+        """What the sensor errs by, as ``fit`` prints it: ``scale_factor_error_x`` … in ppm, ``misalignment_x_to_y`` … in mrad, ``bias_x`` …
+        in dps; NaN where the session does not observe it."""
+        found = [quantity for quantity in sensor_errors(self.result) if quantity.word in SENSOR_ERRORS]
+        named = ((f"{quantity.word} {quantity.component}".replace(" ", "_"), quantity) for quantity in found)
+        return Named(
+            (name, Estimate(name, q.value, q.expanded / COVERAGE_FACTOR, q.unit) if q.observed else Estimate(name, nan, nan, q.unit))
+            for name, q in named
+        )
+
+    @property
+    def accelerometer(self) -> AccelerometerFit:
+        """The accelerometer that gives the references: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``,
+        ``spread_mps2``."""
+        return self.result.accelerometer
+
+    @cached_property
+    def accelerometer_parameters(self) -> Named[Estimate]:
+        """The accelerometer's nine numbers of f = M (measured - b) in its own triad: ``scale_x`` … (M's diagonal less 1),
+        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both unitless, and ``bias_x`` … in m/s^2.
+
+        A sigma is NaN if the calibration was taken as given.  The session does not observe those named in ``accelerometer.unobserved``.
+        """
+        return Named(accelerometer_estimates(self.accelerometer))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (12, 12) of ``parameters``, in their order and units."""
+        return self.result.covariance
+
+    @cached_property
+    def closure(self) -> Named[ClosureFigures]:
+        """Held-out closure by method, degrees rms: ``tilt_rms_deg``, ``roll_rms_deg``, ``pitch_rms_deg``, ``yaw_rms_deg`` (or None)."""
+        return Named((name, closure_figures(fit.held_out)) for name, fit in self.result.methods.items())
+
+    @cached_property
+    def closure_runs(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Error at the return of each closure run, by file and method, degrees: ``roll_deg``, ``pitch_deg``, ``yaw_deg``, ``rmse_deg``."""
+        pairs = zip(self.result.runs, self.result.run_errors, strict=True)
+        return {run.file: {name: run_figures(error) for name, error in errors.items()} for run, errors in pairs}
+
+    @cached_property
+    def models(self) -> dict[str, Calibration]:
+        """The calibration of each method, ready for use."""
+        from tinygc.deploy.calibration import Calibration
+
+        rate_hz = 1 / self.result.problem.logs[0].samples.period_s
+        tables = model_tables(self.result)
+        return {name: Calibration(fit.model, rate_hz, tables[name]) for name, fit in self.result.methods.items()}
+
+    @property
+    def model(self) -> Calibration:
+        """The least-squares calibration.  Raises FitError if that method was not requested."""
+        if "least_squares" not in self.models:
+            raise FitError(f"least_squares was not fitted; take one of models: {', '.join(self.models)}")
+        return self.models["least_squares"]
+
+    def verdict(self, limit_deg: float | None = None) -> Acceptance:
+        """PASS, NOT DECIDED or FAIL (``word``), with its ``headline``, ``rule``, ``reasons`` and ``doubts``."""
+        return self.result.verdict(limit_deg)
+
+    @property
+    def page(self) -> Group:
+        """What ``fit --verbose`` prints, as a rich renderable."""
+        return Group(verdict_text(self.verdict()), fit_report(self.result))
+
+    def to_frame(self) -> Any:
+        """The parameters as a pandas DataFrame, a row for each.  Raises CalibrationError where pandas is not installed."""
+        return self.parameters.to_frame()
+
+    @public()
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas as a matplotlib figure; write it as
+        PNG if a path is given.  CalibrationError without matplotlib."""
+        from tinygc.reporting.pictures.canvas import saved
+        from tinygc.reporting.pictures.fit import figure_of_fit
+
+        figure = figure_of_fit(self.result, SENSOR_ERRORS, sensor_errors(self.result))
+        return figure if path is None else saved(figure, Path(path))
+
+    @public()
+    def report(
+        self,
+        path: Path | str | None = None,
+        *,
+        explain: bool = True,
+        limit_deg: float | None = None,
+        pdf: bool = False,
+        progress: Progress | None = None,
+    ) -> Report:
+        """Make the calibration report, and write it as one HTML file if a path is given; as ``tinygc.report`` of this fit."""
+        from tinygc.library.reports import report_of  # with the search for effects, which a plain fit does not need
+
+        made = report_of(self.source, self.result.options, self.result, explain, limit_deg, progress)
+        if path is not None:
+            made.save(path, pdf=pdf)
+        return made
+
+    @public()
+    def export(self, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
+        """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
+        from tinygc.deploy.exports._context import context_of_fit
+        from tinygc.library.reports import Exported
+
+        remarks: list[str] = []
+        made = Exported.of(to, lambda name: context_of_fit(self.result, model, remarks.append, anyway=anyway), remarks)
+        if folder is not None:
+            made.save(folder)
+        return made
+
+    def to_json(self, limit_deg: float | None = None) -> dict:
+        """``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
+        return to_json(self.result, limit_deg)
+
+    @public()
+    def save(self, folder: Path | str | None = None, limit_deg: float | None = None) -> Path:
+        """Write each method's model and the figures into a folder (``fit`` in the session's folder by default); returns it."""
+        return save_models(self.result, None if folder is None else Path(folder), limit_deg)
+
+
+@public(FitOptions)
+def fit(session: Session | Path | str, options: FitOptions | None = None, *, progress: Progress | None = None, **choices: Any) -> Fit:
+    """Fit the calibration ``omega = E m + B`` of a session, and the other methods that are chosen.
+
+    Parameters
+    ----------
+    session : Session, str or Path
+        The recording, or its folder.  Rates are in rad/s, specific force in m/s^2, both (N, 3) in body axes forward, right, down.
+    options : FitOptions, optional
+        Options that decide the fit's numbers.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+    **choices
+        Single fields of ``FitOptions``: ``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``.
+
+    Returns
+    -------
+    Fit
+        ``parameters`` (E without unit, B in rad/s), ``covariance`` (12, 12), ``closure`` in degrees, ``models``.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted, and for a wrong option; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> simulated = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1)
+    >>> result = tinygc.fit(simulated.session, methods=("least_squares",))
+    >>> result.parameters["B_x"].unit
+    'rad/s'
+    >>> abs(result.parameters["E_xx"].value - simulated.truth["E"][0][0]) < 5 * result.parameters["E_xx"].sigma
+    True
+
+    """
+    where, options = session_or_folder(session), chosen(FitOptions, options, choices)
+    if options.physics is None:
+        return Fit(fit_session(where, options, progress or nothing), where)
+    from tinygc.explanation.physics import physics_methods
+
+    return Fit(fit_session(where, options, progress or nothing, physics=physics_methods), where)
+
+
+@public()
+def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> Any:
+    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
+
+    Parameters
+    ----------
+    folders : str, Path or sequence of them
+        Folders of rest logs and sessions of one sensor.
+    most_order : int, optional
+        Highest order of the polynomials over temperature, 0 to 5.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+
+    Returns
+    -------
+    ThermalFit
+        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
+        identity.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted, and if the temperature annex was removed; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
+    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
+
+    """
+    annex = need("calibrations over temperature")
+    return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)

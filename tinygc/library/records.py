@@ -1,0 +1,128 @@
+"""Results of the public functions: fitted numbers, records that become tables, and text for a terminal or a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
+from session.detect.accelerometer import PARAMETERS
+from session.io.dataframe import data_frame
+from session.io.errors import CalibrationError
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.library.arguments import public
+from tinygc.reporting.terminal import Group, as_html, as_text
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted number."""
+
+    #: ``E_xy``, ``B_x``, ``bias_x``, …
+    name: str
+    #: in ``unit``; NaN if the session does not observe it
+    value: float
+    #: one standard deviation, in ``unit``; NaN if it is not known
+    sigma: float
+    #: ``1`` if unitless
+    unit: str
+
+    def __repr__(self) -> str:
+        return f"<{self.name} = {self.value:.6g} ± {self.sigma:.2g}{'' if self.unit == '1' else f' {self.unit}'}>"
+
+
+def accelerometer_estimates(found: AccelerometerFit) -> dict[str, Estimate]:
+    """Return the nine numbers of f = M (measured - b) in the accelerometer's own triad by name; a sigma is NaN if it was given."""
+    sigmas = np.full(PARAMETERS, np.nan) if found.sigmas is None else found.sigmas
+    names = [name.replace(" ", "_") for name in ACCELEROMETER_NAMES]
+    return {
+        name: Estimate(name, float(value), float(sigma), "m/s^2" if name.startswith("bias") else "1")
+        for name, value, sigma in zip(names, found.values, sigmas, strict=True)
+    }
+
+
+#: fields of records that no cell of a table can hold
+NO_CELLS = ("corrections",)
+
+
+def _rows(records: Iterable[Any]) -> dict[str, list[Any]]:
+    tables = [{each.name: getattr(record, each.name) for each in fields(record)} if is_dataclass(record) else record for record in records]
+    names = dict.fromkeys(name for table in tables for name in table if name not in NO_CELLS)
+    return {name: [table.get(name) for table in tables] for name in names}
+
+
+class Named(dict[str, R]):
+    """Records by name; ``to_frame()`` makes a pandas DataFrame of them, a row for each name."""
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame, its rows by name.  Raises CalibrationError where pandas is not installed."""
+        return data_frame(_rows(self.values()), [*self])
+
+
+class Listed(tuple[R, ...]):
+    """Records in order; ``to_frame()`` makes a pandas DataFrame of them, a row for each."""
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame.  Raises CalibrationError where pandas is not installed."""
+        return data_frame(_rows(self))
+
+
+@public()
+def to_frame(records: Any) -> Any:
+    """Make a pandas DataFrame of records, such as the findings of ``check``.
+
+    Parameters
+    ----------
+    records : sequence or mapping of records, Fit, Log, Samples, …
+        Findings, effects, estimates by name, or anything with ``to_frame`` of its own.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row for each record, a column for each of its fields.
+
+    Raises
+    ------
+    CalibrationError
+        For what is no record, and where pandas is not installed.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> findings = tinygc.check(tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session)
+    >>> list(tinygc.to_frame(findings))
+    ['level', 'where', 'what', 'says', 'do']
+
+    """
+    if callable(own := getattr(records, "to_frame", None)):
+        return own()
+
+    def is_record(each: Any) -> bool:
+        return isinstance(each, Mapping) or (is_dataclass(each) and not isinstance(each, type))
+
+    if isinstance(records, Mapping) and all(map(is_record, records.values())):
+        return Named(records).to_frame()
+    if isinstance(records, Sequence) and not isinstance(records, str | bytes) and all(map(is_record, records)):
+        return Listed(records).to_frame()
+    raise CalibrationError(f"records is of type {type(records).__name__}, expected findings, effects, a fit, samples or the like")
+
+
+class Shown:
+    """A result with a ``page`` for rich, which is its text in a terminal and its table in a notebook."""
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        raise NotImplementedError
+
+    def summary(self) -> str:
+        """The command's output as plain text."""
+        return as_text(self.page)
+
+    def _repr_html_(self) -> str:
+        return as_html(self.page)

@@ -1,0 +1,266 @@
+"""``tinygc.report`` and ``tinygc.export``: a calibration for people, and for other programs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from session.io.annexes import need
+from session.io.errors import CalibrationError
+from session.io.files import result_folder
+from session.io.folder import Session
+from session.io.names import is_array
+from session.io.results import write_text_whole
+from tinygc.deploy import FORMATS, exports, format_named
+from tinygc.deploy.exports._context import Context, read_context
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.verdict import Acceptance
+from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
+from tinygc.library.records import Shown
+from tinygc.models.files import is_array_model
+from tinygc.models.model import Model
+from tinygc.reporting.terminal import Group, one_line
+
+if TYPE_CHECKING:
+    from tinygc.estimation.results import FitResult
+    from tinygc.reporting.html.evidence import ReportData
+
+# The report: one HTML file.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Report(Shown):
+    """Result of ``tinygc.report``."""
+
+    #: everything that the report shows, in SI
+    data: ReportData
+
+    def __repr__(self) -> str:
+        return f"<Report of {self.data.fit.session.name}: {self.verdict.word}>"
+
+    @property
+    def verdict(self) -> Acceptance:
+        """PASS, NOT DECIDED or FAIL (``word``), with its ``headline``, ``rule``, ``reasons`` and ``doubts``."""
+        return self.data.decision
+
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """The verdict, its rule, and what is met, not met and in doubt: lines with their styles."""
+        decision = self.verdict
+        reasons = [(f"  {'met' if met else 'not met'}: {reason}", "") for met, reason in decision.reasons]
+        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *((f"  in doubt: {doubt}", "") for doubt in decision.doubts)]
+
+    @property
+    def page(self) -> Group:
+        """The verdict with its reasons, as a rich renderable."""
+        return Group(*(one_line(line, style) for line, style in self.lines))
+
+    @cached_property
+    def html(self) -> str:
+        """The report as one HTML document that needs nothing else."""
+        from tinygc.reporting.html.page import page
+
+        return page(self.data)
+
+    def to_json(self) -> dict:
+        """``tinygc-report/1`` (docs/formats.md)."""
+        from tinygc.reporting.html.page import summary
+
+        return summary(self.data)
+
+    def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
+        """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""
+        from tinygc.reporting.html.page import save
+        from tinygc.reporting.html.paper import print_pdf, require_browser
+
+        path = Path(path)
+        if path.is_dir():
+            raise CalibrationError(f"{path}: that is a folder; give a file")
+        if pdf:
+            require_browser()
+        save(self.data, path)
+        return [path, *([print_pdf(path, path.with_suffix(".pdf"))] if pdf else [])]
+
+
+def report_of(
+    where: Session | Path, options: FitOptions, fit: FitResult | None, explain: bool, limit_deg: float | None, progress: Progress | None
+) -> Report:
+    """Gather what the report of a session, or a session folder, shows; fit: its fit with these options, where it was run before."""
+    from tinygc.reporting.html.evidence import gather  # with the fit and the search for effects, which an export does not need
+
+    return Report(gather(where, options, explain=explain, limit_deg=limit_deg, fit=fit, progress=progress))
+
+
+@public(FitOptions)
+def report(
+    session: Any,
+    path: Path | str | None = None,
+    options: FitOptions | None = None,
+    *,
+    explain: bool = True,
+    limit_deg: float | None = None,
+    pdf: bool = False,
+    progress: Progress | None = None,
+    **choices: Any,
+) -> Report:
+    """Make the calibration report: one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    session : Session, Fit, str or Path
+        The recording, its folder, or its fit, which is not computed again.
+    path : str or Path, optional
+        The HTML file to write; without it ``save`` writes the report.
+    options : FitOptions, optional
+        Options of the fit, where none is given.
+    explain : bool, optional
+        Ask why recording and simulation differ.
+    limit_deg : float, optional
+        Pass only if the held-out tilt of the segments and each closure run's RMSE are at most this, degrees.
+    pdf : bool, optional
+        Print it as well, to a PDF beside it; needs Chromium.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+    **choices
+        Single fields of ``FitOptions``.
+
+    Returns
+    -------
+    Report
+        ``verdict``, ``html``, ``to_json()``, ``save(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted, and for a wrong option; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> made = tinygc.report(session, explain=False, methods=("least_squares",))
+    >>> made.verdict.word
+    'NOT DECIDED'
+
+    """
+    if is_fit(session):
+        if options is not None or choices:
+            raise CalibrationError("report: the options are those of the fit that is given; leave them out, or give the session")
+        return session.report(path, explain=explain, limit_deg=limit_deg, pdf=pdf, progress=progress)
+    made = report_of(session_or_folder(session), chosen(FitOptions, options, choices), None, explain, limit_deg, progress)
+    if path is not None:
+        made.save(path, pdf=pdf)
+    return made
+
+
+# Exports: files for other programs.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Exported:
+    """Result of ``tinygc.export``: the text of each file by its name; remarks on what the format carries only in part."""
+
+    to: str
+    files: dict[str, str]
+    remarks: Sequence[str] = ()
+
+    def __repr__(self) -> str:
+        return f"<Exported to {self.to}: {', '.join(self.files)}>"
+
+    @classmethod
+    def of(cls, to: str, source: Callable[[str], tuple[Model, Context]], remarks: Sequence[str]) -> Exported:
+        """Export in a format, by any of its names; source: of the format's name gives the model with its context.
+
+        Raises CalibrationError for an unknown format, and ExportError for a model that the format cannot carry.
+        """
+        name = _format(to)
+        return cls(name, exports.exporter(name).export(*source(name)), remarks)
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write the files into a folder, each whole or not at all; returns their paths."""
+        folder = Path(folder)
+        with result_folder(folder):
+            for name, text in self.files.items():
+                write_text_whole(folder / name, text)
+        return [folder / name for name in self.files]
+
+    def to_json(self, written: Sequence[Path] = ()) -> dict:
+        """``tinygc-export/2`` (docs/formats.md); written: the paths that ``save`` has returned."""
+        return {"schema": "tinygc-export/2", "format": self.to, "files": [*map(str, written)], "remarks": [*self.remarks]}
+
+
+def exported(source: Path, to: str, model: str | None, anyway: bool, say: Callable[[str], None]) -> Exported:
+    """Export a fitted session folder, or an array's model file; say: is called with each remark as it comes up.
+
+    Raises CalibrationError for an array's folder, and ExportError as ``read_context``.
+    """
+    remarks: list[str] = []
+
+    def noted(line: str) -> None:
+        remarks.append(line)
+        say(line)
+
+    if is_array_model(source):
+        if model is not None:
+            raise CalibrationError(f"--model goes with a session folder; {source} is an array's model itself")
+        name = _format(to)
+        return Exported(name, need("calibrations of arrays").export(source, name))
+    if model is None and is_array(source):
+        raise CalibrationError(f"{source}: an array; give its model, {source / 'fit' / 'model_array.json'}, which its fit writes")
+    return Exported.of(to, lambda name: read_context(source, model, noted, anyway=anyway), remarks)
+
+
+def _format(to: str) -> str:
+    name = format_named(to) if isinstance(to, str) else ""
+    if name not in FORMATS:
+        raise CalibrationError(f"to is {to!r:.60}, expected one of {', '.join(FORMATS)}")
+    return name
+
+
+@public()
+def export(source: Any, to: str, folder: Path | str | None = None, *, model: str | None = None, anyway: bool = False) -> Exported:
+    """Make the files of a calibration for another program.
+
+    Parameters
+    ----------
+    source : Fit, str or Path
+        A fit, the folder of a fitted session, or an array's model file.
+    to : str
+        ``json``, ``kalibr``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
+    folder : str or Path, optional
+        Where the files are written; without it ``save`` writes them.
+    model : str, optional
+        Method of the fit, or a model file; least squares by default.
+    anyway : bool, optional
+        Export a model that closes held-out segments worse than raw rates, too.
+
+    Returns
+    -------
+    Exported
+        ``files`` (text by name), ``remarks`` on what the format carries only in part, ``save(folder)``.
+
+    Raises
+    ------
+    CalibrationError
+        For a source without a fit, and for a model that the format cannot carry; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> session = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).session
+    >>> list(tinygc.export(tinygc.fit(session, methods=("least_squares",)), "kalibr").files)
+    ['imu.yaml', 'imu-intrinsics.yaml']
+
+    """
+    if is_fit(source):
+        return source.export(to, folder, model=model, anyway=anyway)
+    if not isinstance(source, str | os.PathLike):
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or an array's model file")
+    made = exported(Path(source), to, model, anyway, lambda line: None)
+    if folder is not None:
+        made.save(folder)
+    return made

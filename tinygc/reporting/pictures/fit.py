@@ -1,0 +1,56 @@
+"""Picture of a fit: closure of each segment, raw and calibrated, and the sensor errors with their sigmas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.io.units import DEG
+from tinygc.closure.residual import closure_angles
+from tinygc.estimation.choice import tilt_rms
+from tinygc.estimation.options import METHODS
+from tinygc.estimation.results import FitResult
+from tinygc.models.linear import COVERAGE_FACTOR, Quantity, bias_only
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def figure_of_fit(result: FitResult, words: Sequence[str], quantities: Sequence[Quantity]) -> Figure:
+    """Draw the figure; words: the three terms to show, of quantities.  Raises CalibrationError if matplotlib is missing."""
+    figure, grid = canvas(2, result.verdict().headline, [result.session.name], [])
+    _closure(result, grid[0, 0])
+    groups: Mapping[str, list[Quantity]] = {word: [q for q in quantities if q.word == word and q.observed] for word in words}
+    for (word, group), axes in zip(groups.items(), grid.flat[1:], strict=True):
+        _errors(word, group, axes)
+    return figure
+
+
+def _closure(result: FitResult, axes: Axes) -> None:
+    """Plot the tilt at the end of each segment: of the raw rates, held out of the method to use, and the floor."""
+    method = result.use.method or result.use.best
+    after = result.methods[method].held_out if method in result.methods else result.linear.held_out
+    title = METHODS[method].title if method in result.methods else "least squares"
+    numbers = [segment.number for segment in result.problem.used]
+    raw = closure_angles(result.problem.batch, bias_only())
+    for name, colour, angles in (("raw rates", BEFORE, raw), (f"{title}, held out", AFTER, after)):
+        tilt = np.linalg.norm(angles[:, :2], axis=1) / DEG
+        axes.semilogy(numbers, tilt, "o-", color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
+    floor = result.problem.floor.tilt_rms / DEG
+    axes.axhline(floor, color=FLOOR, ls="--", label=f"floor, {floor:.4f}°")
+    axes.set(xlabel="segment", ylabel="tilt at the end (°)", title="Closure of each segment")
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend above the points
+    axes.legend(loc="upper center", ncols=3, fontsize=8)
+
+
+def _errors(word: str, group: Sequence[Quantity], axes: Axes) -> None:
+    """Plot one sort of sensor error, each with one sigma."""
+    names, values = [q.component for q in group], [q.value for q in group]
+    axes.errorbar(names, values, [q.expanded / COVERAGE_FACTOR for q in group], fmt="o", color=AFTER, capsize=4)
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.set(title=f"{word[0].upper()}{word[1:]}, one sigma", ylabel=group[0].unit if group else "not observed")

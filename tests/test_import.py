@@ -11,6 +11,7 @@ from dialect_logs import ACCEL, GYRO, SAMPLES, T_US, betaflight, make, rows, sam
 from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logger
 
 import calibrate
+import tinygc
 from session.io.errors import FormatError
 from session.io.forms import form_of
 from session.io.questions import QuestionsError
@@ -379,3 +380,30 @@ def test_a_public_log_whose_rates_are_half_of_the_truth_is_found_out(tmp_path, r
     assert "gravity requires rates x 1.9" in out
     assert read_session(tmp_path / "s").config.sensor.gyro_fs_dps == 250
     assert len(read_session(tmp_path / "s").logs[0].samples) == 2991
+
+
+# From Python
+
+
+def test_python_reads_and_imports_what_the_command_does(tmp_path):
+    path = tmp_path / "sketch.csv"
+    path.write_text(USUAL)
+    told = {"gyro_unit": "dps", "accel_unit": "g"}
+    log = tinygc.read_log(path, **told)
+    np.testing.assert_allclose(log.gyro_rps, SAMPLES.gyro, atol=1e-10)
+    np.testing.assert_allclose(log.accel_mps2, SAMPLES.accel, atol=1e-9)
+    np.testing.assert_allclose(log.t_s, (SAMPLES.t_ns - SAMPLES.t_ns[0]) * 1e-9, atol=1e-9)
+    made = tinygc.import_log(path, tmp_path / "s", **told)
+    assert made.took == log.took
+    np.testing.assert_array_equal(made.session.logs[0].samples.gyro, log.session().logs[0].samples.gyro)
+
+
+def test_python_is_asked_for_keywords(tmp_path):
+    path = tmp_path / "sketch.csv"
+    path.write_text(USUAL)
+    with pytest.raises(tinygc.CalibrationError, match=r"give gyro_unit= \(dps.*accel_unit= \(g"):
+        tinygc.read_log(str(path))
+    with pytest.raises(tinygc.CalibrationError, match=r"did you mean gyro_unit\?"):
+        tinygc.import_log(path, tmp_path / "s", gyro_units="dps")
+    with pytest.raises(tinygc.CalibrationError):
+        tinygc.read_log(3)

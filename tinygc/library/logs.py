@@ -154,9 +154,13 @@ def import_log(
 
     Examples
     --------
-    >>> import tinygc
-    >>> made = tinygc.import_log("flight.csv", "data/flight", gyro_fs_dps=500)  # doctest: +SKIP
-    >>> tinygc.fit(made.session)  # doctest: +SKIP
+    >>> import tempfile, tinygc
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> log = tinygc.simulate(segments=3, closure_s=0.0, odr_hz=104.0, seed=1).save(folder / "a") / "log0001.csv.gz"
+    >>> made = tinygc.import_log(log, folder / "b", gyro_fs_dps=500, accel_fs_g=4)
+    >>> made.session
+    <Session b: 1 log, 19 s; ASM330LHH>
 
     """
     with _asking_for_keywords():
@@ -199,9 +203,11 @@ def read_log(paths: Paths, *, columns: str | Sequence[str] | None = None, **answ
 
     Examples
     --------
-    >>> import tinygc
-    >>> log = tinygc.read_log("flight.csv")  # doctest: +SKIP
-    >>> session = log.session()  # doctest: +SKIP
+    >>> import tempfile, tinygc
+    >>> folder = tinygc.simulate(segments=3, closure_s=0.0, odr_hz=104.0, seed=1).save(tempfile.mkdtemp())
+    >>> log = tinygc.read_log(folder / "log0001.csv.gz", gyro_fs_dps=500, accel_fs_g=4)
+    >>> log.gyro_rps.shape == (len(log.t_s), 3)
+    True
 
     """
     with _asking_for_keywords(), Sources(_paths(paths), Answers(**answers), _columns(columns)) as sources:

@@ -79,7 +79,7 @@ class LogArrays:
 
 
 def _paths(paths: Paths) -> list[Path]:
-    given = [paths] if isinstance(paths, str | PathLike) else list(paths)
+    given = [paths] if isinstance(paths, str | PathLike) else list(paths) if isinstance(paths, Sequence) else []
     if not given or not all(isinstance(path, str | PathLike) for path in given):
         raise CalibrationError(f"paths is {paths!r:.80}, expected the path of a log, or of the gyroscope's and the accelerometer's")
     return [Path(fspath(path)) for path in given]
@@ -159,8 +159,8 @@ def import_log(
     >>> folder = Path(tempfile.mkdtemp())
     >>> log = tinygc.simulate(segments=3, closure_s=0.0, odr_hz=104.0, seed=1).save(folder / "a") / "log0001.csv.gz"
     >>> made = tinygc.import_log(log, folder / "b", gyro_fs_dps=500, accel_fs_g=4)
-    >>> made.session
-    <Session b: 1 log, 19 s; ASM330LHH>
+    >>> made.session.config.sensor.gyro_fs_dps
+    500.0
 
     """
     with _asking_for_keywords():

@@ -467,6 +467,13 @@ def test_dataflash_keeps_sensors_and_raw_samples_apart(tmp_path):
     assert (gyro.accel, accel.gyro) == (None, None)
 
 
+def test_a_sensor_that_a_dataflash_log_lacks_is_answered_with_those_that_are_there(tmp_path):
+    written.write_ardupilot(tmp_path / "a.BIN", *RECORDING)
+    for names in (["IMU[7]"], ["IMU[0]", "IMU[7]"]):
+        with pytest.raises(FormatError, match=r"no stream 'IMU\[7\]'; it holds IMU\[0\]"):
+            ardupilot.read(tmp_path / "a.BIN", names, None)
+
+
 def test_dataflash_without_units_has_those_that_are_documented(tmp_path):
     path = tmp_path / "a.BIN"
     written.write_ardupilot(path, *RECORDING, units=False)

@@ -104,9 +104,11 @@ def _read(path: Path, names: Sequence[str]) -> tuple[list[Stream], dict[str, tup
         labels: dict[str, tuple[str, ...]] = {}
         for kind in log.types.values():
             if kind.name in wanted and kind.data:
-                held += _streams(kind, log)
+                held += _streams(kind, log, names)
                 labels |= {stream.name: kind.columns for stream in held if stream.name not in labels}
                 kind.data = bytearray()
+    if not held and names:
+        return _read(path, ())  # for the complaint, which lists what is there
     if not held:
         there = ", ".join(sorted({kind.name for kind in log.types.values()}))[:200]
         why = f" ({'; '.join(log.notes)})" if log.notes else ""
@@ -203,11 +205,14 @@ class _Log:
             return
 
 
-def _streams(kind: _Type, log: _Log) -> Iterator[Stream]:
-    """One of each sensor that a type of message holds."""
+def _streams(kind: _Type, log: _Log, names: Sequence[str]) -> Iterator[Stream]:
+    """One of each sensor that a type of message holds; of these names where one of them is of this type."""
     rows = kind.rows()
     sensors = rows["I"] if "I" in kind.columns else np.zeros(len(rows), int)
     for number in np.unique(sensors):
+        name = f"{kind.name}[{number}]" if "I" in kind.columns else kind.name
+        if any(wanted.partition("[")[0] == kind.name for wanted in names) and name not in names:
+            continue
         own = rows[sensors == number]
         if len(own) == 1 and len(rows) > 2:
             continue  # a sensor of a single row is a damaged number
@@ -220,7 +225,7 @@ def _streams(kind: _Type, log: _Log) -> Iterator[Stream]:
             continue
         has_temp = "T" in kind.columns
         yield Stream(
-            f"{kind.name}[{number}]" if "I" in kind.columns else kind.name,
+            name,
             t_ns,
             gyro,
             accel,

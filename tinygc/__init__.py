@@ -13,6 +13,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     check             Session -> list of Finding
     fit               Session, FitOptions -> Fit
     fit_temperature   folders -> ThermalFit
+    fit_turns         folder of a gyroscope alone -> TurnFit
     explain           Session -> Why
     simulate          SimulationOptions -> Simulated
     load              a model's file -> Calibration
@@ -25,7 +26,7 @@ Records:
     Why               verdict, effects and findings (FoundEffect), noise, pictures
     Simulated         a session with its truth
     Calibration       a model in use: omega = model(raw)
-    ArraySession, ThermalFit   of the annexes arrays and temperature
+    ArraySession, ThermalFit, TurnFit   of the annexes arrays, temperature and turntable
     CalibrationError  whatever is wrong with data or arguments, in one line; FormatError, DataError and FitError are kinds of it
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands ``fit``, ``explain``, ``check``,
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import check as check
     from tinygc.library.sessions import fit as fit
     from tinygc.library.sessions import fit_temperature as fit_temperature
+    from tinygc.library.sessions import fit_turns as fit_turns
     from tinygc.library.sessions import simulate as simulate
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
@@ -81,11 +83,15 @@ _HOMES = {
     "tinygc.estimation.choice": ("ClosureFigures",),
     "tinygc.estimation.options": ("FitOptions",),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
-    "tinygc.library.sessions": ("Estimate", "Fit", "Simulated", "check", "fit", "fit_temperature", "simulate"),
+    "tinygc.library.sessions": ("Estimate", "Fit", "Simulated", "check", "fit", "fit_temperature", "fit_turns", "simulate"),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
 #: name -> the service of the annex that has it
-_OF_ANNEXES = {"ArraySession": "recordings of arrays", "ThermalFit": "calibrations over temperature"}
+_OF_ANNEXES = {
+    "ArraySession": "recordings of arrays",
+    "ThermalFit": "calibrations over temperature",
+    "TurnFit": "known turns of a gyroscope alone",
+}
 
 # There is no ``__all__``: ``help(tinygc)`` would print every class in full.  The docstring above lists the names, as ``dir`` does.
 

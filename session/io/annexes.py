@@ -25,6 +25,8 @@ SERVICES = {
     "calibrations over temperature": "tinygc.annexes.temperature.library",
     "public recordings": "session.annexes.public.__main__",
     "commands on arrays": "tinygc.annexes.arrays.command",
+    "known turns of a gyroscope alone": "tinygc.annexes.turntable.library",
+    "a gyroscope alone": "tinygc.annexes.turntable.command",
     "rest logs and temperature": "tinygc.annexes.temperature.command",
     "models over temperature": "tinygc.annexes.temperature.model",
     "exports over temperature": "tinygc.annexes.temperature.deploy",

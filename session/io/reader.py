@@ -339,9 +339,9 @@ class Piece:
 class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
-    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None):
+    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None, gyro_alone: bool = False):
         """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
-        wanted: its rows that are meant, where that is not among the answers.
+        wanted: its rows that are meant, where that is not among the answers; gyro_alone: whether a standard log may lack an accelerometer.
 
         Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
         """
@@ -353,7 +353,7 @@ class Reader:
         head = self._head(wanted)
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
-        self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
+        self.layout: Layout = standard_layout(head, path.name, gyro_alone) if answers is None else recognise(head, path.name, answers)
         self.comments |= flagged(self.layout.names)
         self.notes += [self.layout.remark] if self.layout.remark else []
         layout = self.layout

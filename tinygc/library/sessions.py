@@ -359,13 +359,13 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
 
 
 @public()
-def fit_turns(folder: Path | str, *, progress: Progress | None = None) -> Any:
+def fit_turns(session: Session | Path | str, *, progress: Progress | None = None) -> Any:
     """Fit a gyroscope alone, without an accelerometer, to turns of known angle.
 
     Parameters
     ----------
-    folder : str or Path
-        A folder with ``reference = "turns"`` and ``turns.csv``.
+    session : Session, str or Path
+        A session with ``reference = "turns"``, or its folder, which holds ``turns.csv``.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -387,7 +387,7 @@ def fit_turns(folder: Path | str, *, progress: Progress | None = None) -> Any:
     >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
 
     """
-    return need("known turns of a gyroscope alone").fit_turns(folder, progress=progress or nothing)
+    return need("known turns of a gyroscope alone").fit_turns(session_or_folder(session), progress=progress or nothing)
 
 
 # ``tinygc.simulate``: simulate a session and its truth; other commands read it like a recorded one.

@@ -18,6 +18,8 @@ from session.io.units import NS
 
 #: samples on either side of a step, of which the least delayed counts: a burst of a telephone is over after 5 to 20
 WINDOW = 32
+#: samples over which the period is measured, where there are four times as many: bursts are short beside
+LAG = 512
 #: of a period: stamps that are closer were not taken so; a step that lasts and is larger has lost samples
 CLOSE, LASTS = 0.5, 1.5
 #: of a period: an interval that is longer is a gap.  Stamps in steps of a display's 60 Hz make up to twice a period of 50 Hz
@@ -47,7 +49,8 @@ def sample_times(t_ns: np.ndarray) -> SampleTimes:
     if len(t_s) <= 2 * WINDOW:
         period_s = float(np.median(steps))
         return SampleTimes(t_s, period_s, *_gaps(steps, period_s), bursts=False)
-    period_s = float(np.median(t_s[WINDOW:] - t_s[:-WINDOW])) / WINDOW
+    lag = min(LAG, len(t_s) // 4)
+    period_s = float(np.median(t_s[lag:] - t_s[:-lag])) / lag
     if np.mean(steps < CLOSE * period_s) <= COARSE:
         return SampleTimes(t_s, period_s, *_gaps(steps, period_s), bursts=False)
     least = sliding_window_view(t_s - period_s * np.arange(len(t_s)), WINDOW).min(axis=1)

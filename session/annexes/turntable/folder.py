@@ -6,6 +6,7 @@ Other programs' recordings become such a folder through ``write_turn_session``.
 from __future__ import annotations
 
 import gzip
+import math
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.config import TURNS, read_config
+from session.io.config import TURNS, Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.files import require_file, result_folder
 from session.io.folder import Session, read_logs
-from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
+from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, Log, read_known_turns
 from session.io.names import log_paths
-from session.io.samples import USUAL_DPS
+from session.io.samples import USUAL_DPS, samples_from_arrays
 from session.io.texts import printable
 from session.io.toml import Note, line, setting
-from session.io.units import DEG, NS_PER_S
+from session.io.units import DEG, NS, NS_PER_S
 
 HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 
@@ -70,6 +71,37 @@ class GyroLog:
     gyro_rps: np.ndarray
 
 
+def turn_session(
+    logs: Sequence[GyroLog],
+    turns: Sequence[KnownTurn],
+    *,
+    name: str = "turns",
+    model: str = "unknown",
+    serial: str = "",
+    gyro_fs_dps: float | None = None,
+) -> Session:
+    """A session of logs that were never files; ``turns`` name their logs as they are named here.
+
+    gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given.  Raises DataError for what no file may hold.
+    """
+    _refuse(logs)
+    held = []
+    for log in logs:
+        samples = samples_from_arrays(log.name, log.t_ns * NS, log.gyro_rps, np.zeros((len(log.t_ns), 3)), None)
+        samples = replace(samples, t_ns=np.asarray(log.t_ns, dtype=np.int64), accel=np.full((len(log.t_ns), 3), np.nan))
+        held.append(Log(Path(log.name), samples, raw=False, in_memory=True))
+    for turn in turns:
+        sensor_axis(turn)
+        if turn.log is not None and turn.log not in [log.name for log in logs]:
+            raise DataError(f"{turn.name}: no such log; expected {', '.join(log.name for log in logs[:6])}")
+    if not turns:
+        raise DataError(f"{name}: no turn of known angle; a gyroscope alone is calibrated by them")
+    sensor = Sensor(model, serial, _rate_hz(logs), gyro_fs_dps or _full_scale(logs), math.nan)
+    return Session(
+        Path(name), Config(sensor, Accelerometer(source="none"), Site(), Protocol(reference=TURNS)), tuple(held), (), turns=tuple(turns)
+    )
+
+
 def write_turn_session(
     out: Path,
     logs: Sequence[GyroLog],
@@ -112,19 +144,10 @@ def turn_session_files(
 
     Raises DataError for logs that no folder can hold.
     """
+    _refuse(logs)
     names = [f"{log.name}.csv.gz" for log in logs]
-    for log in logs:
-        if not log.name.startswith("log") or printable(log.name) != log.name or Path(log.name).name != log.name:
-            raise DataError(f"log {log.name!r}: expected a name that begins with log, as log0001")
-        if len(log.t_ns) < 2 or log.gyro_rps.shape != (len(log.t_ns), 3):
-            raise DataError(f"{log.name}: {len(log.t_ns)} stamps and rates {log.gyro_rps.shape}, expected (N,) and (N, 3), N above 1")
-    if not logs or len(set(names)) != len(names):
-        raise DataError("no log, or two of one name; expected logs with names of their own")
-    rate_hz = float(np.median([NS_PER_S * (len(log.t_ns) - 1) / max(int(log.t_ns[-1] - log.t_ns[0]), 1) for log in logs]))
-    largest = max(float(np.abs(log.gyro_rps).max()) for log in logs) / DEG
-    full_scale = gyro_fs_dps or next((float(fs) for fs in USUAL_DPS if fs > largest), float(np.ceil(largest)))
     toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + line("model", model) + line("serial", serial)
-    toml += line("odr_hz", float(f"{rate_hz:.4g}")) + line("gyro_fs_dps", setting(full_scale))
+    toml += line("odr_hz", float(f"{_rate_hz(logs):.4g}")) + line("gyro_fs_dps", setting(gyro_fs_dps or _full_scale(logs)))
     toml += f'\n[protocol]\nreference = "{TURNS}"\n'
     if notes:
         toml += "\n[notes]\n" + "".join(line(name, value) for name, value in notes.items())
@@ -134,6 +157,25 @@ def turn_session_files(
     rows = [f"{t.turn},{t.words},{t.angle_rad / DEG:.10g},{t.sigma_rad / DEG:.10g},{t.log or ''}" for t in turns]
     files[NAME] = "\n".join([",".join((*COLUMNS, LOG)), *rows, ""]).encode()
     return files
+
+
+def _refuse(logs: Sequence[GyroLog]) -> None:
+    for log in logs:
+        if not log.name.startswith("log") or printable(log.name) != log.name or Path(log.name).name != log.name:
+            raise DataError(f"log {log.name!r}: expected a name that begins with log, as log0001")
+        if len(log.t_ns) < 2 or log.gyro_rps.shape != (len(log.t_ns), 3):
+            raise DataError(f"{log.name}: {len(log.t_ns)} stamps and rates {log.gyro_rps.shape}, expected (N,) and (N, 3), N above 1")
+    if not logs or len({log.name for log in logs}) != len(logs):
+        raise DataError("no log, or two of one name; expected logs with names of their own")
+
+
+def _rate_hz(logs: Sequence[GyroLog]) -> float:
+    return float(np.median([NS_PER_S * (len(log.t_ns) - 1) / max(int(log.t_ns[-1] - log.t_ns[0]), 1) for log in logs]))
+
+
+def _full_scale(logs: Sequence[GyroLog]) -> float:
+    largest = max(float(np.abs(log.gyro_rps).max()) for log in logs) / DEG
+    return next((float(fs) for fs in USUAL_DPS if fs > largest), float(np.ceil(largest)) + 1)
 
 
 def _rows(log: GyroLog) -> Iterator[str]:

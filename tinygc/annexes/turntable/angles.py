@@ -18,7 +18,7 @@ Terms of the variance of an angle over T seconds, by the name that the results h
                faster than half the data rate is not seen, and each reading errs by itself, at most
     ends       the movement between the samples at which it begins and ends: sum of (second difference dt)^2 / 24, less what the scatter
                makes; a step of rate W gives (W dt)^2 / 12, a rectangular distribution over one interval
-    rounding   T^2 (R_rest / 2 + R_turn): what rounding leaves in a mean of readings (``rounding_variance``).  The other half of R_rest is
+    rounding   T^2 (R_rest / 2 + R_turn): what rounding leaves in a mean of readings (``rests.py``).  The other half of R_rest is
                taken to be alike in all turns of an axis: whether it is depends on how the bias moves from log to log
 """
 
@@ -33,7 +33,7 @@ from scipy.special import chdtrc
 
 from session.annexes.turntable.clock import SampleTimes, sample_times
 from session.annexes.turntable.folder import sensor_axis
-from session.annexes.turntable.rests import Movement, Rest, find_turns, lsb_of
+from session.annexes.turntable.rests import Movement, Rest, find_turns, lsb_of, rounding_variance
 from session.detect.stills import block_size
 from session.io.folder import Session
 from session.io.logfile import NAME, KnownTurn, Log
@@ -48,8 +48,6 @@ OWN_SCATTER = 1e-3
 #: median of chi-square with one degree of freedom
 MEDIAN_CHI2 = 0.4549
 TERMS = ("rests", "drift", "white", "vibration", "ends", "rounding")
-#: terms of the sum of rounding's harmonics
-HARMONICS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +108,6 @@ class RestNoise:
     single: np.ndarray
 
 
-def rounding_variance(lsb: float, sigma: np.ndarray) -> np.ndarray:
-    """Variance of the error that rounding to ``lsb`` leaves in the mean of many readings of one rate with noise sigma (…).
-
-    The mean of rounded normal readings of mean m is m + sum over k of (-1)^k lsb / (pi k) exp(-2 (pi k sigma / lsb)^2) sin(2 pi k m / lsb)
-    (Widrow & Kollár 2008, 4); its mean square over all m.  lsb^2 / 12 without noise; nothing from half a step of noise on.
-    """
-    if lsb == 0:
-        return np.zeros(np.shape(sigma))
-    k = np.arange(1, HARMONICS + 1).reshape(-1, *[1] * np.ndim(sigma))
-    total = np.sum(np.exp(-((2 * np.pi * k * np.asarray(sigma) / lsb) ** 2)) / k**2, axis=0)
-    rest = np.pi**2 / 6 - np.sum(1.0 / np.arange(1, HARMONICS + 1) ** 2)  # what the sum leaves out, where there is no noise
-    return np.asarray(lsb**2 / (2 * np.pi**2) * (total + np.where(np.asarray(sigma) == 0, rest, 0.0)))
-
-
 def bridge_variance(drift: float | np.ndarray, lead_s: float, duration_s: float, apart_s: float) -> float | np.ndarray:
     """rad^2: of the integral over a turn of a random walk that is known at both middles, with ``drift`` rad^2/s^3.
 
@@ -160,14 +144,9 @@ def _rest_noise(logs: Sequence[LogOfTurns]) -> RestNoise:
     squares = []
     for log in logs:
         for a, b in pairwise(log.rests):
-            known = sum(_mean_variance(rest, white, log) + rounding_variance(log.lsb, _noise_of(rest, log)) / 2 for rest in (a, b))
+            known = sum(_mean_variance(rest, white, log) + rest.rounding / 2 for rest in (a, b))
             squares.append(((b.mean - a.mean) ** 2 - known) / (b.middle_s - a.middle_s))
     return RestNoise(white, np.maximum(np.mean(squares, axis=0), 0) if squares else np.zeros(3), single)
-
-
-def _noise_of(rest: Rest, log: LogOfTurns) -> np.ndarray:
-    """(3,) rad/s: of single readings, without what rounding adds (Sheppard)."""
-    return np.asarray(np.sqrt(np.maximum(rest.variance - log.lsb**2 / 12, 0)))
 
 
 def _mean_variance(rest: Rest, white: np.ndarray, log: LogOfTurns) -> np.ndarray:
@@ -208,7 +187,7 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
         return _refused(
             found, f"the gyroscope turned by {length / DEG:.1f} deg about ({about}), which is not {turn.words} in the stated sense"
         )
-    each = _variances(log, move, gyro, t_s, noise, duration_s, lead_s, apart_s, late)
+    each = _variances(log, move, noise, duration_s, lead_s, apart_s, late)
     along = direction**2
     across = float(sum(term for term in each.values()) @ (1 - along))
     first = sum(len(other.rests) for other in logs[: logs.index(log)])
@@ -218,7 +197,7 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
     ]
     along_axis, size = (gyro - bias) @ direction, min(block_size(log.times.period_s), len(gyro))
     blocks = along_axis[: len(gyro) // size * size].reshape(-1, size).mean(axis=1)
-    shared = sum(rounding_variance(log.lsb, _noise_of(rest, log)) @ along for rest in (move.before, move.after)) / 4
+    shared = float((move.before.rounding + move.after.rounding) @ along) / 4
     return TurnAngle(
         turn,
         found.log,
@@ -231,7 +210,7 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
         float(np.median(blocks[blocks >= blocks.max() / 2])),
         log.times.period_s,
         {name: float(term @ along) for name, term in each.items()},
-        float(shared),
+        shared,
         tuple(rests),
         log.times.lost_between(move.start, move.stop),
     )
@@ -256,8 +235,6 @@ def _place(turn: KnownTurn, logs: list[LogOfTurns]) -> tuple[LogOfTurns | None, 
 def _variances(
     log: LogOfTurns,
     move: Movement,
-    gyro: np.ndarray,
-    t_s: np.ndarray,
     noise: RestNoise,
     duration_s: float,
     lead_s: float,
@@ -267,7 +244,8 @@ def _variances(
     """{term: (3,) rad^2}, in the order of ``TERMS``."""
     assert move.before is not None and move.after is not None  # noqa: PT018  # the caller refused a turn without
     ends = [(move.before, 1 - late), (move.after, late)]
-    second = np.diff(gyro, 2, axis=0)
+    around = slice(max(move.start - 1, 0), move.stop + 2)  # a movement may begin with its first sample
+    second, t_s = np.diff(log.gyro[around], 2, axis=0), log.times.t_s[around]
     wide = (t_s[2:] - t_s[:-2])[:, None] / 2
     scatter = np.median(second**2, axis=0) / (6 * MEDIAN_CHI2)
     edges = np.sum((second**2 - 6 * np.maximum(scatter, noise.single)) * wide**2, axis=0) / 24
@@ -278,9 +256,5 @@ def _variances(
         "white": noise.white * duration_s,
         "vibration": np.maximum(scatter - noise.single, 0) * np.sum(wide**2),
         "ends": np.maximum(edges, 0),
-        "rounding": duration_s**2
-        * (
-            np.mean([rounding_variance(log.lsb, _noise_of(rest, log)) for rest, _ in ends], axis=0) / 2
-            + rounding_variance(log.lsb, turning)
-        ),
+        "rounding": duration_s**2 * (np.mean([rest.rounding for rest, _ in ends], axis=0) / 2 + rounding_variance(log.lsb, turning)),
     }

@@ -8,8 +8,8 @@ the angle: the scale itself does not repeat.  Turns of several angles tell the t
 data rate cannot follow is left in an angle: all of it if readings err independently, little if a motor's steps come evenly.
 
 Play, repeat and share are not known: everything is averaged over a grid of them, each point weighed with its restricted likelihood (s and
-d integrated out, which is what REML maximises) and half-Cauchy priors of play and repeat whose scale is the known error (Gelman 2006).
-So sigmas of few turns are wide.
+d integrated out, which is what REML maximises) and priors of play and repeat: perhaps none, else half-Cauchy with the known error as
+scale (Gelman 2006).  So sigmas of few turns are wide.
 
 A turn is good, or lost: then its angle may be anything from 0 to twice the stated one.  Before the data one turn in a hundred is lost.
 The set of lost turns is the most probable one: turns change sides one at a time, from two beginnings, while that raises the evidence.
@@ -33,6 +33,8 @@ LOST = 0.01
 SCALE_SIGMA = 0.2
 #: points of the grid of each of play and repeat, beside none; from and to, in units of the known error
 POINTS, LEAST, MOST = 12, 0.1, 200.0
+#: probabilities before the data that there is a play, and a repeat: a table has play more often than a scale changes between two turns
+HAS_PLAY, HAS_REPEAT = 0.5, 0.2
 #: of the vibration: points of the grid, alike before the data
 SHARES = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 #: turns of one log whose common rests are taken into account together
@@ -174,12 +176,12 @@ def _grid(data: _Data) -> tuple[np.ndarray, np.ndarray]:
     if len(data.r) == 0:
         return np.zeros((1, 3)), np.zeros(1)
     size = np.concatenate([[0.0], np.geomspace(LEAST, MOST, POINTS)])
-    width = np.gradient(size)
-    width[0], width[1] = size[1] / 2, size[2] / 2
+    slab = np.gradient(size[1:]) / (1 + size[1:] ** 2)
+    spread = np.log(slab / slab.sum())
+    play, repeat = (np.concatenate([[np.log(1 - there)], np.log(there) + spread]) for there in (HAS_PLAY, HAS_REPEAT))
     sigma = np.sqrt(data.known)
     axes = (size * np.median(sigma), size * np.median(sigma / data.A), np.array(SHARES))
-    cauchy = np.log(width / (1 + size**2))
-    prior = (cauchy[:, None, None] + cauchy[:, None] + np.zeros(len(SHARES))).ravel()
+    prior = (play[:, None, None] + repeat[:, None] + np.zeros(len(SHARES))).ravel()
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1), prior - logsumexp(prior)
 
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.turntable.folder import read_turn_session
+from session.io.config import TURNS
 from session.io.errors import FitError
-from session.io.folder import input_hashes
-from tinygc.annexes.turntable.angles import LogOfTurns, RestNoise, measured_turns, rounding_variance
+from session.io.folder import Session, input_hashes
+from tinygc.annexes.turntable.angles import LogOfTurns, RestNoise, measured_turns
 from tinygc.annexes.turntable.estimate import estimate
 from tinygc.annexes.turntable.output import save_turns, to_json, turns_report
 from tinygc.annexes.turntable.result import RestBias, TurnsResult
@@ -22,7 +23,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TurnFit(TurnsResult):
-    """What ``tinygc.fit_turns`` returns: ``scales``, ``axis_scales``, ``asymmetry``, ``bias``, ``model``, and how they are shown and kept."""
+    """What ``tinygc.fit_turns`` returns: ``scales``, ``axis_scales``, ``asymmetry``, ``bias``, ``model``; text, JSON and files."""
 
     def __repr__(self) -> str:
         found = ", ".join(f"{'xyz'[s.axis]}{' +-'[s.sense]} {100 * s.value:.3f} ± {100 * s.sigma:.3f} %" for s in self.scales)
@@ -49,12 +50,15 @@ class TurnFit(TurnsResult):
         return save_turns(self, self.session.own_folder("fit") if folder is None else Path(folder))
 
 
-def fit_turns(folder: Path | str, *, progress: Progress = lambda what, done, of: None) -> TurnFit:
-    """Fit a folder whose reference is turns of known angle.
+def fit_turns(session: Session | Path | str, *, progress: Progress = lambda what, done, of: None) -> TurnFit:
+    """Fit a session whose reference is turns of known angle, or its folder.
 
     Raises FormatError or DataError for what cannot be read, and FitError where no turn can be used.
     """
-    session = read_turn_session(folder)
+    if not isinstance(session, Session):
+        session = read_turn_session(session)
+    elif session.config.protocol.reference != TURNS:
+        raise FitError(f'{session.name}: protocol.reference is "{session.config.protocol.reference}"; tinygc.fit takes it')
     progress("measuring the turns", 0, 1)
     angles, logs, noise = measured_turns(session)
     if all(angle.problem for angle in angles):
@@ -72,6 +76,6 @@ def _bias(logs: Sequence[LogOfTurns], noise: RestNoise) -> RestBias:
     mean = share @ means
     many = 1 / np.sum(share**2)  # of rests of one length their number
     scatter = share @ (means - mean) ** 2 * (many / (many - 1) if many > 1 else 1)
-    rounding = np.mean([rounding_variance(log.lsb, np.sqrt(np.maximum(rest.variance - log.lsb**2 / 12, 0))) for log, rest in rests], axis=0)
+    rounding = np.mean([rest.rounding for _, rest in rests], axis=0)
     sigma = np.sqrt(np.maximum(scatter / many, noise.white / weights.sum()) + rounding)
     return RestBias(mean, sigma, np.sqrt(scatter), len(rests))

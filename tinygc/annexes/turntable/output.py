@@ -111,7 +111,7 @@ def turns_report(fit: TurnsResult) -> Group:
     estimate = fit.estimate
     used, stated = int(estimate.used.sum()), len(fit.angles)
     parts: list[RenderableType] = [Text(f"{fit.session.name}: a gyroscope alone, {used} of {stated} stated turns used", "bold")]
-    table = plain_table("Scale factor error, measured / true − 1", "axis", "%", "± (1 σ)", "turns", "own axis within ±", right=True)
+    table = plain_table("Scale factor error, measured / true − 1", "axis", "%", "± (1 σ)", "turns", "own axis ± (1 σ)", right=True)
     for scale in fit.scales:
         row = (scale.value, scale.sigma)
         table.add_row(_axis(scale), *(significant(100 * x) for x in row), str(scale.turns), significant(100 * scale.axis_bound, 2))
@@ -148,7 +148,7 @@ def _axis(scale: AxisScale) -> str:
 
 
 def _component(found: Component, unit: float, name: str) -> str:
-    if found.low < found.median / 10:
+    if found.low <= found.median / 10:
         return f"below {significant(found.upper / unit, 2)}{name} (95 %)"
     median, low, high = (significant(x / unit, 2) for x in (found.median, found.low, found.high))
     return f"{median}{name} ({low} to {high})"

@@ -27,7 +27,7 @@ class RestBias:
 @dataclass(frozen=True, eq=False)
 class AxisScale:
     """A scale factor error, measured / true - 1: of one sense (1 or -1), or of both (0), their mean; its sigma; turns that it is from; and
-    by how much the scale of the sensor's own axis may differ, where no misalignment is larger than the leans that show."""
+    by how much the scale of the sensor's own axis may differ (1 sigma, ``TurnsResult.axis_bound``)."""
 
     axis: int
     sense: int
@@ -56,7 +56,7 @@ class TurnsResult:
     def scales(self) -> tuple[AxisScale, ...]:
         """One of each axis and sense that was turned, in the order of axes, + before -."""
         return tuple(
-            AxisScale(axis, sense, float(value), float(sigma), turns, self._axis_bound(axis))
+            AxisScale(axis, sense, float(value), float(sigma), turns, self.axis_bound)
             for (axis, sense), value, sigma, turns in zip(
                 self.estimate.groups,
                 self.estimate.scale,
@@ -80,7 +80,7 @@ class TurnsResult:
             mine = [g for g, group in enumerate(self.estimate.groups) if group[0] == axis]
             value, variance = np.mean(self.estimate.scale[mine]), self.covariance[np.ix_(mine, mine)].mean()
             turns, sense = sum(self.estimate.turns[g] for g in mine), self.estimate.groups[mine[0]][1] if len(mine) == 1 else 0
-            found.append(AxisScale(axis, sense, float(value), float(np.sqrt(variance)), turns, self._axis_bound(axis)))
+            found.append(AxisScale(axis, sense, float(value), float(np.sqrt(variance)), turns, self.axis_bound))
         return tuple(found)
 
     @cached_property
@@ -96,12 +96,12 @@ class TurnsResult:
                 found[axis] = float(gain @ self.estimate.scale) / mean, float(np.sqrt(gain @ self.covariance @ gain)) / mean
         return found
 
-    def _axis_bound(self, axis: int) -> float:
-        """Of (S_kj + S_jk) u_j: the lean of this axis' turns, times sqrt(2) of the rms lean of all."""
+    @cached_property
+    def axis_bound(self) -> float:
+        """Of (S_kj + S_jk) u_j, were misalignments and leans as large as the leans that show: sqrt(2) times their mean square, of axes."""
         used = [angle for angle, good in zip(self.angles, self.estimate.used, strict=True) if good]
-        leans = {other: [angle.lean_rad for angle in used if angle.axis == other] for other in range(3)}
-        rms = {other: float(np.sqrt(np.mean(np.square(of_it)))) for other, of_it in leans.items() if of_it}
-        return float(np.sqrt(2 * np.mean(np.square(list(rms.values())))) * rms[axis])
+        leans = [np.mean([angle.lean_rad**2 for angle in used if angle.axis == axis]) for axis in {angle.axis for angle in used}]
+        return float(np.sqrt(2) * np.mean(leans))
 
     @cached_property
     def model(self) -> LinearModel:

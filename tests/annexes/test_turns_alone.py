@@ -101,8 +101,8 @@ def test_play_is_recovered_and_told_from_a_scale():
 def test_stops_as_good_as_stated_leave_no_play_and_worse_ones_a_chi_square():
     good = tinygc.fit_turns(Turned(FAR, stop_deg=0.2, noise=0.002, seed=3).session()).estimate
     bad = tinygc.fit_turns(Turned(FAR, stop_deg=0.2, play=1.0 * DEG, noise=0.002, seed=3).session()).estimate
-    assert good.p_value > 0.01
-    assert good.play.low == 0
+    assert good.p_value > 1e-3
+    assert good.play.upper < 0.4 * DEG
     assert bad.p_value < 1e-6
     assert bad.play.low > 0.3 * DEG
     assert (good.dof, bad.dof) == (len(FAR) - 3, len(FAR) - 3)
@@ -121,7 +121,7 @@ def test_lost_turns_are_found_and_do_not_move_the_scale(share):
             miss = (1 + (turned.plus if angle.sense > 0 else turned.minus)[angle.axis]) * angle_deg * DEG
             assert abs(found.estimate.residual_rad[number] + miss) < 4 * found.estimate.predicted_rad[number]
         for scale in found.scales:
-            assert abs(scale.value - true_scale(turned, scale)) < 4 * scale.sigma
+            assert abs(scale.value - true_scale(turned, scale)) < 0.004  # with them the mean would be off by 3 % and more
         words = [line for line in found.to_json()["remarks"] if "misses by" in line]
         assert len(words) == len(lost)
         assert all("no gap in its stamps: lost samples or lost steps of the table, undecided" in line for line in words)

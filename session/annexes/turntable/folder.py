@@ -165,6 +165,8 @@ def _refuse(logs: Sequence[GyroLog]) -> None:
             raise DataError(f"log {log.name!r}: expected a name that begins with log, as log0001")
         if len(log.t_ns) < 2 or log.gyro_rps.shape != (len(log.t_ns), 3):
             raise DataError(f"{log.name}: {len(log.t_ns)} stamps and rates {log.gyro_rps.shape}, expected (N,) and (N, 3), N above 1")
+        if (back := np.diff(log.t_ns) < 0).any():
+            raise DataError(f"{log.name}: the stamp of row {int(np.argmax(back)) + 1}, counted from 0, goes backward; split the log there")
     if not logs or len({log.name for log in logs}) != len(logs):
         raise DataError("no log, or two of one name; expected logs with names of their own")
 

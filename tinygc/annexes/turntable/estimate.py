@@ -34,7 +34,7 @@ SCALE_SIGMA = 0.2
 #: points of the grid of each of play and repeat, beside none; from and to, in units of the known error
 POINTS, LEAST, MOST = 12, 0.1, 200.0
 #: probabilities before the data that there is a play, and a repeat: a table has play more often than a scale changes between two turns
-HAS_PLAY, HAS_REPEAT = 0.5, 0.2
+HAS_PLAY, HAS_REPEAT = 0.8, 0.2
 #: of the vibration: points of the grid, alike before the data
 SHARES = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 #: turns of one log whose common rests are taken into account together

@@ -124,6 +124,7 @@ def test_lost_turns_are_found_and_do_not_move_the_scale(share):
             assert abs(scale.value - true_scale(turned, scale)) < 0.004  # with them the mean would be off by 3 % and more
         words = [line for line in found.to_json()["remarks"] if "misses by" in line]
         assert len(words) == len(lost)
+        assert all("lost with probability above 0.9999" in line for line in words)
         assert all("no gap in its stamps: lost samples or lost steps of the table, undecided" in line for line in words)
 
 

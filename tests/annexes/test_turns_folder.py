@@ -92,7 +92,7 @@ def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     found = tinygc.fit_turns(out)
     np.testing.assert_allclose(rows[:, 1:4], found.model(TURNED.arrays()[1]), rtol=0, atol=1e-9)
     np.testing.assert_allclose(rows[:100, 1:4].mean(axis=0), 0, atol=0.001)
-    assert tinygc.load(out / "fit" / "model_turns.json")(np.zeros(3)) == pytest.approx(found.model.B, rel=1e-12)
+    assert tinygc.load(out / "fit" / "model_turns.json")(np.zeros((2, 3)))[0] == pytest.approx(found.model.B, rel=1e-12)
     capsys.readouterr()
 
 

@@ -25,6 +25,7 @@ from session.annexes.public.writing import placed, text_of
 from session.annexes.turntable.folder import GyroLog, read_turn_session, turn_session_files
 from session.io.errors import FormatError
 from session.io.logfile import KnownTurn
+from session.io.reader import ERA_NS
 from session.io.units import DEG, NS_PER_S
 
 NAME = re.compile(r"(?P<phone>\w+?)_(?P<axis>[XYZ])[GM]_(?P<speed>[\d.]+)_(?P<angle>\d+)(?P<each>i?)_(?P<number>\d+)\.csv")
@@ -80,7 +81,7 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
 def read_rates(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     """Stamps (N,) ns, rates (N, 3) rad/s, and how many rows at the end stood there twice.  FormatError with the line that is at fault."""
     lines = text_of(path).splitlines()
-    separator = ";" if ";" in lines[0] else ","
+    separator = ";" if lines and ";" in lines[0] else ","
     names = [name.split(" ")[0].strip() for name in lines[0].split(separator)] if lines else []
     if names[:1] != ["time"] or names[-3:] != ["wx", "wy", "wz"]:
         raise FormatError(f"{path}: its header is not time,wx,wy,wz; download it again")
@@ -96,6 +97,8 @@ def read_rates(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
             raise FormatError(
                 f"{path} line {number}: {text[:60]!r}, expected {len(names)} numbers: {separator.join(names)}; download it again"
             )
+    if len(rows) < 2:
+        raise FormatError(f"{path}: {len(rows)} rows of numbers, expected many; download it again")
     t_ns, gyro = np.array(stamps, dtype=np.int64), np.array(rows).reshape(-1, 3)
     whole = len(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
@@ -107,7 +110,10 @@ def read_rates(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _ns(text: str) -> int:
-    """Whole ns of seconds, or of a moment of a clock in UTC.  ValueError for anything else."""
+    """Whole ns of seconds, or of a moment of a clock in UTC.  ValueError or OverflowError for anything else."""
     if "T" in text:
         return round(datetime.fromisoformat(text.replace("Z", "+00:00")).timestamp() * 1000) * 1_000_000
-    return round(float(text) * 1e6) * 1000
+    ns = round(float(text) * 1e6) * 1000
+    if abs(ns) >= ERA_NS:
+        raise ValueError("no time of this era")
+    return ns

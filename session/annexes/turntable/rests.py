@@ -142,7 +142,8 @@ def _still_spans(gyro: np.ndarray, size: int, lsb: float) -> list[tuple[int, int
         return []
     mean, variance = blocks.mean(axis=1), blocks.var(axis=1, ddof=1)
     noise = np.maximum(noise_variance(variance), max(lsb**2 / 12, np.finfo(float).tiny))
-    quiet = ((variance / noise).mean(axis=1) < QUIET_VARIANCE_RATIO) & (variance < 2 * QUIET_VARIANCE_RATIO * noise).all(axis=1)
+    with np.errstate(over="ignore"):  # readings without noise
+        quiet = ((variance / noise).mean(axis=1) < QUIET_VARIANCE_RATIO) & (variance < 2 * QUIET_VARIANCE_RATIO * noise).all(axis=1)
     turning = np.percentile(np.linalg.norm(np.sqrt(mean**2 + variance), axis=1), TURNING_BLOCKS)
     quiet |= variance.sum(axis=1) < min(HUM * turning, TURNING_RPS) ** 2
     if not quiet.any():

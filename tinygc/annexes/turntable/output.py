@@ -77,7 +77,9 @@ def lost_words(fit: TurnsResult, number: int) -> str:
     name = f"{angle.turn.name} ({angle.turn.says})"
     if not np.isfinite(miss):
         return f"{name}: reads {degrees(angle.measured_rad)}, and no turn of its axis and sense is good"
-    text = f"{name}: misses by {significant(miss / DEG)} ± {significant(sigma / DEG, 2)}°, lost with {probability(estimate.lost[number])}: "
+    lost = float(estimate.lost[number])
+    sure = "above 0.9999" if lost > 0.9999 else significant(lost, 2)
+    text = f"{name}: misses by {significant(miss / DEG)} ± {significant(sigma / DEG, 2)}°, lost with probability {sure}: "
     if miss > 0:
         return f"{text}it turned by more than is stated; is the stated angle right?"
     seconds = -miss / angle.rate_rps

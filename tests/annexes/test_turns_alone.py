@@ -134,24 +134,29 @@ def test_a_turn_that_went_too_far_is_no_lost_sample():
     assert "it turned by more than is stated" in found.summary()
 
 
-def test_samples_that_are_lost_where_the_stamps_show_it_are_called_so():
-    turned = Turned(PLAN, noise=0.002)
+def test_a_gap_is_bridged_and_explains_only_what_it_lacks():
+    turned = Turned(((2, 360, 90.0),) * 8, noise=0.002)
     t_ns, gyro = turned.arrays()
-    moving = np.flatnonzero(np.abs(gyro[:, 2]) > 1)
-    first = moving[np.argmax(np.diff(moving) > 1) + 1]  # of the second turn about z
-    gap = slice(first + 30, first + 70)
-    # The clock went on, and the readings around the gap say nothing of it: the rates behind it are those of rest.
-    t_ns, gyro = np.delete(t_ns, gap), np.delete(gyro, gap, axis=0)
-    whole = tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", t_ns, gyro)], turned.known()))
-    (hit,) = [angle for angle in whole.angles if angle.lost_s]
-    assert hit.lost_s == pytest.approx(0.4, abs=0.01)
-    assert whole.estimate.used.all()  # at a constant rate a gap is bridged by the trapezoid
-    late = t_ns.copy()
-    late[first + 30 :] -= 350_000_000  # stamps that show 0.05 s of 0.4 s
-    found = tinygc.fit_turns(folder.turn_session([folder.GyroLog("log", late, gyro)], turned.known()))
-    (number,) = np.flatnonzero(~found.estimate.used)
-    assert found.angles[number] is not hit
-    assert "gaps in its stamps lack only 0.05" in found.summary()
+    first = int(np.flatnonzero(gyro[:, 2] > 1)[0])
+    gap = slice(first + 100, first + 140)
+
+    def fitted(stamps, readings):
+        log = folder.GyroLog("log", np.delete(stamps, gap), np.delete(readings, gap, axis=0))
+        return tinygc.fit_turns(folder.turn_session([log], turned.known()))
+
+    bridged = fitted(t_ns, gyro)
+    assert bridged.estimate.used.all()  # at a constant rate the trapezoid takes in what is missing
+    assert [angle.lost_s for angle in bridged.angles] == pytest.approx([0.4] + [0.0] * 7, abs=1e-9)
+    stopped = gyro.copy()
+    stopped[[gap.start - 1, gap.stop], 2] = 0  # the rate on either side tells nothing of the rate within
+    unseen = fitted(t_ns, stopped)
+    assert list(np.flatnonzero(~unseen.estimate.used)) == [0]
+    assert "gaps in its stamps lack 0.40 s: lost samples" in unseen.to_json()["remarks"][0]
+    hidden = t_ns.copy()
+    hidden[gap.stop :] -= 350_000_000  # stamps that show 0.05 of 0.4 s
+    short = fitted(hidden, gyro)
+    assert list(np.flatnonzero(~short.estimate.used)) == [0]
+    assert "gaps in its stamps lack only 0.050 s: lost samples or lost steps" in short.to_json()["remarks"][0]
 
 
 def test_two_of_three_turns_decide_and_a_single_one_is_believed():

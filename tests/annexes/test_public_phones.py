@@ -129,7 +129,8 @@ def test_three_turns_that_seemed_to_lack_tens_of_degrees_lack_none(fits):
     """Integrated over the step back to the repeated second, they read 300, 139 and 64 deg; none has lost a sample, nor the table a step."""
     found = fits["IphoneSE3G"]
     assert found.estimate.used.all()
-    assert found.estimate.lost.max() < 0.5
+    doubtful = [angle.log for angle, lost in zip(found.angles, found.estimate.lost, strict=True) if lost > 0.01]
+    assert doubtful in ([], ["log_YG_1_360_1.csv.gz"])  # it reads 370 deg
     for name, stated, wrong in (("ZG_2_360_1", 360, 300), ("ZG_2_180_2", 180, 139), ("ZG_2_90_1", 90, 64)):
         (path,) = REAL.rglob(f"IphoneSE3G_{name}.csv")
         t_s, rate = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 3), unpack=True)

@@ -203,3 +203,109 @@ def test_the_least_step_of_readings_is_found():
     assert rests.lsb_of(np.round(rng.normal(size=(500, 3)), 2)) == pytest.approx(0.01, rel=1e-9)
     assert rests.lsb_of(np.zeros((5, 3))) == 0
     assert math.isclose(rests.lsb_of(DEG * np.round(rng.normal(size=(500, 3)), 1)), 0.1 * DEG, rel_tol=1e-9)
+
+
+def test_what_rounding_leaves_in_a_rest_depends_on_how_many_values_it_reads():
+    def of(*counts):
+        column = np.repeat(np.arange(len(counts)), counts) * 0.01
+        return rests.rounding_of_mean(np.stack([column] * 3, axis=1), 0.01)
+
+    np.testing.assert_allclose(of(50), 1e-4 / 12, rtol=1e-12)
+    np.testing.assert_allclose(of(25, 25), 0, atol=1e-20)
+    np.testing.assert_allclose(of(10, 40), (0.3 * 0.01) ** 2 / 3, rtol=1e-12)
+    np.testing.assert_allclose(of(400, 100, 1), ((400 / 500 - 0.5) * 0.01) ** 2 / 3, rtol=1e-12)
+    three = np.repeat([0.0, 0.01, 0.02], [30, 40, 30])
+    expected = rests.rounding_variance(0.01, np.sqrt(three.var() - 1e-4 / 12))
+    np.testing.assert_allclose(of(30, 40, 30), expected, rtol=1e-12)
+    np.testing.assert_array_equal(rests.rounding_of_mean(np.zeros((9, 3)), 0.0), 0)
+
+
+def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
+    """Rests that read 0.00 throughout: 0.01 / sqrt(12) times the duration, as a whole, of a single turn."""
+    t_ns, gyro, known = step()
+    gyro[195:325, 0] = np.round(np.interp(np.arange(195, 325), [199, 219, 300, 320], [0, 60 * DEG, 60 * DEG, 0]), 2)
+    gyro[200:320, 1] = np.round(0.02 * np.sin(np.arange(120)), 2)
+    found = fitted(t_ns, gyro, [dataclasses.replace(known[0], angle_rad=60.6 * DEG)])
+    (angle,) = found.angles
+    whole = 1e-4 / 12
+    assert angle.shared_rps2 == pytest.approx(whole / 2, rel=1e-9)
+    assert angle.variance["rounding"] == pytest.approx(
+        angle.duration_s**2 * whole * 1.5, rel=1e-9
+    )  # a turn that does not shake hides as much
+    total = angle.gyro_variance + angle.variance["vibration"] + angle.turn.sigma_rad**2 + angle.duration_s**2 * whole / 2
+    assert found.scales[0].sigma == pytest.approx(np.sqrt(total) / angle.stated_rad, rel=1e-3)
+    np.testing.assert_allclose(found.bias.sigma, np.sqrt(whole), rtol=1e-9)
+
+
+def test_rests_that_differ_are_a_bias_that_wanders():
+    t_ns, gyro, known = step()
+    gyro[320:] += [0.0, 0.0, 0.004]
+    found = fitted(t_ns, gyro, known)
+    first, second = found.logs[0].rests
+    assert found.noise.drift == pytest.approx([0, 0, 0.004**2 / (second.middle_s - first.middle_s)], rel=1e-9)
+    np.testing.assert_allclose(found.bias.mean, [0, 0, 0.004 * 180 / 380], atol=1e-12)
+    assert found.bias.wander[2] == pytest.approx(0.004 / np.sqrt(2), rel=2e-2)
+    assert found.bias.sigma[2] == pytest.approx(0.004 / 2, rel=2e-2)
+    (angle,) = found.angles
+    z = angle.direction[2] ** 2
+    lead = 1.99 - first.middle_s
+    expected = angles.bridge_variance(found.noise.drift[2], lead, angle.duration_s, second.middle_s - first.middle_s)
+    assert angle.variance["drift"] == pytest.approx(z * expected, rel=1e-9)
+
+
+def test_white_noise_is_not_taken_for_a_bias_that_wanders():
+    drift = [fitted(*step(noise=0.003, seed=seed)).noise.drift for seed in range(30)]
+    chance = 0.003**2 / 200 * 2 / 2.5  # what two rests differ by, over the time between
+    assert np.mean(drift) < 0.9 * chance  # a square with that mean, less the mean: what is above zero is 0.48 of it, more or less 0.13
+
+
+def test_a_rest_that_scatters_beyond_chance_has_its_own_scatter():
+    t_ns, gyro, known = step(noise=0.001)
+    rough = gyro.copy()
+    rough[:200] += np.repeat(0.002 * np.random.default_rng(3).normal(size=(20, 3)), 10, axis=0)
+    logs = [folder.GyroLog(f"log{i}", t_ns, step(noise=0.001, seed=i)[1]) for i in range(8)] + [folder.GyroLog("log9", t_ns, rough)]
+    turns = [dataclasses.replace(known[0], log=log.name) for log in logs]
+    found = tinygc.fit_turns(folder.turn_session(logs, turns))
+    last = found.logs[-1].rests[0]
+    own = last.blocks.var(axis=0, ddof=1) / len(last.blocks)
+    assert found.angles[-1].rests[0][2] == pytest.approx(own @ found.angles[-1].direction ** 2, rel=1e-9)
+    pooled = found.noise.white / (found.logs[0].rests[0].count * 0.01)
+    assert found.angles[0].rests[0][2] == pytest.approx(pooled @ found.angles[0].direction ** 2, rel=1e-9)
+
+
+def test_a_rest_that_hums_is_a_rest_and_one_that_shakes_is_none():
+    t_ns, gyro, known = step(noise=0.0005)
+    hum = np.sin(np.arange(500) * 2.0)
+    quiet, loud = gyro.copy(), gyro.copy()
+    quiet[320:, 1] += 2.5 * DEG * hum[320:]  # 1.8 dps rms, beside a turn at 60 dps
+    loud[320:420, 1] += 6.0 * DEG * hum[320:420]
+    ends = [fitted(t_ns, each, known).logs[0].rests[-1] for each in (quiet, loud)]
+    assert ends[0].start in (320, 330)
+    assert ends[1].start == 420
+    slow = step(rate_dps=10.0, noise=0.0005)[1]  # of a slow turn less hum is a rest
+    slow[320:420, 1] += 2.5 * DEG * hum[320:420]
+    assert fitted(t_ns, slow, step(rate_dps=10.0)[2]).logs[0].rests[-1].start == 420
+
+
+def test_the_rate_while_it_turns_is_its_usual_one():
+    (angle,) = fitted(*step(noise=0.003)).angles
+    assert angle.rate_rps == pytest.approx(60 * DEG, rel=0.01)
+    found = tinygc.fit_turns(Turned(((2, 360, 80.0),), noise=0.002).session())
+    assert found.angles[0].rate_rps == pytest.approx(80 * DEG, rel=0.01)
+
+
+def test_the_covariance_of_the_model_is_that_of_scales_and_bias():
+    found = tinygc.fit_turns(
+        Turned(((0, 360, 90.0), (0, -360, 90.0), (2, 90, 90.0)), plus=(0.1, 0, -0.1), minus=(0.1, 0, 0), noise=0.01).session()
+    )
+    variance = np.diag(found.model_covariance)
+    E = np.diag(found.model.E)
+    np.testing.assert_allclose(variance[9:], (E * found.bias.sigma) ** 2, rtol=1e-12)
+    x, z = found.axis_scales
+    assert (x.sense, z.sense, x.turns) == (0, 1, 2)
+    gains = found.covariance
+    assert x.sigma**2 == pytest.approx((gains[0, 0] + gains[1, 1] + 2 * gains[0, 1]) / 4, rel=1e-12)
+    assert variance[0] == pytest.approx((x.sigma / (1 + x.value) ** 2) ** 2, rel=1e-12)
+    assert variance[8] == pytest.approx((z.sigma / (1 + z.value) ** 2) ** 2, rel=1e-12)
+    np.testing.assert_allclose(variance[[1, 2, 3, 4, 5, 6, 7]], 0.2**2)
+    assert np.count_nonzero(found.model_covariance) == 12

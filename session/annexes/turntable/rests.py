@@ -15,7 +15,7 @@ import numpy as np
 
 from session.annexes.turntable.clock import SampleTimes
 from session.detect.stills import MEAN_SIGMAS, QUIET_VARIANCE_RATIO, TURNING_RPS, block_size, noise_variance
-from session.io.numeric import runs_of, sigma_of
+from session.io.numeric import runs_of, sigma_of, sigma_of_steps
 
 #: of the rate of turns, the 90th percentile of the blocks' rms: less scatter is quiet, up to TURNING_RPS
 HUM, TURNING_BLOCKS = 0.1, 90
@@ -149,13 +149,13 @@ def _still_spans(gyro: np.ndarray, size: int, lsb: float) -> list[tuple[int, int
     if not quiet.any():
         return []
     both = quiet[1:] & quiet[:-1]
-    spread = sigma_of(np.diff(mean, axis=0)[both]) / np.sqrt(2) if both.any() else np.zeros(3)
-    spread = np.maximum(spread, np.sqrt(noise / size))
+    spread = np.maximum(sigma_of(np.diff(mean, axis=0)[both]) / np.sqrt(2) if both.any() else 0.0, np.sqrt(noise / size))
     lowest = mean[quiet][np.argmin(np.linalg.norm(mean[quiet], axis=1))]
     low = quiet & (np.abs(mean - lowest).max(axis=1) < TURNING_RPS)
     found = []
     for start, stop in zip(*runs_of(low), strict=True):
-        steady = (np.abs(mean[start:stop] - np.median(mean[start:stop], axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
+        own = sigma_of_steps(mean[start:stop]) if stop - start > FEWEST_BLOCKS else spread  # a rest may hum, and another not
+        steady = (np.abs(mean[start:stop] - np.median(mean[start:stop], axis=0)) < MEAN_SIGMAS * np.maximum(own, spread)).all(axis=1)
         found += [(start + a, start + b) for a, b in zip(*runs_of(steady), strict=True) if b - a >= FEWEST_BLOCKS]
     return [(int(a) * size, int(b) * size) for a, b in found]
 

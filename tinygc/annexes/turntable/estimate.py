@@ -8,18 +8,18 @@ the angle: the scale itself does not repeat.  Turns of several angles tell the t
 data rate cannot follow is left in an angle: all of it if readings err independently, little if a motor's steps come evenly.
 
 Play, repeat and share are not known: everything is averaged over a grid of them, each point weighed with its restricted likelihood (s and
-d integrated out, which is what REML maximises) and priors of play and repeat: perhaps none, else half-Cauchy with the known error as
-scale (Gelman 2006).  So sigmas of few turns are wide.
+d integrated out, which is what REML maximises) and with a prior: perhaps none, else alike on a logarithmic scale, Jeffreys' prior of a
+scale, up to ten times the known error.  So sigmas of few turns are as wide as Student's t has them.
 
 A turn is good, or lost: then its angle may be anything from 0 to twice the stated one.  Before the data one turn in a hundred is lost.
-The set of lost turns is the most probable one: turns change sides one at a time, from two beginnings, while that raises the evidence.
-With n good turns of known error a turn is named from some 4.7 sigmas.
+A turn is left out where, given the others, it is ten times as probable to be lost as to be good: turns change sides one at a time, from two
+beginnings, until none has a reason to, and of two ends the more probable one counts.  With known errors that is from some 5.2 sigmas.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc, logsumexp, ndtr
@@ -29,14 +29,20 @@ from tinygc.annexes.turntable.angles import TurnAngle
 
 #: probability that a turn is lost, before the data
 LOST = 0.01
+#: times as probable as that it is good: from then on a turn is left out
+SURE = 10.0
 #: one sigma of a scale factor error before the data: 20 %, as for every linear model here
 SCALE_SIGMA = 0.2
 #: points of the grid of each of play and repeat, beside none; from and to, in units of the known error
 POINTS, LEAST, MOST = 12, 0.1, 200.0
+#: times the known error: a play that is larger is less probable, and a turn that misses by more than the others is rather lost
+KNEE = 10.0
 #: probabilities before the data that there is a play, and a repeat: a table has play more often than a scale changes between two turns
 HAS_PLAY, HAS_REPEAT = 0.8, 0.2
-#: of the vibration: points of the grid, alike before the data
-SHARES = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+#: the same of a share of the vibration, its points, and from which share on
+HAS_SHARE, SHARES, LEAST_SHARE = 0.8, 6, 0.03
+#: of the heaviest size: what weighs less is left out of the next, finer grid; how many grids there are
+NEGLIGIBLE, GRIDS = 1e-4, 3
 #: turns of one log whose common rests are taken into account together
 BLOCK = 40
 #: a point of the grid that weighs less is left out
@@ -98,9 +104,8 @@ def estimate(angles: Sequence[TurnAngle]) -> TurnsEstimate:
     measured = [i for i, angle in enumerate(angles) if angle.problem is None]
     groups = tuple(sorted({(angles[i].axis, angles[i].sense) for i in measured}, key=lambda group: (group[0], -group[1])))
     data = _data([angles[i] for i in measured], groups)
-    grid, prior = _grid(data)
-    good, odds = _sound(data, grid, prior)
-    points, weights, means, covariances = _posterior(data, good, grid, prior)
+    good, odds, grid = _sound(data)
+    points, weights, means, covariances = _posterior(data, good, grid)
     mean = weights @ means
     spread = np.einsum("k,kij->ij", weights, covariances) + np.einsum("k,ki,kj->ij", weights, means - mean, means - mean)
     width = [_half_width(weights, means[:, j], np.sqrt(covariances[:, j, j])) for j in range(len(mean))]
@@ -130,8 +135,8 @@ def estimate(angles: Sequence[TurnAngle]) -> TurnsEstimate:
         of_all(np.where(with_scale, predicted, np.nan)),
         of_all(1 / (1 + np.exp(np.clip(odds, -700, 700)))),
         used,
-        _component(weights, points[:, 0], dof > 0),
-        _component(weights, points[:, 1], dof > 0),
+        _component(weights, points[:, 0], grid.axes[0], dof > 0),
+        _component(weights, points[:, 1], grid.axes[1], dof > 0),
         chi2,
         dof,
         float(chdtrc(dof, chi2)) if dof else float("nan"),
@@ -171,18 +176,65 @@ def _shared_rests(rows: np.ndarray, angles: Sequence[TurnAngle]) -> np.ndarray:
     return matrix
 
 
-def _grid(data: _Data) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 3) of play, rad, repeat, and the share of vibration; and the logarithm of their prior (K,)."""
-    if len(data.r) == 0:
-        return np.zeros((1, 3)), np.zeros(1)
-    size = np.concatenate([[0.0], np.geomspace(LEAST, MOST, POINTS)])
-    slab = np.gradient(size[1:]) / (1 + size[1:] ** 2)
-    spread = np.log(slab / slab.sum())
-    play, repeat = (np.concatenate([[np.log(1 - there)], np.log(there) + spread]) for there in (HAS_PLAY, HAS_REPEAT))
-    sigma = np.sqrt(data.known)
-    axes = (size * np.median(sigma), size * np.median(sigma / data.A), np.array(SHARES))
-    prior = (play[:, None, None] + repeat[:, None] + np.zeros(len(SHARES))).ravel()
-    return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1), prior - logsumexp(prior)
+@dataclass(frozen=True, eq=False)
+class _Size:
+    """The values that play, repeat or share may have: none, with the probability that is left of ``there``, or one of sizes (S,), in
+    units of ``unit``: alike before the data on a logarithmic scale from least, and beyond KNEE falling as the square, up to most."""
+
+    unit: float
+    there: float
+    least: float
+    most: float
+    sizes: np.ndarray
+
+    @property
+    def values(self) -> np.ndarray:
+        """(S + 1,) in SI, 0 first."""
+        return np.concatenate([[0.0], self.sizes * self.unit])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(S + 1,) logarithm of the probability of each, as far as it is not beyond the sizes."""
+        whole = np.log(self.most / self.least) - np.log((1 + (self.most / KNEE) ** 2) / (1 + (self.least / KNEE) ** 2)) / 2  # the integral
+        widths = np.gradient(np.log(self.sizes)) / (1 + (self.sizes / KNEE) ** 2)
+        return np.log(np.concatenate([[1 - self.there], self.there * widths / whole]))
+
+    def finer(self, weights: np.ndarray) -> _Size:
+        """As many sizes where weights (S + 1,) are not negligible, and a size on either side."""
+        heavy = np.flatnonzero(weights[1:] > NEGLIGIBLE * weights[1:].max())
+        low, high = self.sizes[max(heavy[0] - 1, 0)], self.sizes[min(heavy[-1] + 1, len(self.sizes) - 1)]
+        return replace(self, sizes=np.geomspace(low, high, len(self.sizes)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Play, repeat and share of vibration: points (K, 3), SI, and the logarithm of their prior (K,)."""
+
+    axes: tuple[_Size, _Size, _Size]
+    points: np.ndarray
+    prior: np.ndarray
+
+    @classmethod
+    def of(cls, axes: tuple[_Size, _Size, _Size]) -> _Grid:
+        """All combinations."""
+        points = np.stack([axis.ravel() for axis in np.meshgrid(*(axis.values for axis in axes), indexing="ij")], axis=1)
+        play, repeat, share = (axis.prior for axis in axes)
+        return cls(axes, points, (play[:, None, None] + repeat[:, None] + share).ravel())
+
+    @classmethod
+    def whole(cls, data: _Data) -> _Grid:
+        """From a tenth of the known errors to 200 times these."""
+        sigma, sizes = np.sqrt(data.known), np.geomspace(LEAST, MOST, POINTS)
+        play, repeat = (
+            _Size(float(np.median(unit)), there, LEAST, MOST, sizes) for unit, there in ((sigma, HAS_PLAY), (sigma / data.A, HAS_REPEAT))
+        )
+        return cls.of((play, repeat, _Size(1.0, HAS_SHARE, LEAST_SHARE, 1.0, np.geomspace(LEAST_SHARE, 1.0, SHARES))))
+
+    def finer(self, weights: np.ndarray) -> _Grid:
+        """A grid about the points that weights (K,) show."""
+        cube = weights.reshape([len(axis.sizes) + 1 for axis in self.axes])
+        play, repeat, share = (axis.finer(cube.sum(axis=tuple({0, 1, 2} - {k}))) for k, axis in enumerate(self.axes))
+        return _Grid.of((play, repeat, share))
 
 
 def _variance(data: _Data, grid: np.ndarray) -> np.ndarray:
@@ -205,40 +257,43 @@ def _fits(data: _Data, good: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, 
     return variance, -0.5 * (square + np.linalg.slogdet(information)[1]), data.r - beta @ data.J.T, leverage
 
 
-def _sound(data: _Data, grid: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which turns (n,) are good in the most probable set, and the logarithm of each one's odds to be good given the others."""
+def _sound(data: _Data) -> tuple[np.ndarray, np.ndarray, _Grid]:
+    """Which turns (n,) are good, the logarithm of each one's odds to be good given the others, and a grid that is fine where they need
+    it."""
     n = len(data.r)
-    if n == 0:
-        return np.zeros(0, dtype=bool), np.zeros(0)
     lost = np.log(LOST / (1 - LOST)) - np.log(2 * data.A)
+    grid = _Grid.whole(data)
 
     def odds(good: np.ndarray) -> tuple[float, np.ndarray]:
-        variance, value, residual, leverage = _fits(data, good, grid)
+        variance, value, residual, leverage = _fits(data, good, grid.points)
         # Of a good turn the prediction from the others: its own weight is taken out of the fit.
         own = np.where(good, 1 - leverage / variance, 1.0)
         error = np.where(good, variance / own, variance + leverage)
         own_value = -0.5 * (np.log(2 * np.pi * error) + (residual / own) ** 2 / error)
-        weighed = prior + value
+        weighed = grid.prior + value
         total = logsumexp(weighed)
         without = logsumexp(weighed[:, None] - own_value, axis=0)
         beside = logsumexp(weighed[:, None] + own_value, axis=0)
         return float(total + lost[~good].sum()), np.where(good, total - without, beside - total) - lost
 
-    best: tuple[float, np.ndarray, np.ndarray] | None = None
-    for good in (np.ones(n, dtype=bool), _near_the_median(data)):
+    def climbed(good: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         evidence, each = odds(good)
         for _ in range(4 * n):
-            gain = np.where(good, -each, each)
+            gain = np.where(good, -each, each) + np.where(good, -1, 1) * np.log(SURE)
             flip = int(np.argmax(gain))
             if gain[flip] <= 1e-9:
                 break
             good = good.copy()
             good[flip] = not good[flip]
             evidence, each = odds(good)
-        if best is None or evidence > best[0] + 1e-9:
-            best = evidence, good, each
-    assert best is not None
-    return best[1], best[2]
+        return evidence, good, each
+
+    _, good, each = max((climbed(begin) for begin in (np.ones(n, dtype=bool), _near_the_median(data))), key=lambda found: found[0])
+    for _ in range(GRIDS - 1):
+        weighed = grid.prior + _fits(data, good, grid.points)[1]
+        grid = grid.finer(np.exp(weighed - weighed.max()))
+        _, good, each = climbed(good)
+    return good, each, grid
 
 
 def _near_the_median(data: _Data) -> np.ndarray:
@@ -268,7 +323,7 @@ def _normal_equations(data: _Data, good: np.ndarray, grid: np.ndarray) -> tuple[
     return information, pull, square
 
 
-def _posterior(data: _Data, good: np.ndarray, grid: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, ...]:
+def _posterior(data: _Data, good: np.ndarray, grid: _Grid) -> tuple[np.ndarray, ...]:
     """The points that count (K, 3), their weights (K,), and means (K, p) and covariances (K, p, p) of the parameters, in units of their
     priors.
 
@@ -276,14 +331,14 @@ def _posterior(data: _Data, good: np.ndarray, grid: np.ndarray, prior: np.ndarra
     shows, and all the vibration counts.
     """
     if good.sum() <= len(np.unique(data.group[good])):
-        grid, weights = np.array([[0.0, 0.0, 1.0]]), np.ones(1)
+        points, weights = np.array([[0.0, 0.0, 1.0]]), np.ones(1)
     else:
-        weighed = prior + _fits(data, good, grid)[1]
+        weighed = grid.prior + _fits(data, good, grid.points)[1]
         weights = np.exp(weighed - logsumexp(weighed))
-        grid, weights = grid[weights > NO_WEIGHT], weights[weights > NO_WEIGHT]
-    information, pull, _ = _normal_equations(data, good, grid)
+        points, weights = grid.points[weights > NO_WEIGHT], weights[weights > NO_WEIGHT]
+    information, pull, _ = _normal_equations(data, good, points)
     covariances = np.linalg.inv(information)
-    return grid, weights / weights.sum(), np.einsum("kij,kj->ki", covariances, pull), covariances
+    return points, weights / weights.sum(), np.einsum("kij,kj->ki", covariances, pull), covariances
 
 
 def _half_width(weights: np.ndarray, means: np.ndarray, sigmas: np.ndarray) -> float:
@@ -296,13 +351,18 @@ def _half_width(weights: np.ndarray, means: np.ndarray, sigmas: np.ndarray) -> f
     return (low + high) / 2
 
 
-def _component(weights: np.ndarray, sizes: np.ndarray, repeats: bool) -> Component:
-    """Of the weights of points (K,) of the grid."""
+def _component(weights: np.ndarray, values: np.ndarray, axis: _Size, repeats: bool) -> Component:
+    """Of the weights of points (K,) of the grid, with their values (K,) on an axis; each stands for all values that are nearest to it."""
     if not repeats:
         return Component(np.nan, np.nan, np.nan, np.nan, False)
-    at, which = np.unique(sizes, return_inverse=True)
-    below = np.cumsum(np.bincount(which, weights))
-    median, low, high, upper = (float(np.interp(share, below, at)) for share in (0.5, 0.1587, 0.8413, 0.95))
+    at, which = np.unique(values, return_inverse=True)
+    mass, half = np.bincount(which, weights), np.sqrt(axis.sizes[1] / axis.sizes[0])
+    none = float(mass[at == 0].sum())
+    if (at == 0).all():
+        return Component(0.0, 0.0, 0.0, 0.0, True)
+    at, mass = at[at > 0], mass[at > 0]
+    edges, below = np.concatenate([[at[0] / half], at * half]), none + np.concatenate([[0.0], np.cumsum(mass)])
+    median, low, high, upper = (float(np.interp(share, below, edges)) if share > none else 0.0 for share in (0.5, 0.1587, 0.8413, 0.95))
     return Component(median, low, high, upper, True)
 
 

@@ -14,7 +14,7 @@ from session.io.texts import degrees, probability, significant
 from session.io.units import DEG
 from tinygc import models
 from tinygc.annexes.turntable.angles import TERMS, TurnAngle
-from tinygc.annexes.turntable.estimate import Component
+from tinygc.annexes.turntable.estimate import SURE, Component
 from tinygc.annexes.turntable.result import AxisScale, TurnsResult
 from tinygc.models.linear import NAMES
 from tinygc.models.model import sensor_table
@@ -71,15 +71,16 @@ def repeats(fit: TurnsResult) -> list[Repeats]:
 
 
 def lost_words(fit: TurnsResult, number: int) -> str:
-    """What is known of a turn that was left out: its miss, its probability, and what could be the cause."""
+    """What is known of a turn that is lost, or may be: its miss, its probability, and what could be the cause."""
     angle, estimate = fit.angles[number], fit.estimate
-    miss, sigma = float(estimate.residual_rad[number]), float(estimate.predicted_rad[number])
+    miss, sigma, lost = (float(values[number]) for values in (estimate.residual_rad, estimate.predicted_rad, estimate.lost))
     name = f"{angle.turn.name} ({angle.turn.says})"
+    sure = "above 0.9999" if lost > 0.9999 else significant(lost, 2)
     if not np.isfinite(miss):
         return f"{name}: reads {degrees(angle.measured_rad)}, and no turn of its axis and sense is good"
-    lost = float(estimate.lost[number])
-    sure = "above 0.9999" if lost > 0.9999 else significant(lost, 2)
     text = f"{name}: misses by {significant(miss / DEG)} ± {significant(sigma / DEG, 2)}°, lost with probability {sure}: "
+    if estimate.used[number]:
+        return f"{text}used, since that is not {SURE:g} times as probable as that it is good"
     if miss > 0:
         return f"{text}it turned by more than is stated; is the stated angle right?"
     seconds = -miss / angle.rate_rps
@@ -93,7 +94,8 @@ def lost_words(fit: TurnsResult, number: int) -> str:
 def remarks(fit: TurnsResult) -> list[str]:
     """What is not claimed, and why; turns that were left out; what was done to the stamps."""
     estimate = fit.estimate
-    lines = [lost_words(fit, i) for i, angle in enumerate(fit.angles) if angle.problem is None and not estimate.used[i]]
+    named = [not used or lost > 0.5 for used, lost in zip(estimate.used, estimate.lost, strict=True)]
+    lines = [lost_words(fit, i) for i, angle in enumerate(fit.angles) if angle.problem is None and named[i]]
     lines += [f"{angle.turn.name} ({angle.turn.says}): not used: {angle.problem}" for angle in fit.angles if angle.problem]
     turned = {axis: [sense for other, sense in estimate.groups if other == axis] for axis in range(3)}
     if still := [name for axis, name in enumerate("xyz") if not turned[axis]]:

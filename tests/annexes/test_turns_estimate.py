@@ -197,3 +197,13 @@ def test_a_thousand_turns_take_no_time():
     found = tinygc.fit_turns(turned.session())
     assert found.estimate.used.all()
     assert found.scales[0].turns == 200
+
+
+def test_lost_turns_that_agree_with_each_other_are_found():
+    """From all turns as good, a play as large as the miss explains them; from those near the median of each axis, nothing has to."""
+    good = [turn(360.0 * 1.1 + x, axis=0, log=f"log{i}") for i, x in enumerate((0.1, -0.2, 0.3, 0.0, -0.1))]
+    good += [turn(360.0 * 0.9 + x, axis=2, log=f"log{i + 5}") for i, x in enumerate((0.2, -0.1, 0.0, 0.1, -0.3))]
+    lost = [turn(360.0 * 1.1 - 60 + x, axis=0, log=f"log{i + 10}") for i, x in enumerate((0.1, 0.2, -0.1))]
+    found = estimate.estimate([*good, *lost])
+    assert list(found.used) == [True] * 10 + [False] * 3
+    assert found.scale == pytest.approx([0.1, -0.1], abs=0.003)

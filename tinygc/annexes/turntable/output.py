@@ -10,7 +10,7 @@ import numpy as np
 from session import VERSION
 from session.io.files import result_folder
 from session.io.results import write_whole
-from session.io.texts import degrees, probability, significant
+from session.io.texts import degrees, printable, probability, significant
 from session.io.units import DEG
 from tinygc import models
 from tinygc.annexes.turntable.angles import TERMS, TurnAngle
@@ -107,7 +107,7 @@ def remarks(fit: TurnsResult) -> list[str]:
         lines.append(rate.doubt)
     if bursts := sum(log.times.bursts for log in fit.logs):
         lines.append(f"stamps of {bursts} log{'s' * (bursts != 1)} came in bursts: samples were spaced evenly between gaps")
-    return lines
+    return [printable(line) for line in lines]  # a log may have any name
 
 
 def turns_report(fit: TurnsResult) -> Group:

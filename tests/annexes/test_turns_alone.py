@@ -219,6 +219,14 @@ def test_a_slow_turn_at_constant_rate_is_no_rest():
     assert found.scales[0].turns == 2
 
 
+def test_a_zero_larger_than_the_rate_of_slow_turns_is_still_the_zero():
+    """Of turns at 5 dps against a zero of 5.2 dps the turn reads less than the rest."""
+    plan = ((1, -30, 5.0), (0, 90, 90.0), (1, -30, 5.0), (1, -30, 5.0))
+    found = tinygc.fit_turns(Turned(plan, noise=0.001, bias=(0.01, 0.09, -0.03), rest_s=2.0).session())
+    assert found.estimate.used.all()
+    np.testing.assert_allclose(found.bias.mean, (0.01, 0.09, -0.03), rtol=0, atol=5e-4)
+
+
 def test_a_turn_that_the_log_begins_or_ends_in_is_named():
     turned = Turned(PLAN[:4], noise=0.002)
     t_ns, gyro = turned.arrays()

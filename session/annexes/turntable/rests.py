@@ -1,9 +1,9 @@
 """Rests and turns of a log by its gyroscope alone.
 
 A block of readings is quiet where its scatter is that of this recording's quietest blocks, or far below the rate of its turns: a table's
-motor also hums at rest.  A turn at constant rate is quiet as well: the rests are the quiet stretches at the lowest rate, each as long as
-the block means stay.  A movement between two rests that turned by less than a quarter of the smallest stated angle was a knock, and
-parts no rest.
+motor also hums at rest.  A turn at constant rate is quiet as well: the rests are the quiet stretches at the rate that the log begins and
+ends with, each as long as the block means stay.  A movement between two rests that turned by less than a quarter of the smallest stated
+angle was a knock, and parts no rest.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def find_turns(times: SampleTimes, gyro: np.ndarray, least_rad: float) -> tuple[
 
 
 def _still_spans(gyro: np.ndarray, size: int, lsb: float) -> list[tuple[int, int]]:
-    """Rows of each quiet stretch at the lowest rate."""
+    """Rows of each quiet stretch at the rate of the rests."""
     blocks = gyro[: len(gyro) // size * size].reshape(-1, size, 3)
     if len(blocks) < FEWEST_BLOCKS:
         return []
@@ -150,14 +150,29 @@ def _still_spans(gyro: np.ndarray, size: int, lsb: float) -> list[tuple[int, int
         return []
     both = quiet[1:] & quiet[:-1]
     spread = np.maximum(sigma_of(np.diff(mean, axis=0)[both]) / np.sqrt(2) if both.any() else 0.0, np.sqrt(noise / size))
-    lowest = mean[quiet][np.argmin(np.linalg.norm(mean[quiet], axis=1))]
-    low = quiet & (np.abs(mean - lowest).max(axis=1) < TURNING_RPS)
+    low = quiet & (np.abs(mean - _rate_at_rest(mean, quiet)).max(axis=1) < TURNING_RPS)
     found = []
     for start, stop in zip(*runs_of(low), strict=True):
         own = sigma_of_steps(mean[start:stop]) if stop - start > FEWEST_BLOCKS else spread  # a rest may hum, and another not
         steady = (np.abs(mean[start:stop] - np.median(mean[start:stop], axis=0)) < MEAN_SIGMAS * np.maximum(own, spread)).all(axis=1)
         found += [(start + a, start + b) for a, b in zip(*runs_of(steady), strict=True) if b - a >= FEWEST_BLOCKS]
     return [(int(a) * size, int(b) * size) for a, b in found]
+
+
+def _rate_at_rest(mean: np.ndarray, quiet: np.ndarray) -> np.ndarray:
+    """(3,) rad/s that the rests read, of block means (B, 3) of which some are quiet (B,) bool: a turn at constant rate is quiet as well.
+
+    A log should begin and end at rest.  Where its first and last quiet stretch do not read alike, most stretches decide: rests are alike,
+    turns go both ways and about several axes.  A zero may be larger than the rate of a slow turn.
+    """
+    runs = [run for run in zip(*runs_of(quiet), strict=True) if run[1] - run[0] >= FEWEST_BLOCKS] or list(zip(*runs_of(quiet), strict=True))
+    rates = np.array([np.median(mean[start:stop], axis=0) for start, stop in runs])
+    alike = (np.abs(rates[:, None] - rates).max(axis=2) < TURNING_RPS).sum(axis=1)
+    lowest = int(np.argmin(np.linalg.norm(rates, axis=1)))
+    first, last = rates[0], rates[-1]
+    if len(rates) > 1 and np.abs(first - last).max() < TURNING_RPS:
+        return np.asarray(first if runs[0][1] - runs[0][0] >= runs[-1][1] - runs[-1][0] else last)  # a hand may have been at the other
+    return np.asarray(max((rates[lowest], first, last), key=lambda rate: int(alike[np.argmin(np.abs(rates - rate).max(axis=1))])))
 
 
 def _rest(times: SampleTimes, gyro: np.ndarray, spans: tuple[tuple[int, int], ...], size: int, lsb: float) -> Rest:

@@ -15,6 +15,7 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     accelerometer     Session -> OwnAccelerometer
     fit               Session, FitOptions -> Fit
     fit_temperature   folders -> ThermalFit
+    fit_turns         folder of a gyroscope alone -> TurnFit
     explain           Session -> Why
     report, export    Session or Fit -> Report; Fit -> Exported
     compare, plan     fits -> Compared; Session -> Plan
@@ -34,7 +35,7 @@ Records:
     Why               verdict, effects and findings (FoundEffect), noise, pictures
     Simulated         a session with its truth
     Calibration       a model in use: omega = model(raw)
-    ArraySession, ThermalFit   of the annexes arrays and temperature
+    ArraySession, ThermalFit, TurnFit   of the annexes arrays, temperature and turntable
     CalibrationError  whatever is wrong with data or arguments, in one line; FormatError, DataError and FitError are kinds of it
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
@@ -88,6 +89,7 @@ if TYPE_CHECKING:
     from tinygc.library.fits import Fit as Fit
     from tinygc.library.fits import fit as fit
     from tinygc.library.fits import fit_temperature as fit_temperature
+    from tinygc.library.fits import fit_turns as fit_turns
     from tinygc.library.known import list_sessions as list_sessions
     from tinygc.library.known import sensors as sensors
     from tinygc.library.logs import Imported as Imported
@@ -129,7 +131,7 @@ _HOMES = {
     "tinygc.library.biases": ("Rebias", "rebias"),
     "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
-    "tinygc.library.fits": ("Fit", "fit", "fit_temperature"),
+    "tinygc.library.fits": ("Fit", "fit", "fit_temperature", "fit_turns"),
     "tinygc.library.known": ("list_sessions", "sensors"),
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
     "tinygc.library.many": ("Array", "array", "fleet", "lot"),
@@ -139,7 +141,11 @@ _HOMES = {
     "tinygc.simulation.options": ("SimulationOptions",),
 }
 #: name -> the service of the annex that has it
-_OF_ANNEXES = {"ArraySession": "recordings of arrays", "ThermalFit": "calibrations over temperature"}
+_OF_ANNEXES = {
+    "ArraySession": "recordings of arrays",
+    "ThermalFit": "calibrations over temperature",
+    "TurnFit": "known turns of a gyroscope alone",
+}
 
 # There is no ``__all__``: ``help(tinygc)`` would print every class in full.  The docstring above lists the names, as ``dir`` does.
 

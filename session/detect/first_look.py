@@ -49,7 +49,7 @@ from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.io.config import Config, read_config
+from session.io.config import TURNS, Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
@@ -242,6 +242,8 @@ def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session 
 
     try:
         config = read_config(folder / "session.toml")
+        if config.protocol.reference == TURNS:
+            return None, [finding(folder.name, error)]
         paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
     except CalibrationError:
         return None, [finding(folder.name, error)]

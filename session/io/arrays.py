@@ -76,12 +76,13 @@ def logs_of_arrays(
     for number, (name, arrays) in enumerate(zip(names, given, strict=True)):
         if not isinstance(arrays, tuple | list) or len(arrays) not in (3, 4):
             raise DataError(f"each of {argument} is {LOG_ARRAYS}; {argument}[{number}] is not")
-        samples = _samples(f"{argument}[{number}]: " if argument else "", arrays, full_scale_dps, si)
+        samples = samples_of_arrays(f"{argument}[{number}]: " if argument else "", arrays, full_scale_dps, si)
         logs.append(Log(Path(name), samples, raw=False, in_memory=True))
     return tuple(logs)
 
 
-def _samples(where: str, arrays: Sequence[ArrayLike | None], full_scale_dps: float | None, si: tuple[float, float]) -> Samples:
+def samples_of_arrays(where: str, arrays: Sequence[ArrayLike | None], full_scale_dps: float | None, si: tuple[float, float]) -> Samples:
+    """Samples of ``LOG_ARRAYS``; where: before each array's name in a complaint.  Raises what ``logs_of_arrays`` does."""
     t_s, gyro_rps, accel_mps2, temp_c = (*arrays, None)[:4]
     time = _array(f"{where}t_s", t_s, (None,))
     count = len(time)

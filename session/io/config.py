@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -156,7 +157,9 @@ class TruthAlignment:
 SCHEMA = "tinygc-session/1"
 #: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
 GRAVITY_OVER_EARTH_MPS2 = 0.02
-REFERENCES = ("gravity", "table", "truth")
+#: reference of a gyroscope alone: turns whose angle is known (``session.annexes.turntable``)
+TURNS = "turns"
+REFERENCES = ("gravity", "table", "truth", TURNS)
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
@@ -173,7 +176,7 @@ class Sensor:
     serial: str
     odr_hz: float  #: nominal; the stamps say the true one
     gyro_fs_dps: float
-    accel_fs_g: float
+    accel_fs_g: float  #: NaN of a gyroscope alone
     gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
     gyro_bias_repeatability_dps: float | None = None  #: one sigma of the bias between switch-ons and days; None: not known
     gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
@@ -476,7 +479,10 @@ def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
 
 def config_of(path: Path, table: dict) -> Config:
     """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
-    require({"sensor": {}} | table, SHAPE, str(path), DO)
+    checked: dict[str, Any] = {"sensor": {}} | table
+    if _of_turns(table) and isinstance(checked["sensor"], dict):  # a gyroscope alone has no full scale of an accelerometer
+        checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
+    require(checked, SHAPE, str(path), DO)
     calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
     if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(table.get("accelerometer", {})))):
         raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
@@ -487,7 +493,7 @@ def config_of(path: Path, table: dict) -> Config:
         left, _, right = np.linalg.svd(truth["mounting"])
         truth["mounting"] = left @ right
     return Config(
-        Sensor(**{"model": DEFAULT, "serial": ""} | _values(table, "sensor")),
+        Sensor(**dict[str, Any](model=DEFAULT, serial="", accel_fs_g=math.nan) | _values(table, "sensor")),
         Accelerometer(**_values(table, "accelerometer"), source="given" if calibrated else "none"),
         Site(**_values(table, "site")),
         Protocol(**_values(table, "protocol")),
@@ -498,6 +504,19 @@ def config_of(path: Path, table: dict) -> Config:
         excluded_turns(table),
         BoardGiven(**_values(table, "board")),
     )
+
+
+def _of_turns(table: dict) -> bool:
+    protocol = table.get("protocol")
+    return isinstance(protocol, dict) and protocol.get("reference") == TURNS
+
+
+def is_gyroscope_alone(folder: Path) -> bool:
+    """Whether the reference of a folder's session.toml is turns of known angle alone; what cannot be read is none."""
+    try:
+        return _of_turns(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else False
+    except (FormatError, OSError):  # who reads the folder says it
+        return False
 
 
 def _values(table: dict, section: str) -> dict[str, Any]:

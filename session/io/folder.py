@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from session.io.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
 from session.io.config import (
+    TURNS,
     Accelerometer,
     Config,
     LeftOut,
@@ -278,6 +279,11 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
     refuse_array(folder)
     config = read_config(folder / "session.toml")
+    if config.protocol.reference == TURNS:
+        raise FormatError(
+            f'{folder}: protocol.reference is "{TURNS}": a gyroscope alone, whose turns are known; '
+            f"`{command_line('fit', folder)}` takes it (tinygc.fit_turns in Python), and `apply` its model"
+        )
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
     rests = log_paths(folder, "rest")
     if not paths and rests:
@@ -311,12 +317,16 @@ def read_logs(
     closures: Sequence[Path],
     rests: Sequence[Path],
     progress: Callable[[str], None] = lambda what: None,
+    gyro_alone: bool = False,
 ) -> Session:
-    """A session of these logs, closure runs and rest logs, without the tables of its folder.  Raises FormatError or DataError."""
+    """A session of these logs, closure runs and rest logs, without the tables of its folder; gyro_alone: as in ``read_log``.
+
+    Raises FormatError or DataError.
+    """
 
     def read(path: Path) -> Log:
         progress(path.name)
-        return read_log(path, config.sensor)
+        return read_log(path, config.sensor, gyro_alone)
 
     logs, runs = tuple(map(read, paths)), tuple(map(read, closures))
     config, logs, runs = _calibrated_once(config, logs, runs)

@@ -104,18 +104,18 @@ def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
     return frozenset(comments[CALIBRATED].split(",")) if CALIBRATED in comments else None
 
 
-def read_log(path: Path, sensor: Sensor) -> Log:
-    """Read one log file.
+def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
+    """Read one log file; gyro_alone: its accelerometer, which it may lack, is not read, and the specific force is NaN.
 
     Raises FormatError (what cannot be read: line and column are named) or DataError (a single sample).
     A last line that was cut off is left out and noted.  A log of another program is refused: ``replay`` makes it one of ours.
     """
-    reader = Reader(path, None, sensor.wanted)
+    reader = Reader(path, None, sensor.wanted, gyro_alone=gyro_alone)
     layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
     for rows in reader.pieces(as_written=True):
         assert rows.t_ns is not None  # a standard log without stamps was refused
         stamps.add(rows.t_ns)
-        for packer, values in zip(packers, (rows.gyro, rows.accel, rows.temp), strict=True):
+        for packer, values in zip(packers, (rows.gyro, None if gyro_alone else rows.accel, rows.temp), strict=True):
             if values is not None:
                 packer.add(values)
     if not len(written := stamps.rows()):
@@ -123,9 +123,11 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     t_ns = reader.unrolled(written)
     del written
     try:
-        factors = layout.gyro_si(units), layout.accel_si(units)
+        factors = layout.gyro_si(units), 1.0 if gyro_alone else layout.accel_si(units)
     except FormatError as error:
         raise FormatError(f"{path.name} holds registers: {error}") from None
+    if gyro_alone:
+        packers[1].add(np.full((len(t_ns), 3), np.nan))
     gyro, accel = (cast(np.ndarray, PackedReadings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
     notes = list(reader.notes)

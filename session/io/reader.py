@@ -44,10 +44,17 @@ class Piece:
 class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
-    def __init__(self, path: Path, answers: Answers | None, wanted: Wanted | None = None, picking: str | None = None):
+    def __init__(
+        self,
+        path: Path,
+        answers: Answers | None,
+        wanted: Wanted | None = None,
+        picking: str | None = None,
+        gyro_alone: bool = False,
+    ):
         """answers: options for a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
         wanted: its rows that are meant, where that is not among the answers.  picking: a column whose values tell several sensors apart,
-        of which ``values_of`` gives them.
+        of which ``values_of`` gives them.  gyro_alone: whether a standard log may lack an accelerometer.
 
         Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
         """
@@ -66,7 +73,7 @@ class Reader:
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self._text_form = None if answers is None or wanted else form_of(head, answers.packed, path.name)
         if answers is None:
-            self.layout: Layout = standard_layout(head, path.name)
+            self.layout: Layout = standard_layout(head, path.name, gyro_alone)
         elif self._text_form is None:
             self.layout = recognise(head, path.name, answers)
         else:

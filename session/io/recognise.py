@@ -308,7 +308,7 @@ def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
 
 def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
     stamped = any(name in STAMP_NS for name in names)
-    own = parse_header(",".join(names if stamped else (NO_STAMPS, *names)), where)
+    own = parse_header(",".join(names if stamped else (NO_STAMPS, *names)), where, gyro_alone=True)
     columns: dict[str, Column] = {"t": (own.time_column, own.name(own.time_column).removeprefix("t_"), 1)} if stamped else {}
     for kind, places, unit in own.kinds:
         keys = ("temp",) if kind == "temp" else tuple(f"{kind[0]}{axis}" for axis in "xyz")

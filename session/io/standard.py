@@ -24,12 +24,15 @@ MOST_NAMES = 200
 SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
-def standard_layout(lines: list[str], name: str) -> Layout:
-    """The layout of a file whose first line that is neither blank nor a comment is a standard header.  FormatError where it is not."""
+def standard_layout(lines: list[str], name: str, gyro_alone: bool = False) -> Layout:
+    """The layout of a file whose first line that is neither blank nor a comment is a standard header.  FormatError where it is not.
+
+    gyro_alone: whether it may lack an accelerometer.
+    """
     number, line = next(
         ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
     )
-    return parse_header(line, f"{name} line {number + 1}", first=number + 1)
+    return parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone)
 
 
 #: columns that say of all rows what a comment may say as well: {name: (key, what it adds)}; each row holds 1, so that other programs read
@@ -51,24 +54,25 @@ def flags_of(said: Mapping[str, str]) -> list[str]:
     return [name for name, (key, word) in FLAGS.items() if word in said.get(key, "").split(",")]
 
 
-def parse_header(line: str, where: str, first: int = 1) -> Layout:
-    """Read the header line, behind which the rows begin as line ``first`` from 0.
+def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False) -> Layout:
+    """Read the header line, behind which the rows begin as line ``first`` from 0; gyro_alone: it may lack an accelerometer.
 
     FormatError (with ``where``) says which column is missing, doubled or in an unknown unit.
     """
     names = tuple(name.strip() for name in line.rstrip(",\r\n").split(","))
     expected = "expected t_us,gx,gy,gz,ax,ay,az,temp or units in the names (t_s, gx_dps, gx_rps, ax_g, ax_mps2, temp_c)"
+    fewest = 4 if gyro_alone else 7
     for separator, called in SEPARATORS.items():
-        if len(names) < 7 and line.count(separator) >= 6:
+        if len(names) < fewest and line.count(separator) >= fewest - 1:
             raise FormatError(f"{where}: separated by {called}; expected commas")
-    if len(names) < 7 or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
+    if len(names) < fewest or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
         raise FormatError(f"{where}: no header line but {line.strip()[:60]!r}; {expected}")
     _refuse_doubled_names(names, where)
     times = [name for name in names if name in STAMP_NS]
     if len(times) != 1:
         raise FormatError(f"{where}: {_problem('time', names, times)}; {expected}")
     gyro = _named_triad(names, "gyro", where, expected)
-    accel = _named_triad(names, "accel", where, expected)
+    accel = None if gyro_alone and not set(KNOWN["accelerometer"]) & set(names) else _named_triad(names, "accel", where, expected)
     temps = [name for name in names if name in TEMPERATURES]
     if not temps and (other := next((name for name in names if name.lower() in OTHER_TEMPERATURES), None)) is not None:
         raise FormatError(

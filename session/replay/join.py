@@ -10,7 +10,7 @@ import numpy as np
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.reader import Piece
-from session.io.stamps import counted, evenly, fresh
+from session.io.stamps import COARSE, counted, evenly, fresh
 from session.io.streams import MOST_ROWS
 from session.io.units import NS_PER_S, G
 from session.replay.sources import Source
@@ -37,6 +37,18 @@ class Joined:
     temp_layout: Layout | None
     notes: tuple[str, ...]
     counted: bool = False
+
+
+def rates_of(source: Source, odr_hz: float | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Of a gyroscope alone: stamps (N,) ns as they are, rates (N, 3) as written, and notes.  Raises what ``join`` does.
+
+    Stamps of bursts stay: who integrates them evens them between their gaps.
+    """
+    notes: list[str] = []
+    piece = _whole(source, odr_hz, notes, bursts=True)
+    if piece.gyro is None or piece.t_ns is None:
+        raise FormatError(f"{source.path.name}: no gyroscope in it; give the logs of one")
+    return piece.t_ns, piece.gyro, notes
 
 
 def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
@@ -74,7 +86,8 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     )
 
 
-def _whole(source: Source, odr_hz: float | None, notes: list[str]) -> Piece:
+def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool = False) -> Piece:
+    """All rows of a source; bursts: whether stamps that come in bursts stay as they are."""
     pieces, rows = [], 0
     name = source.path.name
     for piece in source.pieces(as_written=True):
@@ -101,6 +114,8 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str]) -> Piece:
     stamps = source.unrolled(t_ns[:again])
     if source.wraps:
         notes.append(f"{name}: the time counter came round {source.wraps}x: unrolled")
+    if bursts and np.count_nonzero(np.diff(stamps) == 0) <= COARSE * len(stamps):
+        return Piece(stamps, *columns[1:])
     stamps, note = evenly(stamps, odr_hz, name)
     if note:
         notes.append(f"{name}: {note}")

@@ -22,6 +22,7 @@ FOLDERS = {
     "discovery": ("tinygc/annexes/discovery",),
     "emulated": ("tinygc/annexes/emulated",),
     "challenge": ("tinygc/annexes/challenge",),
+    "turntable": ("session/annexes/turntable", "tinygc/annexes/turntable"),
 }
 #: annex -> commands that need it
 GONE = {
@@ -48,6 +49,7 @@ GONE = {
     "discovery": (["explain", "data/session1", "--discover"],),
     "emulated": (["board", "--firmware", "board.elf"],),
     "challenge": (["challenge", "--cases", "1", "--out", "c"],),
+    "turntable": (["fit", "phone"],),
 }
 #: options that an annex serves
 OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--firmware")
@@ -95,6 +97,9 @@ def without(annexes: tuple[str, ...], folder: Path) -> Path:
     (folder / "rests").mkdir()
     shutil.copy(folder / "data/session1/session.toml", folder / "rests")
     shutil.copy(folder / "data/session1/log0001.csv.gz", folder / "rests/rest0001.csv.gz")
+    phone = (folder / "data/session1/session.toml").read_text().replace('"gravity"', '"turns"')
+    (folder / "phone").mkdir()
+    (folder / "phone/session.toml").write_text(phone)
     for name, table in (
         ("array.json", {"schema": "tinygc-array-model/1"}),
         ("thermal.json", {"schema": "tinygc-model/1", "kind": "thermal"}),

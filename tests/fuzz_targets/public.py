@@ -8,15 +8,17 @@ import lzma
 from pathlib import Path
 
 import numpy as np
+from annex import annex
 from hdf5_and_rda import hdf5_bytes, rda_bytes
 
 from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
 from fuzz_targets.rules import choose, finite, must_hold
-from session.annexes.public import adis16405, broad, imucal, mikov, mimu, repoimu, sundevil, tofupilot, xsens
+from session.annexes.public import adis16405, broad, imucal, mikov, mimu, phones, repoimu, sundevil, tofupilot, xsens
 from session.annexes.public import euroc as euroc_folders
 from session.annexes.public.writing import REST
+from session.annexes.turntable.folder import read_turn_session
 from session.io.config import read_config
-from session.io.errors import DataError
+from session.io.errors import CalibrationError, DataError
 from session.io.folder import read_session
 from session.io.rests import read_rest
 from session.io.units import DEG, G
@@ -28,6 +30,7 @@ BROAD = "data_hdf5/05_undisturbed_slow_rotation_with_breaks_B.hdf5"
 REPOIMU = "TStick/TStick_Test06_Trial1.csv"
 SUNDEVIL = "Rev2_IMU_Data/IMU_Rev2_Data_Short.txt"
 ADIS = "data/adis_16405_imu1.rda"
+PHONE = "IphoneSE3G/Rotation/1/90/IphoneSE3G_ZG_1_90_1.csv"
 EPOCH_NS = 1_403_715_273_262_142_976
 T_NS = EPOCH_NS + 1000 * (T_US - T_US[0])
 #: set, file that the input is, whether the accelerometer is as the authors give it
@@ -47,6 +50,7 @@ MODES = (
     (repoimu, REPOIMU, True),
     (sundevil, SUNDEVIL, True),
     (adis16405, ADIS, True),
+    (phones, PHONE, True),
 )
 TOKENS = [
     *["e+00", "nan", "inf", "1e308", "-0", "1e-320", "9223372036854775807", "9223372036854775808", "1_0", "１", "\x1c", "\x85", "\u2028"],
@@ -75,6 +79,7 @@ def _good() -> dict[str, bytes]:
         BROAD: hdf5_bytes({"imu_gyr": RATES, "imu_acc": FORCES, "opt_quat": q}, {"sampling_rate": 285.714286}, chunk=3),
         REPOIMU: ("\n".join(repoimu.HEAD) + "\n" + lines(seconds, q, FORCES, RATES, FORCES, separator=";")).encode(),
         SUNDEVIL: lines(seconds, FORCES, RATES_DPS, np.zeros((COUNT, 5)), np.full(COUNT, 30.5), separator="\t").encode(),
+        PHONE: ("time,wx,wy,wz\n" + lines(seconds, RATES, form="{:.3f}")).encode(),
         ADIS: lzma.compress(rda_bytes(np.column_stack([RATES_DPS, FORCES_G]))),
     }
 
@@ -115,6 +120,11 @@ def run(data: bytes, folder: Path) -> None:
         with must_hold(made.name), contextlib.suppress(DataError):  # of a single sample, or of a rest of a few
             if module in (tofupilot, adis16405):
                 read_rest(made / REST, read_config(made / "session.toml").sensor)
+                continue
+            if module is phones:
+                finite(read_turn_session(made).logs[0].samples.gyro)
+                with contextlib.suppress(CalibrationError):  # such a log need not hold a turn
+                    annex("tinygc.annexes.turntable.library").fit_turns(made)
                 continue
             (log,) = read_session(made).logs
             finite(log.samples.gyro, log.samples.accel)

@@ -66,7 +66,7 @@ def model_of(path: Path) -> Path:
     from tinygc.estimation.results import read_fit  # heavy, and a model file needs nothing of it
 
     fit = path / "fit"
-    for only in (fit / "model_array.json", fit / "model_thermal.json"):
+    for only in (fit / name for name in ("model_array.json", "model_thermal.json", "model_turns.json")):
         if only.is_file() and not (fit / "fit.json").is_file():
             return only
     if not (fit / "fit.json").is_file():

@@ -272,3 +272,35 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     """
     annex = need("calibrations over temperature")
     return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
+
+
+@public()
+def fit_turns(session: Session | Path | str, *, progress: Progress | None = None) -> Any:
+    """Fit a gyroscope alone, without an accelerometer, to turns of known angle.
+
+    Parameters
+    ----------
+    session : Session, str or Path
+        A session with ``reference = "turns"``, or its folder, which holds ``turns.csv``.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+
+    Returns
+    -------
+    TurnFit
+        ``scales`` of each axis and sense that was turned, ``asymmetry``, ``bias``, ``model``, ``angles`` of the turns, ``estimate`` with
+        the table's play and the turns that are lost; ``summary()``, ``to_json()``, ``save()``.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted, and if the annex was removed; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> turned = tinygc.fit_turns("phone")  # doctest: +SKIP
+    >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
+
+    """
+    return need("known turns of a gyroscope alone").fit_turns(session_or_folder(session), progress=progress or nothing)

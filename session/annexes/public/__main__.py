@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from session.annexes.public import adis16405, broad, euroc, imucal, mikov, mimu, repoimu, sundevil, tofupilot, xsens
+from session.annexes.public import adis16405, broad, euroc, imucal, mikov, mimu, phones, repoimu, sundevil, tofupilot, xsens
 from session.io.errors import CalibrationError
 from session.io.texts import printable
 
@@ -23,6 +23,7 @@ SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
     "repoimu": repoimu.write,
     "sundevil": sundevil.write,
     "adis16405": adis16405.write,
+    "phones": phones.write,
 }
 #: of sets whose units were fixed to one body: the same as arrays
 ARRAYS: dict[str, Callable[[Path, Path], Iterable[Path]]] = {"mikov": mikov.write_array, "mimu": mimu.write_array}

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from session.io.annexes import need
+from session.io.config import is_gyroscope_alone
 from session.io.errors import CalibrationError
 from session.io.names import is_array
 from tinygc.cli.arguments import folder_written, path_read, positive, three
@@ -55,7 +56,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace) -> Done:
-    """Fit one session, one array, or one folder of rest logs."""
+    """Fit one session, one array, one folder of rest logs, or one of a gyroscope alone."""
+    if is_gyroscope_alone(args.folder):
+        return need("a gyroscope alone").fit(args)
     if is_array(args.folder):
         return need("commands on arrays").fit(args)
     if _has_only_rests(args.folder):

@@ -1,0 +1,1 @@
+"""Recordings of a gyroscope alone, whose turns are known beforehand: their folders, their clock, their rests."""

@@ -1,0 +1,185 @@
+"""Session folders of a gyroscope alone: ``reference = "turns"``, logs that need no accelerometer, and ``turns.csv``.
+
+Other programs' recordings become such a folder through ``write_turn_session``.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.io.arrays import USUAL_DPS, samples_of_arrays
+from session.io.config import TURNS, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.io.errors import CalibrationError, DataError, FormatError
+from session.io.files import require_file, result_folder
+from session.io.folder import Session, read_logs
+from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, Log, read_known_turns
+from session.io.names import log_paths
+from session.io.texts import printable
+from session.io.toml import Note, line, setting
+from session.io.units import DEG, NS, NS_PER_S
+
+HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
+
+
+def read_turn_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
+    """Read a folder whose reference is turns of known angle; the specific force of its samples is NaN.
+
+    Closure runs, rest logs and dial readings beside the logs are not read.  Raises FormatError or DataError, which name file and line.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FormatError(f"{folder}: {'that is a file' if folder.exists() else 'not found'}; expected session.toml, log*.csv and {NAME}")
+    config = read_config(folder / "session.toml")
+    if config.protocol.reference != TURNS:
+        raise FormatError(f'{folder}: protocol.reference is "{config.protocol.reference}", expected "{TURNS}" of a gyroscope alone')
+    if not (paths := log_paths(folder, "log")):
+        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")
+    if not (folder / NAME).exists():
+        raise FormatError(f"{folder / NAME}: not found; a gyroscope alone is calibrated by the angles that it states: {','.join(COLUMNS)}")
+    for path in (*paths, folder / NAME):
+        require_file(path)
+    turns = read_known_turns(folder / NAME, [path.name for path in paths])
+    for turn in turns:
+        sensor_axis(turn)
+    return replace(read_logs(folder, config, paths, (), (), progress, gyro_alone=True), turns=turns)
+
+
+def sensor_axis(turn: KnownTurn) -> tuple[int, int]:
+    """The sensor's axis that a stated turn is about, 0, 1 or 2, and its sense, 1 or -1, by the right-hand rule.
+
+    Raises FormatError for an oblique axis: its turn shows no axis' own scale.
+    """
+    axis = int(np.argmax(np.abs(turn.axis)))
+    if abs(turn.axis[axis]) < np.cos(10 * DEG):
+        raise FormatError(f"{NAME}: {turn.name} is about {turn.words}; of a gyroscope alone a turn is about x, y or z, within 10 deg")
+    return axis, int(np.sign(turn.axis[axis] * turn.angle_rad))
+
+
+@dataclass(frozen=True, eq=False)
+class GyroLog:
+    """A log to be written: its name, without an ending; t_ns (N,) int64, increasing; gyro_rps (N, 3) rad/s, body axes, as measured."""
+
+    name: str
+    t_ns: np.ndarray
+    gyro_rps: np.ndarray
+
+
+def turn_session(
+    logs: Sequence[GyroLog],
+    turns: Sequence[KnownTurn],
+    *,
+    name: str = "turns",
+    model: str = "unknown",
+    serial: str = "",
+    gyro_fs_dps: float | None = None,
+) -> Session:
+    """A session of logs that were never files; ``turns`` name their logs as they are named here.
+
+    gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given.  Raises DataError for what no file may hold.
+    """
+    _refuse(logs)
+    held = []
+    for log in logs:
+        samples = samples_of_arrays(f"{log.name}: ", (log.t_ns * NS, log.gyro_rps, np.zeros((len(log.t_ns), 3))), None, (1.0, 1.0))
+        samples = replace(samples, t_ns=np.asarray(log.t_ns, dtype=np.int64), accel=np.full((len(log.t_ns), 3), np.nan))
+        held.append(Log(Path(log.name), samples, raw=False, in_memory=True))
+    for turn in turns:
+        sensor_axis(turn)
+        if turn.log is not None and turn.log not in [log.name for log in logs]:
+            raise DataError(f"{turn.name}: no such log; expected {', '.join(log.name for log in logs[:6])}")
+    if not turns:
+        raise DataError(f"{name}: no turn of known angle; a gyroscope alone is calibrated by them")
+    sensor = Sensor(model, serial, _rate_hz(logs), gyro_fs_dps or _full_scale(logs), math.nan)
+    return Session(
+        Path(name), Config(sensor, Accelerometer(source="none"), Site(), Protocol(reference=TURNS)), tuple(held), (), turns=tuple(turns)
+    )
+
+
+def write_turn_session(
+    out: Path,
+    logs: Sequence[GyroLog],
+    turns: Sequence[KnownTurn],
+    *,
+    model: str = "unknown",
+    serial: str = "",
+    gyro_fs_dps: float | None = None,
+    notes: Mapping[str, Note] | None = None,
+) -> Path:
+    """Write a session folder of a gyroscope alone into a folder that is new or empty, and return it.
+
+    gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given; notes: for ``[notes]``.  ``turns`` name their
+    logs as they are named here.  Raises FormatError or DataError, as reading it again would, and leaves nothing behind then.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: is there, and is no empty folder; choose another one")
+    with result_folder(out), tempfile.TemporaryDirectory(dir=out, prefix=".part-") as part:
+        for name, data in turn_session_files(logs, turns, model=model, serial=serial, gyro_fs_dps=gyro_fs_dps, notes=notes).items():
+            (Path(part) / name).write_bytes(data)
+        try:
+            read_turn_session(Path(part))
+        except CalibrationError as error:
+            raise type(error)(str(error).replace(part, str(out))) from None
+        for path in sorted(Path(part).iterdir()):
+            path.replace(out / path.name)
+    return out
+
+
+def turn_session_files(
+    logs: Sequence[GyroLog],
+    turns: Sequence[KnownTurn],
+    *,
+    model: str = "unknown",
+    serial: str = "",
+    gyro_fs_dps: float | None = None,
+    notes: Mapping[str, Note] | None = None,
+) -> dict[str, bytes]:
+    """Names and contents of the files of such a folder; the same arguments give the same bytes.
+
+    Raises DataError for logs that no folder can hold.
+    """
+    _refuse(logs)
+    names = [f"{log.name}.csv.gz" for log in logs]
+    toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + line("model", model) + line("serial", serial)
+    toml += line("odr_hz", float(f"{_rate_hz(logs):.4g}")) + line("gyro_fs_dps", setting(gyro_fs_dps or _full_scale(logs)))
+    toml += f'\n[protocol]\nreference = "{TURNS}"\n'
+    if notes:
+        toml += "\n[notes]\n" + "".join(line(name, value) for name, value in notes.items())
+    files = {"session.toml": toml.encode()}
+    for name, log in zip(names, logs, strict=True):
+        files[name] = gzip.compress("\n".join([HEADER, *_rows(log), ""]).encode(), compresslevel=6, mtime=0)
+    rows = [f"{t.turn},{t.words},{t.angle_rad / DEG:.10g},{t.sigma_rad / DEG:.10g},{t.log or ''}" for t in turns]
+    files[NAME] = "\n".join([",".join((*COLUMNS, LOG)), *rows, ""]).encode()
+    return files
+
+
+def _refuse(logs: Sequence[GyroLog]) -> None:
+    for log in logs:
+        if not log.name.startswith("log") or printable(log.name) != log.name or Path(log.name).name != log.name:
+            raise DataError(f"log {log.name!r}: expected a name that begins with log, as log0001")
+        if len(log.t_ns) < 2 or log.gyro_rps.shape != (len(log.t_ns), 3):
+            raise DataError(f"{log.name}: {len(log.t_ns)} stamps and rates {log.gyro_rps.shape}, expected (N,) and (N, 3), N above 1")
+        if (back := np.diff(log.t_ns) < 0).any():
+            raise DataError(f"{log.name}: the stamp of row {int(np.argmax(back)) + 1}, counted from 0, goes backward; split the log there")
+    if not logs or len({log.name for log in logs}) != len(logs):
+        raise DataError("no log, or two of one name; expected logs with names of their own")
+
+
+def _rate_hz(logs: Sequence[GyroLog]) -> float:
+    return float(np.median([NS_PER_S * (len(log.t_ns) - 1) / max(int(log.t_ns[-1] - log.t_ns[0]), 1) for log in logs]))
+
+
+def _full_scale(logs: Sequence[GyroLog]) -> float:
+    largest = max(float(np.abs(log.gyro_rps).max()) for log in logs) / DEG
+    return next((float(fs) for fs in USUAL_DPS if fs > largest), float(np.ceil(largest)) + 1)
+
+
+def _rows(log: GyroLog) -> Iterator[str]:
+    for t, row in zip(log.t_ns.tolist(), log.gyro_rps.tolist(), strict=True):
+        yield f"{t},{','.join(map(repr, row))}"

@@ -1,0 +1,148 @@
+"""Two telephones on a stepper's table: the authors' files as folders, and what is known of their gyroscopes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from annex import annex
+from test_public import refused
+
+import tinygc
+from session.annexes.public.__main__ import main
+from session.io.units import DEG
+
+phones = annex("session.annexes.public.phones")
+folder = annex("session.annexes.turntable.folder")
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "wild" / "phones"
+real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the authors' files are not there: {REAL}")
+
+
+def phone_file(folder, text, name="IphoneSE3G_ZG_1_90_1.csv"):
+    phone, _, speed, angle, _ = name.removesuffix(".csv").split("_")
+    path = folder / phone / "Rotation" / speed / angle / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def text_of_a_turn(rate=1.5, again=False, separator=","):
+    """About z, at 50 Hz: 1 s at rest, 1 s of turning, 1 s at rest; again: the last second once more."""
+    rows = [(0.02 * i, rate if 50 <= i < 100 else 0.0) for i in range(150)]
+    rows += [(t + 0.003, w) for t, w in rows[-50:]] if again else []
+    cells = [[f"{t:.3f}", "0.00", "-0.01", f"{w:.2f}"] for t, w in rows]
+    if separator == ";":
+        cells = [[cell.replace(".", ",") for cell in row] for row in cells]
+    names = ["time", "wx", "wy", "wz"] if separator == "," else ["time", "wx (rad/s)", "wy (rad/s)", "wz (rad/s)"]
+    return "\n".join(separator.join(row) for row in [names, *cells])
+
+
+def test_rows_are_read_in_both_of_their_forms_and_the_repeated_second_is_left_out(tmp_path):
+    plain = phones.read_rates(phone_file(tmp_path, text_of_a_turn()))
+    for again, separator in ((True, ","), (False, ";"), (True, ";")):
+        t_ns, gyro, repeated = phones.read_rates(phone_file(tmp_path, text_of_a_turn(again=again, separator=separator)))
+        np.testing.assert_array_equal(t_ns, plain[0])
+        np.testing.assert_array_equal(gyro, plain[1])
+        assert repeated == (50 if again else 0)
+    assert plain[0][1] - plain[0][0] == 20_000_000
+
+
+def test_a_moment_of_a_clock_and_an_accelerometer_beside_it(tmp_path):
+    rows = [f"2025-01-27T11:03:30.{155 + 10 * i}Z,9,9,9,0.1,{i},0.3" for i in range(4)]
+    t_ns, gyro, _ = phones.read_rates(phone_file(tmp_path, "time,ax,ay,az,wx,wy,wz\n" + "\n".join(rows)))
+    assert list(t_ns - t_ns[0]) == [0, 10_000_000, 20_000_000, 30_000_000]
+    np.testing.assert_array_equal(gyro, [[0.1, i, 0.3] for i in range(4)])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["header is not time,wx,wy,wz"]),
+        ("t,wx,wy,wz\n0,0,0,0", ["header is not time,wx,wy,wz"]),
+        ("time,wx,wy,wz\n0,0,0,0\n1,0,0", ["line 3", "expected 4 numbers"]),
+        ("time,wx,wy,wz\n0,0,0,0\n1,0,0,nan", ["line 3"]),
+        ("time,wx,wy,wz\n0,0,0,0\n1e300,0,0,0", ["line 3"]),
+        ("time,wx,wy,wz\n5,0,0,0\n6,0,0,0\n1,0,0,0", ["line 4", "the time goes back"]),
+        ("time,wx,wy,wz\n0,0,0,0", ["1 rows of numbers"]),
+    ],
+)
+def test_what_is_not_the_authors_is_refused_in_one_line(tmp_path, capsys, text, words):
+    phone_file(tmp_path, text)
+    refused(capsys, ["phones", tmp_path, "--out", tmp_path / "out"], *words)
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_other_names_and_an_empty_folder_are_refused(tmp_path, capsys):
+    refused(capsys, ["phones", tmp_path], "holds no PHONE/Rotation")
+    path = phone_file(tmp_path, text_of_a_turn())
+    path.rename(path.with_name("x.csv"))
+    refused(capsys, ["phones", tmp_path], "expected a name as")
+    refused(capsys, ["phones", tmp_path, "--accelerometer", "stills"], "there is no accelerometer")
+
+
+@pytest.fixture(scope="module")
+def fits(tmp_path_factory):
+    """A fit of each telephone."""
+    out = tmp_path_factory.mktemp("phones")
+    assert main(["phones", str(REAL), "--out", str(out)]) == 0
+    return {name: tinygc.fit_turns(out / name) for name in ("IphoneSE3G", "SamsungS10")}
+
+
+@real
+def test_scales_are_those_of_the_long_turns(fits):
+    """1800 deg at some 530 dps, as anyone may integrate them: -0.2, 0.9, 0.3 %, and 1.07, 0.61, 1.0 %."""
+    for name, expected in (("IphoneSE3G", (-0.24, 0.91, 0.30)), ("SamsungS10", (1.07, 0.61, 0.96))):
+        found = fits[name]
+        assert [(scale.axis, scale.sense) for scale in found.scales] == [(0, 1), (1, 1), (2, 1)]
+        for scale, percent in zip(found.scales, expected, strict=True):
+            assert abs(100 * scale.value - percent) < 3 * 100 * scale.sigma
+            assert scale.sigma < 1e-3
+        assert found.asymmetry == {}
+
+
+@real
+def test_short_and_long_turns_of_the_s10_agree(fits):
+    """Ten turns about z, of 90 to 1800 deg at 10 to 540 dps: what its sigmas state is what is left."""
+    found = fits["SamsungS10"]
+    assert found.estimate.p_value > 0.01
+    assert found.estimate.play.upper < 0.3 * DEG
+    assert found.estimate.used.all()
+    assert all(log.times.bursts for log in found.logs)
+    (gap,) = [angle for angle in found.angles if angle.lost_s]
+    assert (gap.axis, round(gap.stated_rad / DEG)) == (2, 1800)
+    assert gap.lost_s == pytest.approx(0.155, abs=0.02)
+
+
+@real
+def test_the_iphone_repeats_worse_than_the_table_can(fits):
+    """Its 50 to 60 Hz do not follow the motor's steps; the S10's 500 Hz on the same table do."""
+    play = {name: found.estimate.play for name, found in fits.items()}
+    assert play["IphoneSE3G"].low > 0.5 * DEG > play["SamsungS10"].upper
+    assert fits["IphoneSE3G"].estimate.p_value < 1e-6
+    cells = {(cell["axis"], round(cell["stated_deg"])): cell for cell in fits["IphoneSE3G"].to_json()["repeats"]}
+    assert cells["z", 1800]["turns"] == 6
+    assert 1 < cells["z", 1800]["std_deg"] < 2.5
+
+
+@real
+def test_three_turns_that_seemed_to_lack_tens_of_degrees_lack_none(fits):
+    """Integrated over the step back to the repeated second, they read 300, 139 and 64 deg; none has lost a sample, nor the table a step."""
+    found = fits["IphoneSE3G"]
+    assert found.estimate.used.all()
+    doubtful = [angle.log for angle, lost in zip(found.angles, found.estimate.lost, strict=True) if lost > 0.01]
+    assert doubtful in ([], ["log_YG_1_360_1.csv.gz"])  # it reads 370 deg
+    for name, stated, wrong in (("ZG_2_360_1", 360, 300), ("ZG_2_180_2", 180, 139), ("ZG_2_90_1", 90, 64)):
+        (path,) = REAL.rglob(f"IphoneSE3G_{name}.csv")
+        t_s, rate = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 3), unpack=True)
+        assert np.trapezoid(rate, t_s) / DEG == pytest.approx(wrong, abs=2)
+        (angle,) = [angle for angle in found.angles if angle.log == f"log_{name}.csv.gz"]
+        assert angle.measured_rad / DEG == pytest.approx(stated, abs=1.5)
+        assert angle.lost_s == 0
+
+
+@real
+def test_all_turns_are_found_with_a_rest_on_either_side_and_in_the_positive_sense(fits):
+    for found in fits.values():
+        assert all(angle.problem is None and angle.sense == 1 for angle in found.angles)
+        assert all(angle.lean_rad < 4 * DEG for angle in found.angles)
+    assert {name: len(found.angles) for name, found in fits.items()} == {"IphoneSE3G": 60, "SamsungS10": 12}

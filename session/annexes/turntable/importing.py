@@ -26,7 +26,10 @@ def import_turns(paths: Sequence[Path], out: Path, answers: Answers, turns: Path
     An accelerometer beside the gyroscope is left out.  Nothing is left behind where it fails.  Raises FormatError, DataError, and
     QuestionsError for all that the logs do not say.
     """
-    logs, notes, dialects, took = [], [], [], []
+    logs: list[GyroLog] = []
+    notes: list[str] = []
+    dialects: list[str] = []
+    took: list[str] = []
     names: dict[str, str] = {}
     with Sources(paths, answers, columns) as sources:
         answers = with_comments(answers, sources)

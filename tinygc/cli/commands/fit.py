@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from session.io.annexes import need
-from session.io.config import is_gyroscope_alone
 from session.io.errors import CalibrationError
 from session.io.names import is_array
 from tinygc.cli.arguments import folder_written, path_read, positive, three
@@ -57,6 +56,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _fit(args: argparse.Namespace) -> Done:
     """Fit one session, one array, one folder of rest logs, or one of a gyroscope alone."""
+    from session.io.config import is_gyroscope_alone
+
     if is_gyroscope_alone(args.folder):
         return need("a gyroscope alone").fit(args)
     if is_array(args.folder):

@@ -73,11 +73,11 @@ def _binary(name: str, writer: Callable, file: str, options: tuple[str, ...] = (
 
 KINDS = [
     *map(_text, TEXTS),
-    _binary("PX4 ULog", binary.write_ulog, "log.ulg"),
+    _binary("PX4 ULog", binary.write_ulog, "log.ulg", ("--topic", "sensor_combined[0]")),
     _binary("ROS 1 bag", binary.write_ros1, "imu.bag"),
     _binary("ROS 2 bag (sqlite)", binary.write_ros2, "imu_bag"),
     _binary("MCAP", binary.write_mcap, "imu.mcap"),
-    _binary("ArduPilot .BIN", binary.write_ardupilot, "00000042.BIN"),
+    _binary("ArduPilot .BIN", binary.write_ardupilot, "00000042.BIN", ("--topic", "IMU[0]")),
     _binary("Betaflight .bbl", binary.write_blackbox, "LOG00001.BBL"),
     _binary("HDF5", binary.write_hdf5, "imu.h5"),
     _binary("MATLAB 5", binary.write_mat, "imu.mat"),

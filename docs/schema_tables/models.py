@@ -28,7 +28,7 @@ _SENSOR = {
     "serial": TEXT,
     "odr_hz": SIZE,
     "gyro_fs_dps": SIZE,
-    "accel_fs_g": SIZE,
+    "accel_fs_g?": SIZE,
     "gyro_mdps_per_lsb?": SIZE,
     "accel_mg_per_lsb?": SIZE,
     "temp_lsb_per_c?": NUMBER,

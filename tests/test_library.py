@@ -24,8 +24,21 @@ HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0
 
 
 #: functions and classes whose docstrings have an example
-EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns", "fleet"]
-EXAMPLES += ["import_log", "list_sessions", "load", "lot", "plan", "read_log", "rebias", "report", "sensors", "simulate", "to_frame"]
+EXAMPLES = ["FitOptions", "accelerometer", "apply", "array", "check", "compare", "explain", "export", "fit", "fit_temperature", "fit_turns"]
+EXAMPLES += [
+    "fleet",
+    "import_log",
+    "list_sessions",
+    "load",
+    "lot",
+    "plan",
+    "read_log",
+    "rebias",
+    "report",
+    "sensors",
+    "simulate",
+    "to_frame",
+]
 
 
 @pytest.fixture(scope="module")

@@ -27,6 +27,7 @@ from tinygc.estimation.repeatability import BiasRepeatability, repeatability_of
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import (
     StatedNoise,
+    rounding_covariance,
     stated_covariance,
     stated_goodness,
     stated_joint_covariance,
@@ -118,7 +119,7 @@ def fit_session(
     joint = shared = None
     if noise is not None and level.joint is not None:
         joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
-    more = np.zeros_like(covariance) if use is None else use.more
+    more = rounding_covariance(problem, model) + (0.0 if use is None else use.more)
     if (nominal := problem.session.nominal_rate) is not None:
         more = more + nominal.covariance(model.vector)
     covariance = covariance + more

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
+from session.detect.rounding import lsb_of, rounding_of_mean
 from tinygc import closure
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
@@ -325,3 +326,26 @@ def _earth(problem: Problem, noise: StatedNoise) -> np.ndarray:
         return np.zeros_like(noise.white)
     columns = noise.twin.earth_columns().stacked()
     return columns @ unseen_covariance(earth, latitude_deg) @ columns.T
+
+
+# What rounding to a register's steps leaves in the bias, where the noise at rest is below half a step: no noise of the channels.
+
+
+#: stills whose readings show the steps of the register
+SHOW_STEPS = 20
+
+
+def rounding_covariance(problem: Problem, model: LinearModel) -> np.ndarray:
+    """Return the covariance (12, 12) of the linear model's vector from the rounding of readings at rest.
+
+    All stills read nearly the same rate, so the mean of their readings is off by the same, and B by -E times that.  It counts whole, also
+    where B is from the ends of the turns, whose rests are part of every segment.
+    """
+    covariance = np.zeros((PARAMETERS, PARAMETERS))
+    rests = [
+        np.asarray(log.samples.gyro[still.start : still.stop]) for log in problem.logs for still in log.stills if still.problem is None
+    ]
+    if rests and (lsb := lsb_of(np.concatenate(rests))) > 0:
+        variance = np.mean([rounding_of_mean(readings, lsb) for readings in rests], axis=0)
+        covariance[BIAS, BIAS] = (model.E * variance) @ model.E.T
+    return covariance

@@ -33,7 +33,8 @@ from scipy.special import chdtrc
 
 from session.annexes.turntable.clock import SampleTimes, sample_times
 from session.annexes.turntable.folder import sensor_axis
-from session.annexes.turntable.rests import Movement, Rest, find_turns, lsb_of, rounding_variance
+from session.annexes.turntable.rests import Movement, Rest, find_turns
+from session.detect.rounding import lsb_of, rounding_variance
 from session.detect.stills import block_size
 from session.io.folder import Session
 from session.io.logfile import NAME, KnownTurn, Log

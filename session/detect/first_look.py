@@ -49,11 +49,11 @@ from session.detect.dials import without_wrong_dials
 from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.io.config import TURNS, Config, read_config
+from session.io.config import Config, read_config
 from session.io.errors import CalibrationError
 from session.io.folder import Session, read_session
 from session.io.logfile import Log, read_log
-from session.io.names import log_paths
+from session.io.names import TURNS, log_paths
 from session.io.samples import Samples, mapped, times
 from session.io.units import NS
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from session.io.errors import FormatError
+from session.io.names import TURNS, is_of_turns
 from session.io.registers import DEFAULT, RegisterUnits, profile_of
 from session.io.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.io.rows import Wanted
@@ -157,8 +158,6 @@ class TruthAlignment:
 SCHEMA = "tinygc-session/1"
 #: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
 GRAVITY_OVER_EARTH_MPS2 = 0.02
-#: reference of a gyroscope alone: turns whose angle is known (``session.annexes.turntable``)
-TURNS = "turns"
 REFERENCES = ("gravity", "table", "truth", TURNS)
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
@@ -480,7 +479,7 @@ def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
 def config_of(path: Path, table: dict) -> Config:
     """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
     checked: dict[str, Any] = {"sensor": {}} | table
-    if _of_turns(table) and isinstance(checked["sensor"], dict):  # a gyroscope alone has no full scale of an accelerometer
+    if is_of_turns(table) and isinstance(checked["sensor"], dict):  # a gyroscope alone has no full scale of an accelerometer
         checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
     require(checked, SHAPE, str(path), DO)
     calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
@@ -504,19 +503,6 @@ def config_of(path: Path, table: dict) -> Config:
         excluded_turns(table),
         BoardGiven(**_values(table, "board")),
     )
-
-
-def _of_turns(table: dict) -> bool:
-    protocol = table.get("protocol")
-    return isinstance(protocol, dict) and protocol.get("reference") == TURNS
-
-
-def is_gyroscope_alone(folder: Path) -> bool:
-    """Whether the reference of a folder's session.toml is turns of known angle alone; what cannot be read is none."""
-    try:
-        return _of_turns(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else False
-    except (FormatError, OSError):  # who reads the folder says it
-        return False
 
 
 def _values(table: dict, section: str) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from session.io.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
 from session.io.config import (
-    TURNS,
     Accelerometer,
     Config,
     LeftOut,
@@ -36,7 +35,7 @@ from session.io.errors import CalibrationError, DataError, FormatError, StorageE
 from session.io.files import MOST_TOML, naming, open_file, read_text, require_file, result_folder, unreadable
 from session.io.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.io.logfile import NAME as KNOWN_TURNS
-from session.io.names import log_paths, refuse_array
+from session.io.names import TURNS, log_paths, refuse_array
 from session.io.samples import Samples, joined, mapped
 from session.io.texts import command_line, printable, unicode_text
 from session.io.toml import Note, line, parse_toml, value_text

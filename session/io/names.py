@@ -122,3 +122,23 @@ def refuse_array(folder: Path) -> None:
             f"`{command_line('check', folder)}` and `{command_line('fit', folder)}` take it whole; "
             "to read one unit alone, give it a folder of its own"
         )
+
+
+# Whether a folder is of a gyroscope alone, whose turns are known: by the reference in its session.toml.
+
+#: ``protocol.reference`` of a gyroscope alone (``session.annexes.turntable``)
+TURNS = "turns"
+
+
+def is_of_turns(table: dict) -> bool:
+    """Whether the reference of a parsed session.toml is turns of known angle."""
+    protocol = table.get("protocol")
+    return isinstance(protocol, dict) and protocol.get("reference") == TURNS
+
+
+def is_gyroscope_alone(folder: Path) -> bool:
+    """Whether that is the reference of a folder; what cannot be read is none."""
+    try:
+        return is_of_turns(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else False
+    except (FormatError, OSError):  # who reads the folder says it
+        return False

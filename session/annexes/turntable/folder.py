@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from session.io.arrays import USUAL_DPS, samples_of_arrays
-from session.io.config import TURNS, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.io.errors import CalibrationError, DataError, FormatError
 from session.io.files import require_file, result_folder
 from session.io.folder import Session, read_logs
 from session.io.logfile import COLUMNS, LOG, NAME, KnownTurn, Log, read_known_turns
-from session.io.names import log_paths
+from session.io.names import TURNS, log_paths
 from session.io.texts import printable
 from session.io.toml import Note, line, setting
 from session.io.units import DEG, NS, NS_PER_S

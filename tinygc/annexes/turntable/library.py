@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from session.annexes.turntable.folder import read_turn_session
-from session.io.config import TURNS
 from session.io.errors import FitError
 from session.io.folder import Session, input_hashes
+from session.io.names import TURNS
 from tinygc.annexes.turntable.angles import LogOfTurns, RestNoise, measured_turns
 from tinygc.annexes.turntable.estimate import estimate
 from tinygc.annexes.turntable.output import save_turns, to_json, turns_report

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from session.io.annexes import need
 from session.io.errors import CalibrationError
-from session.io.names import is_array
+from session.io.names import is_array, is_gyroscope_alone
 from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options, given

@@ -1,7 +1,5 @@
 """Two telephones on a stepper's table: the authors' files as folders, and what is known of their gyroscopes."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from annex import annex
@@ -14,8 +12,14 @@ from session.io.units import DEG
 phones = annex("session.annexes.public.phones")
 folder = annex("session.annexes.turntable.folder")
 
-REAL = Path(__file__).resolve().parents[3] / "shared" / "wild" / "phones"
-real = pytest.mark.skipif(not REAL.is_dir(), reason=f"the authors' files are not there: {REAL}")
+
+@pytest.fixture(scope="session")
+def authors_files(shared):
+    """The authors' folders; a test that needs them skips where they are missing."""
+    files = shared / "wild" / "phones"
+    if not files.is_dir():
+        pytest.skip(f"{files}: not there")
+    return files
 
 
 def phone_file(folder, text, name="IphoneSE3G_ZG_1_90_1.csv"):
@@ -81,14 +85,13 @@ def test_other_names_and_an_empty_folder_are_refused(tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def fits(tmp_path_factory):
+def fits(tmp_path_factory, authors_files):
     """A fit of each telephone."""
     out = tmp_path_factory.mktemp("phones")
-    assert main(["phones", str(REAL), "--out", str(out)]) == 0
+    assert main(["phones", str(authors_files), "--out", str(out)]) == 0
     return {name: tinygc.fit_turns(out / name) for name in ("IphoneSE3G", "SamsungS10")}
 
 
-@real
 def test_scales_are_those_of_the_long_turns(fits):
     """1800 deg at some 530 dps, as anyone may integrate them: -0.2, 0.9, 0.3 %, and 1.07, 0.61, 1.0 %."""
     for name, expected in (("IphoneSE3G", (-0.24, 0.91, 0.30)), ("SamsungS10", (1.07, 0.61, 0.96))):
@@ -100,7 +103,6 @@ def test_scales_are_those_of_the_long_turns(fits):
         assert found.asymmetry == {}
 
 
-@real
 def test_short_and_long_turns_of_the_s10_agree(fits):
     """Ten turns about z, of 90 to 1800 deg at 10 to 540 dps: what its sigmas state is what is left."""
     found = fits["SamsungS10"]
@@ -113,7 +115,6 @@ def test_short_and_long_turns_of_the_s10_agree(fits):
     assert gap.lost_s == pytest.approx(0.155, abs=0.02)
 
 
-@real
 def test_the_iphone_repeats_worse_than_the_table_can(fits):
     """Its 50 to 60 Hz do not follow the motor's steps; the S10's 500 Hz on the same table do."""
     play = {name: found.estimate.play for name, found in fits.items()}
@@ -124,15 +125,14 @@ def test_the_iphone_repeats_worse_than_the_table_can(fits):
     assert 1 < cells["z", 1800]["std_deg"] < 2.5
 
 
-@real
-def test_three_turns_that_seemed_to_lack_tens_of_degrees_lack_none(fits):
+def test_three_turns_that_seemed_to_lack_tens_of_degrees_lack_none(fits, authors_files):
     """Integrated over the step back to the repeated second, they read 300, 139 and 64 deg; none has lost a sample, nor the table a step."""
     found = fits["IphoneSE3G"]
     assert found.estimate.used.all()
     doubtful = [angle.log for angle, lost in zip(found.angles, found.estimate.lost, strict=True) if lost > 0.01]
     assert doubtful in ([], ["log_YG_1_360_1.csv.gz"])  # it reads 370 deg
     for name, stated, wrong in (("ZG_2_360_1", 360, 300), ("ZG_2_180_2", 180, 139), ("ZG_2_90_1", 90, 64)):
-        (path,) = REAL.rglob(f"IphoneSE3G_{name}.csv")
+        (path,) = authors_files.rglob(f"IphoneSE3G_{name}.csv")
         t_s, rate = np.loadtxt(path, delimiter=",", skiprows=1, usecols=(0, 3), unpack=True)
         assert np.trapezoid(rate, t_s) / DEG == pytest.approx(wrong, abs=2)
         (angle,) = [angle for angle in found.angles if angle.log == f"log_{name}.csv.gz"]
@@ -140,7 +140,6 @@ def test_three_turns_that_seemed_to_lack_tens_of_degrees_lack_none(fits):
         assert angle.lost_s == 0
 
 
-@real
 def test_all_turns_are_found_with_a_rest_on_either_side_and_in_the_positive_sense(fits):
     for found in fits.values():
         assert all(angle.problem is None and angle.sense == 1 for angle in found.angles)

@@ -56,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _fit(args: argparse.Namespace) -> Done:
     """Fit one session, one array, one folder of rest logs, or one of a gyroscope alone."""
-    from session.io.config import is_gyroscope_alone
-
     if is_gyroscope_alone(args.folder):
         return need("a gyroscope alone").fit(args)
     if is_array(args.folder):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -74,6 +75,8 @@ class Unit:
 
 
 REGISTER = Unit(None, "lsb")
+#: of time stamps: a year, beyond which no unit is one
+LONGEST_NS = 365 * 86_400 * NS_PER_S
 #: characters of a unit: ``degrees per second`` has 18
 LONGEST = 100
 
@@ -107,8 +110,8 @@ def _scaled(kind: str, factor: float, unit: str, word: str) -> Unit | None:
         return None
     si = factor * WORDS[kind][unit.strip()]
     if kind == "time":
-        return Unit(round(si), word) if si >= 1 and abs(si - round(si)) < 1e-6 else None
-    return Unit(si, word)
+        return Unit(round(si), word) if 1 <= si < LONGEST_NS and abs(si - round(si)) < 1e-6 else None
+    return Unit(si, word) if math.isfinite(si) else None
 
 
 def known(kind: str) -> str:

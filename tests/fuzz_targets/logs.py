@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,8 @@ FOREIGN = (
     Answers(**SCALES, columns=BY_NAME, gyro_axes="y,-x,z"),
     Answers(**SCALES, columns="gx_dps=1,gy_dps=2,gz_dps=3,ax_g=4,ay_g=5,az_g=6"),
     Answers(**SCALES, time_unit="s", accel_unit="g/2048", gyro_unit="lsb"),
+    Answers(**SCALES, gyro_unit="dps", accel_unit="g", packed="st"),
+    Answers(**SCALES, columns="t_s=1+2*1e-9,gx_dps=3,gy_dps=4,gz_dps=5,ax_g=6,ay_g=7,az_g=8", lines="2-"),
 )
 MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)
 SMALL = 200
@@ -92,7 +95,35 @@ def seeds() -> list[bytes]:
         "ready\nTimestamp[ms] A_X [mg] A_Y [mg] A_Z [mg] G_X [mdps] G_Y [mdps] G_Z [mdps]\n"
         + lines(T_US / 1000, FORCES_G * 1000, RATES_DPS * 1000, separator=" "),
     ]
-    return found + [bytes([len(MODES) - len(FOREIGN) + min(number, len(FOREIGN) - 1)]) + text.encode() for number, text in enumerate(logs)]
+    found += [bytes([len(MODES) - len(FOREIGN) + min(number, len(FOREIGN) - 1)]) + text.encode() for number, text in enumerate(logs)]
+    plain_text, packed, in_columns = (len(MODES) - len(FOREIGN) + 1, len(MODES) - 2, len(MODES) - 1)
+    found += [bytes([packed if re.match(r"\d+,[0-9A-F]{24}", text) else plain_text]) + text.encode() for text in forms()]
+    return [*found, bytes([in_columns]) + f"x\n{lines(T_US // 10**6, T_US, RATES_DPS, FORCES_G)}".encode()]
+
+
+def forms() -> list[str]:
+    """Text that is no table: names and numbers on one line and on three, JSON, hexadecimal, a monitor's clock, two lines of names."""
+    values = np.column_stack([RATES_DPS, FORCES_G]).tolist()
+    words = "".join(f"{t},{''.join(f'{round(v) & 0xFFFF:04X}' for v in row)}\n" for t, row in zip(T_US, values, strict=True))
+    pairs = [f"t:{t} gx:{a} gy:{b} gz:{c} ax:{d} ay:{e} az:{f}\n" for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)]
+    three = [
+        f"t: {t}\nGyro X: {a}, Y: {b}, Z: {c} dps\nAccel X: {d} Y: {e} Z: {f} g\n"
+        for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)
+    ]
+    objects = [
+        f'{{"t_us": {t}, "gyro": [{a}, {b}, {c}], "accel": {{"x": {d}, "y": {e}, "z": {f}}}}}\n'
+        for t, (a, b, c, d, e, f) in zip(T_US, values, strict=True)
+    ]
+    table = lines(T_US, RATES_DPS, FORCES_G)
+    return [
+        "".join(pairs),
+        "ready\n" + "".join(three),
+        "".join(objects),
+        words,
+        "".join(f"12:30:{i % 60:02d}.000 -> {line}" for i, line in enumerate(pairs)),
+        "gx,gy,gz,ax,ay,az\n" + "".join(",".join(f"0x{round(v) & 0xFFFF:04X}" for v in row) + "\n" for row in values),
+        "time,gyro,,,accel,,\nus,x,y,z,x,y,z\n" + table,
+    ]
 
 
 def run(data: bytes, folder: Path) -> None:

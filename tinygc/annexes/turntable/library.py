@@ -12,8 +12,8 @@ from session.annexes.turntable.folder import read_turn_session
 from session.io.errors import FitError
 from session.io.folder import Session, input_hashes
 from session.io.names import TURNS
-from tinygc.annexes.turntable.angles import LogOfTurns, RestNoise, measured_turns
-from tinygc.annexes.turntable.estimate import estimate
+from tinygc.annexes.turntable.angles import LogOfTurns, RestNoise, TurnAngle, measured_turns  # noqa: F401  # types of TurnFit's fields
+from tinygc.annexes.turntable.estimate import TurnsEstimate, estimate  # noqa: F401
 from tinygc.annexes.turntable.output import save_turns, to_json, turns_report
 from tinygc.annexes.turntable.result import RestBias, TurnsResult
 from tinygc.reporting.terminal import Group, as_html, as_text

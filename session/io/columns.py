@@ -25,6 +25,7 @@ TERM = re.compile(r"(.+?)\s*\*\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)")
 def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:
     """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
     wanted = parse_columns(text)
+    headless = all(what.isdigit() for what, _, _ in wanted.values())
     for keys in TRIADS.values():
         if 0 < len(missing := [key for key in keys if key not in wanted]) < 3:
             raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
@@ -33,15 +34,17 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, in
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
             names = split(line, delimiter)
-            looked_up = {key: _place(what, names) for key, (what, _, _) in wanted.items()}
+            looked_up = {key: _place(what, names, headless) for key, (what, _, _) in wanted.items()}
             places = {key: place for key, place in looked_up.items() if place is not None}
-            if len(places) < len(wanted) or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
+            if len(places) < len(wanted) or (headless and not _numeric(names, places)):
                 continue
             if twice := [what for what, _, _ in wanted.values() if not what.isdigit() and names.count(what) > 1]:
                 raise FormatError(
                     f"{name}: {twice[0]!r} stands {names.count(twice[0])} times in the header; give --columns its number, from 1"
                 )
-            headless = all(what.isdigit() for what, _, _ in wanted.values())
+            if len(set(places.values())) < len(places):
+                doubled = [wanted[key][0] for key, place in places.items() if list(places.values()).count(place) > 1]
+                raise FormatError(f"{name}: --columns takes the column {doubled[0]} for two things; each is one axis of one sensor")
             columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}
             if headless:
                 return delimiter, number, tuple(f"column {place + 1}" for place in range(len(names))), columns
@@ -95,8 +98,9 @@ def _sum(text: str, unit: str) -> dict[str, tuple[str, str, int]]:
     return {f"t{place + 1}" if place else "t": (name, f"{factor}{unit}", 1) for place, (name, factor) in enumerate(parsed)}
 
 
-def _place(what: str, names: tuple[str, ...]) -> int | None:
-    if what in names:
+def _place(what: str, names: tuple[str, ...], headless: bool) -> int | None:
+    """The column of a name, or of a number from 1; headless: they are all numbers, and the names are a row's cells."""
+    if what in names and not headless:
         return names.index(what)
     if what.isdigit() and 1 <= int(what) <= len(names):
         return int(what) - 1

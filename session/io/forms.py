@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Protocol
 
 from session.io.errors import FormatError
@@ -17,6 +17,8 @@ from session.io.errors import FormatError
 LOOKED_AT, SHARE = 200, 0.5
 #: numbers of a line, or of a record, from which on it may be a sensor's: three axes
 LEAST_PAIRS = 3
+#: of the name that comes most often: a name that comes as often belongs to the record
+OFTEN = 0.8
 #: of a record: a phone's with everything switched on has some dozens
 MOST_PAIRS = 200
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -93,76 +95,115 @@ AXES = ("x", "y", "z")
 
 
 class _Record:
-    """Gathers names and numbers until all that a record has are there; then it is a row."""
+    """Rows of names and numbers: of one line each, or gathered over several, from the name that a record begins with."""
 
-    def __init__(self, names: list[str], units: dict[str, str]):
-        self._names, self._have = names, dict[str, str]()
-        self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in names)
-
-    def row(self, pairs: list[tuple[str, str]]) -> str:
-        """The row that these complete, or that they show to be torn; else empty."""
-        torn = ""
-        for name, value in pairs:
-            if name in self._have:  # the next record begins, and this one has holes: the reader of tables refuses it by its line
-                torn, self._have = self._text(), {}
-            self._have[name] = value
-        if torn:
-            return torn
-        if len(self._have) < len(self._names) or not self._have.keys() >= set(self._names):
-            return ""
-        text, self._have = self._text(), {}
-        return text
-
-    def _text(self) -> str:
-        return ",".join(self._have.get(name, "") for name in self._names)
-
-
-class _Pairs:
-    name = "names and numbers in turn"
-
-    def __init__(self, names: list[str], units: dict[str, str]):
-        self._record, self._names = _Record(names, units), set(names)
-        self.header, self.left_out = self._record.header, 0
-
-    @classmethod
-    def found(cls, lines: list[str]) -> _Pairs | None:
-        """Where lines hold them: the names are those of a whole record, up to the first that comes again."""
-        parsed = [pairs for line in lines if not line.lstrip().startswith("#") and (pairs := list(_pairs(line)))]
-        if len(parsed) <= SHARE * len(lines) or not parsed:
-            return None
+    def __init__(self, parsed: list[list[tuple[str, str, str]]], begins: str | None = None):
+        """parsed: what the first lines hold, each (name, number, unit); begins: the name that stands first in a record of several lines."""
         counts: dict[str, int] = {}
         units: dict[str, str] = {}
         for pairs in parsed:
             for name, _, unit in pairs:
                 counts[name] = counts.get(name, 0) + 1
                 units.setdefault(name, unit)
-        most = max(counts.values())
-        names = [name for name, count in counts.items() if count >= 0.8 * most]
-        return cls(names, units) if most > 1 and 2 * LEAST_PAIRS <= len(names) <= MOST_PAIRS else None
+        most = max(counts.values(), default=0)
+        self.names = [name for name, count in counts.items() if count >= OFTEN * most]
+        if begins in self.names:
+            first = self.names.index(begins)
+            self.names = self.names[first:] + self.names[:first]
+        self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in self.names)
+        self.is_one = 2 * LEAST_PAIRS <= len(self.names) <= MOST_PAIRS and most > 1
+        self._known, self._have, self._begun, self.left_out = set(self.names), dict[str, str](), False, 0
+        whole = sum(self._known <= {name for name, _, _ in pairs} for pairs in parsed)
+        self._on_one_line = whole > SHARE * len(parsed)
+
+    def row(self, pairs: list[tuple[str, str, str]]) -> str:
+        """The row that a line's pairs complete, or one with holes where they show it to be torn; else empty.  What stands before the first
+        whole record, as a capture begins anywhere, is left out."""
+        mine = [(name, value) for name, value, _ in pairs if name in self._known]
+        torn = ""
+        for name, value in mine:
+            if self._have and name in (self.names[0], *self._have):
+                torn = self._torn()
+            if self._have or name == self.names[0] or self._on_one_line:
+                self._have[name] = value
+            else:
+                self.left_out += 1  # of a record whose beginning is not there
+        if torn:
+            return torn
+        if len(self._have) < len(self.names):
+            return self._torn() if self._on_one_line and self._have else ""
+        text, self._have, self._begun = self._text(), {}, True
+        return text
+
+    def _torn(self) -> str:
+        text, self._have = self._text(), {}
+        self.left_out += not self._begun
+        return text if self._begun else ""
+
+    def _text(self) -> str:
+        return ",".join(self._have.get(name, "") for name in self.names)
+
+
+class _Pairs:
+    name = "names and numbers in turn"
+
+    def __init__(self, record: _Record, stamped: bool, commas: bool):
+        self._record, self._stamped, self._commas = record, stamped, commas
+        self.header, self.left_out = record.header, 0
+
+    @classmethod
+    def found(cls, lines: list[str]) -> _Pairs | None:
+        """Where most lines hold them."""
+        mine = [line for line in lines if not line.lstrip().startswith("#")]
+        commas = sum(WITH_COMMA.search(line) is not None for line in mine) > SHARE * len(mine)
+        stamped = sum(LEADING.match(line) is not None for line in mine) > SHARE * len(mine)
+        parsed = [pairs for line in mine if (pairs := _pairs(line, stamped, commas))]
+        if len(parsed) <= SHARE * len(lines) or not parsed:
+            return None
+        gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
+        behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
+        record = _Record(parsed, behind[0][0] if behind else None)
+        return cls(record, stamped, commas) if record.is_one else None
 
     def __call__(self, lines: list[str]) -> list[str]:
         rows = []
         for line in lines:
-            pairs = [(name, value) for name, value, _ in _pairs(line) if name in self._names]
+            pairs = _pairs(line, self._stamped, self._commas)
             self.left_out += bool(line.strip()) and not pairs
+            before = self._record.left_out
             rows.append(self._record.row(pairs))
+            self.left_out += self._record.left_out > before
         return rows
 
 
-def _pairs(line: str) -> Iterator[tuple[str, str, str]]:
+#: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
+LABEL = re.compile(r"([A-Za-z_]\w*)\s*[:=]\s*(?=[xyzXYZ]\s*[:=])")
+LIST = re.compile(rf"([A-Za-z_][\w ]*?)\s*[:=]\s*[\[(]?\s*({NUMBER})[,;\s]+({NUMBER})[,;\s]+({NUMBER})(?![\w.]|\s*[:=])")
+WITH_COMMA = re.compile(r"[:=]\s*[-+]?\d+,\d+(?=\s*(?:[A-Za-z;|]|$))")
+LEADING = re.compile(r"\s*(?:[IWEDV]\s*\()?(\d+(?:\.\d+)?)\)?\s*[,:;]?\s+(?=[A-Za-z])")
+STAMP = "stamp"
+
+
+def _pairs(line: str, stamped: bool, commas: bool) -> list[tuple[str, str, str]]:
     """``(name, number, unit)``; a bare axis has the name before it, and the unit behind the last axis is that of all three."""
-    found = [(match["name"].strip(), match["value"], match["unit"] or "") for match in PAIR.finditer(line)]
-    before = ""
-    named = []
-    for name, value, unit in found:
+    if commas:
+        line = re.sub(r"(?<=\d),(?=\d)", ".", line)
+    lead = LEADING.match(line) if stamped else None
+    line = LABEL.sub(r"\1 ", line if lead is None else line[lead.end() :])
+    line = LIST.sub(r"\1 x: \2, \1 y: \3, \1 z: \4", line)
+    before, named = "", []
+    for match in PAIR.finditer(line):
+        name, value, unit = match["name"].strip(), match["value"], match["unit"] or ""
         bare = name.lower() in AXES
         name = f"{before} {name}" if bare and before else name
         if not bare and name[-1:].lower() in AXES:
             before = name[:-1].rstrip(" _.")
         named.append((name, value, "" if unit.lower() in AXES else unit))
+    found = [(STAMP, lead[1], "")] if lead is not None else []
     for place, (name, value, unit) in enumerate(named):
         later = next((each[2] for each in named[place : place + 3] if each[2]), "")
-        yield name, value, unit or (later if name[-1:].lower() in AXES else "")
+        found.append((name, value, unit or (later if name[-1:].lower() in AXES else "")))
+    return found
 
 
 # JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
@@ -171,38 +212,37 @@ def _pairs(line: str) -> Iterator[tuple[str, str, str]]:
 class _JsonLines:
     name = "JSON, an object a line"
 
-    def __init__(self, names: list[str]):
-        self._record, self._names = _Record(names, {}), set(names)
-        self.header, self.left_out = self._record.header, 0
+    def __init__(self, record: _Record):
+        self._record, self.header, self.left_out = record, record.header, 0
 
     @classmethod
     def found(cls, lines: list[str]) -> _JsonLines | None:
-        objects = [found for line in lines if (found := _flat(line))]
+        """Where most lines are objects that hold numbers."""
+        objects = [list(found) for line in lines if (found := _flat(line))]
         if len(objects) <= SHARE * len(lines) or not objects:
             return None
-        names = list(dict.fromkeys(name for found in objects for name in found))
-        return cls(names) if LEAST_PAIRS <= len(names) <= MOST_PAIRS else None
+        record = _Record(objects)
+        return cls(record) if record.is_one else None
 
     def __call__(self, lines: list[str]) -> list[str]:
         rows = []
         for line in lines:
             found = _flat(line)
             torn = not found and line.strip().startswith("{")
-            pairs = [(name, value) for name, value in found.items() if name in self._names]
-            self.left_out += bool(line.strip()) and not pairs and not torn
-            rows.append("torn" if torn else self._record.row(pairs))
+            self.left_out += bool(line.strip()) and not found and not torn
+            rows.append("torn" if torn else self._record.row(found))
         return rows
 
 
-def _flat(line: str) -> dict[str, str]:
-    """Numbers of an object by their path, ``gyro.x``, ``gyro[0]``, as they were written; empty where the line is none."""
+def _flat(line: str) -> list[tuple[str, str, str]]:
+    """Numbers of an object: path, ``gyro.x``, ``gyro[0]``, number as it was written, and no unit; empty where the line is none."""
     line = line.strip().rstrip(",")
     if not line.startswith("{"):
-        return {}
+        return []
     try:
         whole = json.loads(line, parse_float=_Number, parse_int=_Number)
     except (ValueError, RecursionError):
-        return {}
+        return []
     found: dict[str, str] = {}
 
     def walk(value: object, name: str, depth: int) -> None:
@@ -216,7 +256,7 @@ def _flat(line: str) -> dict[str, str]:
                 walk(inner, f"{name}[{place}]", depth - 1)
 
     walk(whole, "", 4)
-    return found
+    return [(name, value, "") for name, value in found.items()]
 
 
 class _Number(str):
@@ -227,8 +267,9 @@ class _Number(str):
 
 # Registers in hexadecimal: cells of their own, or one word a sample.
 
-CELL = re.compile(r"(?<![\w.])(0[xX])?([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2}|[0-9A-Fa-f]{8})(?![\w.])")
+FOUR = re.compile(r"[0-9A-Fa-f]{4}")
 PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
+BETWEEN = re.compile(r"([,;\s]+)")
 
 
 class _Hexadecimal:
@@ -236,28 +277,39 @@ class _Hexadecimal:
     header = ""
     left_out = 0
 
-    def __init__(self, pattern: re.Pattern[str]):
-        self._pattern = pattern
+    def __init__(self, columns: frozenset[int] | None):
+        """columns: those whose cells are hexadecimal; None: cells that say so, by 0x."""
+        self._columns = columns
 
     def __call__(self, lines: list[str]) -> list[str]:
-        return [self._pattern.sub(_decimal, line) if re.search(r"\d", line) else line for line in lines]
+        if self._columns is None:
+            return [PREFIXED.sub(lambda match: _decimal(match[1]), line) for line in lines]
+        return ["".join(self._cell(i, cell) for i, cell in enumerate(BETWEEN.split(line.strip()))) for line in lines]
+
+    def _cell(self, place: int, cell: str) -> str:
+        """Cells have even places, what is between them odd ones."""
+        return _decimal(cell) if self._columns and place % 2 == 0 and place // 2 in self._columns and FOUR.fullmatch(cell) else cell
 
 
-def _decimal(match: re.Match[str]) -> str:
+def _decimal(digits: str) -> str:
     """Sixteen bits are a register with a sign, more are a stamp or a counter."""
-    digits = match[match.lastindex or 0]
     value = int(digits, 16)
     return str(value - 0x10000 if len(digits) == 4 and value >= 0x8000 else value)
 
 
 def _hexadecimal(lines: list[str]) -> _Hexadecimal | None:
-    prefixed = sum(len(PREFIXED.findall(line)) >= LEAST_PAIRS for line in lines)
-    if prefixed > SHARE * len(lines):
-        return _Hexadecimal(PREFIXED)
-    rows = [re.split(r"[,;\s]+", line.strip()) for line in lines]
-    of_four = [row for row in rows if sum(re.fullmatch(r"[0-9A-Fa-f]{4}", cell) is not None for cell in row) >= 2 * LEAST_PAIRS]
-    letters = any(re.fullmatch(r"[0-9A-Fa-f]{4}", cell) and not cell.isdigit() for row in of_four for cell in row)
-    return _Hexadecimal(CELL) if letters and len(of_four) > SHARE * len(lines) else None
+    if sum(len(PREFIXED.findall(line)) >= LEAST_PAIRS for line in lines) > SHARE * len(lines):
+        return _Hexadecimal(None)
+    rows = [BETWEEN.split(line.strip())[::2] for line in lines]
+    rows = [row for row in rows if sum(FOUR.fullmatch(cell) is not None for cell in row) >= 2 * LEAST_PAIRS]
+    if len(rows) <= SHARE * len(lines):
+        return None
+    width = min(map(len, rows))
+    whole = [place for place in range(width) if all(FOUR.fullmatch(row[place]) for row in rows)]
+    lettered = any(not row[place].isdigit() for row in rows for place in whole)
+    # A stamp that happens to have four decimal digits is no register: it has neither a letter nor a leading zero.
+    columns = frozenset(place for place in whole if any(not row[place].isdigit() or row[place][0] == "0" for row in rows))
+    return _Hexadecimal(columns) if lettered and len(whole) >= 2 * LEAST_PAIRS else None
 
 
 #: what a sensor's burst of registers holds, and which byte of a register comes first

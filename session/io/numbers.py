@@ -204,6 +204,18 @@ def _cell_fault(cell: str, column: int, layout: Layout) -> str | None:
     return None
 
 
+def too_wide(lines: list[str], layout: Layout) -> int | None:
+    """The first row that has more cells than the header has names, and something in them; None where none has."""
+    mark = layout.delimiter
+    if mark is None or layout.standard or not layout.header_line:
+        return None
+    width = len(layout.names)
+    for number, line in enumerate(lines):
+        if line.count(mark) >= width and '"' not in line and any(cell.strip() for cell in line.split("#")[0].split(mark)[width:]):
+            return number
+    return None
+
+
 def unreadable(lines: list[str], layout: Layout) -> int | None:
     """The first line that numpy cannot take, whatever the reason; None where it takes all of them."""
 

@@ -13,9 +13,9 @@ from session.io.errors import FormatError
 from session.io.files import MB
 from session.io.forms import form_of
 from session.io.lines import PIECE_BYTES, Lines
-from session.io.numbers import CORRECT, RowFault, fault, parse, unreadable
+from session.io.numbers import CORRECT, RowFault, fault, parse, too_wide, unreadable
 from session.io.recognise import recognise
-from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, sensor_kinds, span_of
+from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of
 from session.io.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
 from session.io.standard import flagged, standard_layout
 from session.io.units import NS
@@ -71,15 +71,15 @@ class Reader:
             self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
-        self._text_form = None if answers is None or wanted else form_of(head, answers.packed, path.name)
+        self._text_form = None if answers is None or wanted.rows else form_of(head, answers.packed, path.name)
         if answers is None:
             self.layout: Layout = standard_layout(head, path.name, gyro_alone)
         elif self._text_form is None:
-            self.layout = recognise(head, path.name, answers)
+            self.layout = recognise(head, path.name, answers, picking)
         else:
             form, begins = self._text_form, head
             head = [form.header] * bool(form.header) + form(begins)
-            self.layout = recognise(head, path.name, answers)
+            self.layout = recognise(head, path.name, answers, picking)
             head = head[bool(form.header) :]
             self.layout = replace(self.layout, first=self.layout.first - bool(form.header))
             self.notes.append(f"{form.name}: read as a table")
@@ -91,6 +91,9 @@ class Reader:
         if picking is not None:
             columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
         self._wanted, self._watch = Rows(wanted, columns), Watch(Rows(wanted, columns)(head[layout.first :]), columns)
+        if answers is not None and picking is None and wanted.where is None and layout.time is not None:
+            refuse_turns(head[layout.first :], layout.time, columns)
+        self.picks_rows = bool(wanted) or (answers is not None and answers.lines is not None)
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
@@ -212,6 +215,12 @@ class Reader:
     def _piece(self, lines: list[str], number: int, last: bool) -> Piece | None:
         if self._commas:
             lines = _with_points(lines)
+        if (wide := too_wide(lines, self.layout)) is not None:
+            cells = lines[wide].count(self.layout.delimiter or "") + 1
+            raise FormatError(
+                f"{self.path.name} line {number + wide}: {cells} cells under {len(self.layout.names)} names; correct or remove that line, "
+                "or save decimal commas with semicolons between the columns"
+            )
         try:
             try:
                 table, stamps = parse(lines, self.layout)

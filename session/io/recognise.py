@@ -10,7 +10,7 @@ from session.io.columns import DELIMITERS, Column, from_columns, split
 from session.io.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
 from session.io.errors import FormatError
 from session.io.questions import Question, QuestionsError
-from session.io.rows import FORMAT_WORD, Form, Rows, Wanted, Watch, refuse_kinds
+from session.io.rows import FORMAT_WORD, MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_kinds
 from session.io.standard import MOST_NAMES, OWN, parse_header
 from session.io.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 
@@ -28,8 +28,8 @@ TOLD, BY_HEADER, DOCUMENTED = "as you say", "header", "as that program documents
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
-def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
-    """The layout of a file that begins with these lines.
+def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None) -> Layout:
+    """The layout of a file that begins with these lines; picking: a column that tells several sensors apart.
 
     Raises FormatError, which names the option to give, and QuestionsError of all that the file does not say.
     """
@@ -37,7 +37,7 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
         refuse_kinds([line for line in lines if line.strip()], Form(name, None, (), (), header_line="not known yet"))
     if answers.columns is not None:
         delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
-        return _layout(name, OTHER, delimiter, first, names, wanted, answers, lines)
+        return _layout(name, OTHER, delimiter, first, names, wanted, answers, lines, picking=picking)
     like = None if answers.like is None else _like(answers.like)
     found = max(_matches(lines, name, like), key=lambda match: match[0], default=None)
     if found is None and like is not None:
@@ -61,8 +61,9 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
         _refuse_doubled(names, columns, f"{name} line {number + 1}")
     elif not columns:
         columns = _own_columns(names, f"{name} line {number + 1}")
-        return _layout(name, OWN, delimiter, number + 1, names, columns, answers, lines)
-    return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect)
+        called = OWN if "t" in columns else OTHER  # its registers may be anyone's
+        return _layout(name, called, delimiter, number + 1, names, columns, answers, lines, picking=picking)
+    return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect, picking)
 
 
 def dialect_named(text: str) -> Dialect | None:
@@ -112,10 +113,15 @@ def _headers(lines: list[str]) -> Iterator[tuple[int, bool, str | None, tuple[st
             names = split(line, delimiter)
             if len(names) < 2 or names[0] == FORMAT_WORD:
                 continue
-            below = split(lines[number + 1], delimiter) if number + 1 < len(lines) else ()
-            if len(below) == len(names) and len(names) > LEAST_OF_TWO and not any(re.fullmatch(NUMBER, name) for name in below if name):
-                yield number + 1, True, delimiter, _together(names, below)
+            if len(names) > LEAST_OF_TWO and _are_names(lines[number + 1 : number + 2], delimiter, names):
+                yield number + 1, True, delimiter, _together(names, split(lines[number + 1], delimiter))
             yield number, False, delimiter, names
+
+
+def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) -> bool:
+    """Whether a line that follows is of as many other names or units, and of no number."""
+    cells = split(lines[0], delimiter) if lines and lines[0].strip() else ()
+    return len(cells) == len(names) and cells != names and not any(re.fullmatch(NUMBER, cell) for cell in cells if cell)
 
 
 #: columns of a table with two lines of names: fewer may be words
@@ -138,7 +144,8 @@ def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]
 def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
     """Every header that fits, with every delimiter and dialect that it fits with; like: the one that is meant."""
     for number, both, delimiter, names in _headers(lines):
-        if like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names):
+        own = like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names)
+        if own and not _are_names(lines[number + 1 : number + 2], delimiter, names):
             yield (18, -number), number, delimiter, None, {}, names
         cells = [_name_and_unit(text) for text in names]
         for dialect in DIALECTS if like is None else (like,):
@@ -329,6 +336,7 @@ def _layout(
     answers: Answers,
     lines: list[str],
     dialect: Dialect | None = None,
+    picking: str | None = None,
 ) -> Layout:
     """columns: {t, gx, …, temp: column}; first: lines before the rows.  QuestionsError for the units that are not known."""
     columns = {
@@ -345,6 +353,13 @@ def _layout(
         read = {column for column, _, _ in columns.values()}
         form = Form(name, delimiter, names, read, lines[first - 1].strip() if first else "")
         mine = Rows(Wanted(answers.rows, answers.where), form)(lines[first:])
+        if picking is not None:  # the clock of one of them
+            place, row_of = place_of(picking, form), _first_row(lines[first:], delimiter)
+            value = row_of[place].strip().strip('"') if place < len(row_of) else ""
+            mine = Rows(Wanted(answers.rows, f"{picking}={value or 0}"), form)(lines[first:])
+            if sum(bool(line.strip()) for line in mine) < 2 and len(lines) > first + MOST_SENSORS:
+                what = f"the column {picking!r} holds more than {MOST_SENSORS} values"
+                raise FormatError(f"{name}: {what}; give the column that tells the sensors apart")
         Watch(mine, form)  # two sensors in turn have no clock that rises steadily
         rows = [line.split(delimiter) for line in mine if line.split("#")[0].strip()]
         try:

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from session.io.errors import FormatError
 
@@ -172,6 +173,46 @@ class Watch:
                 f"{self._form.file}: the column {called!r} holds {listed}: rows of several sensors; "
                 + _give(f"where {called}={values[0]}", self._form.standard)
             )
+
+
+#: of the mean step between rows: rows of one moment are closer, and rows of the next one further apart
+CLOSE = 0.3
+
+
+def refuse_turns(rows: Sequence[str], time: int, form: Form) -> None:
+    """FormatError where rows of one moment come from several sensors in turn, told apart by a column of any name.
+
+    rows: a log's first; time: the column of the stamps.  The column's values come round in each group of rows that share a stamp, or
+    nearly.
+    """
+    cells = [row.split(form.delimiter) for row in rows if row.split("#")[0].strip()]
+    stamps = [_number(row[time]) if time < len(row) else None for row in cells]
+    known = [stamp for stamp in stamps if stamp is not None]
+    if len(known) < 2 * LEAST_ROWS or len(known) < len(cells):
+        return
+    steps = [b - a for a, b in pairwise(known)]
+    mean = sum(steps) / len(steps)
+    for column, called in enumerate(form.names):
+        if column in form.read or column == time:
+            continue
+        values = [_bare(row[column]) if column < len(row) else "" for row in cells]
+        count = len(set(values))
+        if not 2 <= count <= MOST_SENSORS or any(a != b for a, b in zip(values, values[count:], strict=False)):
+            continue
+        within = [step for i, step in enumerate(steps) if (i + 1) % count]
+        if mean > 0 and all(step < CLOSE * mean for step in within):
+            listed = ", ".join(list(dict.fromkeys(values))[:4])
+            raise FormatError(
+                f"{form.file}: the column {called!r} holds {listed} in turn, at one time each: rows of several sensors; "
+                + _give(f"where {called}={values[0]}", form.standard)
+            )
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(_bare(cell).replace(",", "."))
+    except ValueError:
+        return None
 
 
 def sensor_kinds(lines: Sequence[str]) -> list[str]:

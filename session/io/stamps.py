@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.io.errors import DataError
+from session.io.numeric import MEDIAN_SIGMAS
 from session.io.units import NS_PER_S
 
 # A counter that comes round: where its stamps may be carried on, and where time only goes backward.
@@ -103,12 +104,28 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         change = np.flatnonzero(steps > 0) + 1
         at = change if len(change) > 2 else count
         slope, start = np.polyfit(at, (t_ns[at] - t_ns[0]).astype(float), 1)
-        if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
+        fits = np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns
+        if fits and not _lacks_samples(change, t_ns):
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
             return even, f"{shares} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
     if odr_hz is None:
         raise DataError(f"{name}: {shares}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
     return counted(len(t_ns), odr_hz), f"{shares}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
+
+
+#: samples that a stamp's group may lack, beside so many times what groups usually differ by
+FEW, USUALLY = 2.0, 4.0
+
+
+def _lacks_samples(change: np.ndarray, t_ns: np.ndarray) -> bool:
+    """Whether between two changes of the stamp (rows ``change``) far fewer samples lie than the time between them asks for."""
+    if len(change) < 4:
+        return False
+    rows, spans = np.diff(change), np.diff(t_ns[change]).astype(float)
+    each_ns = np.median(spans / rows) if (rows > 0).all() else np.inf
+    lacking = spans / each_ns - rows
+    usual = float(np.median(np.abs(lacking - np.median(lacking)))) / MEDIAN_SIGMAS
+    return bool((lacking - np.median(lacking) > FEW + USUALLY * usual).any())
 
 
 def counted(rows: int, odr_hz: float) -> np.ndarray:

@@ -55,7 +55,9 @@ BEYOND_FULL_SCALE, LARGEST_DPS = 1.2, 4000.0
 #: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)
 TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "sec": 1_000_000_000}
 GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0}
-ACCEL = {"mg": MG, "g": G, "mps2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m s^-2": 1.0}
+_ANGLES = {"deg": DEG, "degree": DEG, "degrees": DEG, "rad": 1.0, "radian": 1.0, "radians": 1.0}
+GYRO |= {f"{angle}/{time}": si for time in ("s", "sec", "second") for angle, si in _ANGLES.items()}
+ACCEL = {"mg": MG, "g": G, "mps2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m s^-2": 1.0, "m/sec^2": 1.0}
 TEMPERATURE = {"c": 1.0, "degc": 1.0, "°c": 1.0, "℃": 1.0}
 WORDS: Mapping[str, Mapping[str, float]] = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
 #: what registers are called

@@ -12,6 +12,7 @@ from session.bench.session_file import ASSUMED, UNKNOWN
 from session.io.arrays import USUAL_DPS, USUAL_G
 from session.io.config import Sensor
 from session.io.dialects import Answers
+from session.io.errors import DataError
 from session.io.numeric import runs_of
 from session.io.questions import Question, QuestionsError
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
@@ -24,6 +25,8 @@ from session.replay.sources import Source
 ASSUMED_RANGE = "is assumed"
 #: readings in a row that stand at the largest value of all: the range ends there
 AT_THE_END = 4
+#: of a full scale: beyond it a unit or the range is another; registers end at 1.15
+FAR = 1.2
 #: of a range: up to where a register's last count lies
 AT_LAST = 1.0005
 #: a rate that small is a rest's, whose few values come again and again
@@ -66,7 +69,7 @@ def with_sensor(sources: Sequence[Source], answers: Answers) -> tuple[Answers, t
     if questions:
         named = " and ".join(dict.fromkeys(source.path.name for source in sources))
         raise QuestionsError(named, " and ".join(dict.fromkeys(source.layout.dialect for source in sources)), questions)
-    if answers.sensor:
+    if answers.sensor and answers.sensor != UNKNOWN:
         if registers:
             require_profile(answers.sensor)
         if profile_of(answers.sensor) is not None:
@@ -81,7 +84,8 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
     """The answers with full scales, and notes: where none is stated, the smallest usual range that holds the readings is assumed.  A note
     says where the accelerometer does not show gravity.
 
-    Raises QuestionsError where the readings stand at the end of their range.
+    Raises QuestionsError where the readings stand at the end of their range, DataError where they are far beyond the one that is stated, or
+    any usual one.
     """
     name = " and ".join(dict.fromkeys(source.path.name for source in sources))
     dialect = " and ".join(dict.fromkeys(source.layout.dialect for source in sources))
@@ -94,11 +98,18 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
     ):
         if kind == "accel" and si is not None:
             warned = _without_gravity(float(np.median(np.linalg.norm(values, axis=1))) * si / G)
-        if told is not None or si is None:
+        if si is None:
             found[kind] = told
             continue
         in_unit = values * (si / unit)
         most = float(np.abs(in_unit).max())
+        if most > FAR * (told or usual[-1]):
+            range_ = f"{option} {told:g} holds" if told else f"any usual full scale (up to {usual[-1]:g} {word}) holds"
+            says = f"{name}: the {called}'s readings reach {most:.4g} {word}, more than {range_}"
+            raise DataError(f"{says}; is its unit right? give --{kind}-unit, or {option}")
+        if told is not None:
+            found[kind] = told
+            continue
         if (run := _standing(in_unit)) >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
             what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))

@@ -210,7 +210,7 @@ def _next_name(folder: Path, stem: str) -> str:
 
 
 def _toml(sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str]) -> str:
-    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_require_full_scales`` has checked
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
     model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
     return f"""\
 # from {_source(sources)}

@@ -96,6 +96,8 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         if rows > MOST_ROWS:
             raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
     notes += [f"{name}: {note}" for note in source.notes]
+    if not pieces and getattr(source, "picks_rows", False):
+        raise FormatError(f"{name}: no samples among the rows that --rows, --where and --lines leave; give others")
     if not pieces:
         raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
     columns = [

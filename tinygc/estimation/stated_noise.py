@@ -345,7 +345,7 @@ def rounding_covariance(problem: Problem, model: LinearModel) -> np.ndarray:
     rests = [
         np.asarray(log.samples.gyro[still.start : still.stop]) for log in problem.logs for still in log.stills if still.problem is None
     ]
-    if rests and (lsb := lsb_of(np.concatenate(rests))) > 0:
+    if rests and (lsb := lsb_of(np.concatenate(rests[:SHOW_STEPS]))) > 0:
         variance = np.mean([rounding_of_mean(readings, lsb) for readings in rests], axis=0)
         covariance[BIAS, BIAS] = (model.E * variance) @ model.E.T
     return covariance

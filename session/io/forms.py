@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Protocol
 
 from session.io.errors import FormatError
+from session.io.units import parse_unit
 
 #: lines that are looked at, and the share of them that must be of a form
 LOOKED_AT, SHARE = 200, 0.5
@@ -86,11 +88,10 @@ class _Monitor:
 
 # Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
 
-UNIT = r"[A-Za-z°µ%][\w°/^²µ%]*"
 PAIR = re.compile(
-    r"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]*?)\s*[:=]\s*"
-    rf"(?P<value>{NUMBER})(?![\w.:])(?:[ \t]*(?P<unit>{UNIT})(?![\w°/^²µ%]|\s*[:=]))?"
+    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]*?)\s*[:=]\s*(?P<value>{NUMBER})(?![\w.:])",
 )
+UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])")
 AXES = ("x", "y", "z")
 
 
@@ -122,8 +123,8 @@ class _Record:
         mine = [(name, value) for name, value, _ in pairs if name in self._known]
         torn = ""
         for name, value in mine:
-            if self._have and name in (self.names[0], *self._have):
-                torn = self._torn()
+            if self._have and (name in self._have or (name == self.names[0] and not self._on_one_line)):
+                torn = self._torn() or torn
             if self._have or name == self.names[0] or self._on_one_line:
                 self._have[name] = value
             else:
@@ -191,19 +192,27 @@ def _pairs(line: str, stamped: bool, commas: bool) -> list[tuple[str, str, str]]
     lead = LEADING.match(line) if stamped else None
     line = LABEL.sub(r"\1 ", line if lead is None else line[lead.end() :])
     line = LIST.sub(r"\1 x: \2, \1 y: \3, \1 z: \4", line)
-    before, named = "", []
-    for match in PAIR.finditer(line):
-        name, value, unit = match["name"].strip(), match["value"], match["unit"] or ""
+    before, named, at = "", [], 0
+    while (match := PAIR.search(line, at)) is not None:
+        name, value, at = match["name"].strip(), match["value"], match.end()
+        behind = UNIT.match(line, at)
+        unit = "" if behind is None or not _is_unit(behind[1]) else behind[1]
+        at = behind.end() if unit and behind is not None else at
         bare = name.lower() in AXES
         name = f"{before} {name}" if bare and before else name
         if not bare and name[-1:].lower() in AXES:
             before = name[:-1].rstrip(" _.")
-        named.append((name, value, "" if unit.lower() in AXES else unit))
+        named.append((name, value, unit))
     found = [(STAMP, lead[1], "")] if lead is not None else []
     for place, (name, value, unit) in enumerate(named):
         later = next((each[2] for each in named[place : place + 3] if each[2]), "")
         found.append((name, value, unit or (later if name[-1:].lower() in AXES else "")))
     return found
+
+
+@lru_cache(maxsize=64)
+def _is_unit(word: str) -> bool:
+    return any(parse_unit(kind, word) is not None for kind in ("time", "gyro", "accel", "temp"))
 
 
 # JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.

@@ -12,7 +12,7 @@ from written_texts import TEXTS, bursts, lines, mps2, phyphox, rps, sensor_logge
 
 import calibrate
 import tinygc
-from session.io.errors import FormatError
+from session.io.errors import DataError, FormatError
 from session.io.forms import form_of
 from session.io.questions import QuestionsError
 from session.io.stamps import evenly
@@ -407,3 +407,116 @@ def test_python_is_asked_for_keywords(tmp_path):
         tinygc.import_log(path, tmp_path / "s", gyro_units="dps")
     with pytest.raises(tinygc.CalibrationError):
         tinygc.read_log(3)
+
+
+# What went wrong silently once
+
+
+def two_in_turn(apart_us=0):
+    cells = [
+        f"{t + unit * apart_us},{'AB'[unit]},{','.join(f'{v:.9f}' for v in (*(GYRO['dps'][i] * (1 + 0.01 * unit)), *ACCEL['g'][i]))}\n"
+        for i, t in enumerate(T_US)
+        for unit in range(2)
+    ]
+    return "t_us,board,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + "".join(cells)
+
+
+@pytest.mark.parametrize("apart_us", [0, 300])
+def test_two_sensors_in_turn_are_found_whatever_their_column_is_called(apart_us, tmp_path):
+    with pytest.raises(FormatError, match=r"the column 'board' holds A, B in turn.*give --where board=A"):
+        make(tmp_path, two_in_turn(apart_us))
+    same(make(tmp_path, two_in_turn(apart_us), where="board=A"))
+
+
+def test_a_bit_that_changes_with_each_row_is_no_second_sensor(tmp_path):
+    text = "t_us,tick,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + rows(T_US, [i % 2 for i in range(len(T_US))], *triads("dps", "g"))
+    same(make(tmp_path, text))
+
+
+@pytest.mark.parametrize("lost", [10, 100])
+def test_samples_that_whole_seconds_lack_are_missed(lost):
+    true_ns = np.round(np.arange(12_000) * (1e9 / 105.1)).astype(np.int64)
+    whole = np.delete(true_ns // 10**9 * 10**9, np.s_[5000 : 5000 + lost])
+    with pytest.raises(DataError, match="samples are missing"):
+        evenly(whole, None, "x")
+
+
+SIX = r"ax: (\S+) ay: (\S+) az: (\S+) gx: (\S+) gy: (\S+) gz: (\S+)"
+
+
+def records():
+    return [f"t: {t} ax: {i % 7}.5 ay: 0.25 az: 9.75 gx: {i % 5}.125 gy: 0.5 gz: 1.5" for i, t in enumerate(T_US)]
+
+
+def test_a_capture_that_begins_in_mid_line_keeps_each_reading_at_its_time(tmp_path):
+    """The rest of a record before the first whole one is no record's beginning."""
+    lines_of = records()
+    made = make(tmp_path, "\n".join([lines_of[0][20:], *lines_of[1:]]) + "\n", gyro_unit="dps", accel_unit="m/s2", time_unit="us")
+    samples = read_session(made.folder).logs[0].samples
+    np.testing.assert_array_equal(samples.t_ns, T_US[1:] * 1000)
+    np.testing.assert_allclose(samples.gyro[:, 0] / DEG, [i % 5 + 0.125 for i in range(1, len(T_US))])
+    np.testing.assert_allclose(samples.accel[:, 0], [i % 7 + 0.5 for i in range(1, len(T_US))])
+    torn = [*lines_of[:50], lines_of[50][12:], *lines_of[51:]]
+    with pytest.raises(FormatError, match=r"LOG\.CSV line 51"):
+        make(tmp_path, "\n".join(torn) + "\n", gyro_unit="dps", accel_unit="m/s2", time_unit="us", out="torn")
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda line: line.replace(".", ","),
+        lambda line: re.sub(r"t: (\d+) ", r"\1 ", line),
+        lambda line: re.sub(r"t: (\d+) ", r"I (\1) IMU: ", line),
+        lambda line: re.sub(
+            r"ax: (\S+) ay: (\S+) az: (\S+) gx: (\S+) gy: (\S+) gz: (\S+)", r"acc: x=\1 y=\2 z=\3 gyr: x=\4 y=\5 z=\6", line
+        ),
+        lambda line: re.sub(r"ax: (\S+) ay: (\S+) az: (\S+) gx: (\S+) gy: (\S+) gz: (\S+)", r"Accel: \1, \2, \3 Gyro: \4, \5, \6", line),
+        lambda line: re.sub(r"gz: (\S+)", r"gz: \1 degrees/s", re.sub(r"az: (\S+)", r"az: \1 m/s^2", line)),
+    ],
+    ids=["decimal commas", "leading stamp", "a log's tag", "labels", "lists", "units"],
+)
+def test_names_and_numbers_as_people_print_them(write, tmp_path):
+    made = make(tmp_path, "\n".join(map(write, records())) + "\n", gyro_unit="dps", accel_unit="m/s2", time_unit="us")
+    samples = read_session(made.folder).logs[0].samples
+    np.testing.assert_array_equal(samples.t_ns - samples.t_ns[0], SAMPLES.t_ns)
+    np.testing.assert_allclose(samples.gyro[:, 0] / DEG, [i % 5 + 0.125 for i in range(len(T_US))])
+    np.testing.assert_allclose(samples.accel[:, 0], [i % 7 + 0.5 for i in range(len(T_US))])
+
+
+def test_rows_that_are_wider_than_the_header_are_refused(tmp_path):
+    head, *body = USUAL.splitlines()
+    wide = [line if i < 900 else line.replace(",", ",7,", 1) for i, line in enumerate(body)]
+    with pytest.raises(FormatError, match=r"line 902: 8 cells under 7 names"):
+        make(tmp_path, "\n".join([head, *wide]) + "\n", gyro_unit="dps", accel_unit="g")
+    same(make(tmp_path, "\n".join([head, *(f"{line},," for line in body)]) + "\n", gyro_unit="dps", accel_unit="g"))
+
+
+def test_a_column_that_is_taken_twice_is_refused(tmp_path):
+    with pytest.raises(FormatError, match=r"takes the column .* for two things"):
+        make(tmp_path, rows(T_US, *triads("dps", "g")), columns="t_us=1,gx_dps=2,gy_dps=2,gz_dps=2,ax_g=5,ay_g=6,az_g=7")
+
+
+def test_readings_far_beyond_a_full_scale_are_refused(tmp_path):
+    told = {"gyro_unit": "dps", "accel_unit": "g"}
+    with pytest.raises(DataError, match="more than --gyro-fs 50 holds"):
+        make(tmp_path, USUAL, **told | {"gyro_fs_dps": 50.0})
+    with pytest.raises(DataError, match=r"more than any usual full scale \(up to 4000 dps\) holds; is its unit right"):
+        make(tmp_path, USUAL, **told | {"gyro_unit": "rad/s", "gyro_fs_dps": None})
+
+
+def test_a_decimal_stamp_beside_hexadecimal_registers_stays_decimal(tmp_path):
+    """Four digits or eight: what has no letter and no leading zero is no register."""
+    raw = [f"{1000 + 10 * i},{(i * 7) % 4096:04X},FFFE,0003,00A0,FF00,1000" for i in range(800)]
+    form = form_of(["ms,gx,gy,gz,ax,ay,az", *raw], None, "x")
+    assert form(["1010,0007,FFFE,0003,00A0,FF00,1000"]) == ["1010,7,-2,3,160,-256,4096"]
+
+
+def test_a_peak_in_coarse_steps_is_no_end_of_a_range(tmp_path):
+    gyro = np.rint(GYRO["dps"] / 5) * 5
+    text = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n" + rows(T_US / 1e3, *ACCEL["g"].T, *gyro.T)
+    assert make(tmp_path, text, gyro_unit="dps", accel_unit="g", gyro_fs_dps=None).samples == len(T_US)
+
+
+def test_units_below_our_own_names_are_read(tmp_path):
+    text = "time,gx,gy,gz,ax,ay,az\nms,deg/s,deg/s,deg/s,g,g,g\n" + rows(T_US / 1e3, *triads("dps", "g"))
+    same(make(tmp_path, text))

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import pairwise
 from typing import Protocol
 
 from session.io.errors import FormatError
@@ -316,9 +317,13 @@ def _hexadecimal(lines: list[str]) -> _Hexadecimal | None:
     width = min(map(len, rows))
     whole = [place for place in range(width) if all(FOUR.fullmatch(row[place]) for row in rows)]
     lettered = any(not row[place].isdigit() for row in rows for place in whole)
-    # A stamp that happens to have four decimal digits is no register: it has neither a letter nor a leading zero.
-    columns = frozenset(place for place in whole if any(not row[place].isdigit() or row[place][0] == "0" for row in rows))
+    # A stamp that happens to have four decimal digits is no register: no letter, no leading zero, and it rises.
+    columns = frozenset(place for place in whole if not _is_stamp([row[place] for row in rows]))
     return _Hexadecimal(columns) if lettered and len(whole) >= 2 * LEAST_PAIRS else None
+
+
+def _is_stamp(cells: list[str]) -> bool:
+    return all(cell.isdigit() and cell[0] != "0" for cell in cells) and all(int(a) < int(b) for a, b in pairwise(cells))
 
 
 #: what a sensor's burst of registers holds, and which byte of a register comes first

@@ -29,6 +29,8 @@ AT_THE_END = 4
 FAR = 1.2
 #: of a range: up to where a register's last count lies
 AT_LAST = 1.0005
+#: of the least step between readings: the step to a range's end, where readings run into it
+ABRUPT = 3
 #: a rate that small is a rest's, whose few values come again and again
 LEAST_AT_END = {"gyro": 60 * DEG, "accel": 1.5 * G}
 #: of g, the most that readings have as their median length: twice, whatever the scale's error
@@ -134,10 +136,17 @@ def _without_gravity(length_g: float) -> str:
 
 
 def _standing(values: np.ndarray) -> int:
-    """The longest run of readings (N, 3) of one axis that are all as large as the largest of any axis."""
-    most = np.abs(values).max()
-    lengths = [int((stop - start).max()) for axis in values.T for start, stop in [runs_of(np.abs(axis) == most)] if len(start)]
-    return max(lengths, default=0)
+    """The longest run of readings (N, 3) of one axis that are all as large as the largest of any axis, and begin or end abruptly: a peak
+    in coarse steps stands, too, but the next reading is one step away."""
+    most, longest = np.abs(values).max(), 0
+    for axis in values.T:
+        steps = np.abs(np.diff(axis))
+        least = steps[steps > 0].min(initial=np.inf)
+        for start, stop in zip(*runs_of(np.abs(axis) == most), strict=True):
+            beside = [abs(axis[start] - axis[row]) for row in (start - 1, stop) if 0 <= row < len(axis)]
+            if max(beside, default=0.0) >= ABRUPT * least:
+                longest = max(longest, int(stop - start))
+    return longest
 
 
 def sensor_of(answers: Answers) -> Sensor:

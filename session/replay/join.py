@@ -10,6 +10,7 @@ import numpy as np
 from session.io.dialects import Layout
 from session.io.errors import DataError, FormatError
 from session.io.reader import Piece
+from session.io.samples import Growing
 from session.io.stamps import COARSE, counted, evenly, fresh
 from session.io.streams import MOST_ROWS
 from session.io.units import NS_PER_S, G
@@ -73,11 +74,14 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     values = None if temp is None else temp.temp
     if temp is not None and values is not None and temp.t_ns is not None and temp_source is not gyro_source:
         values = np.interp(gyro_ns, temp.t_ns, values)
+    if not keep.all():
+        gyro_ns, rate, force = gyro_ns[keep], rate[keep], force[keep]
+        values = None if values is None else values[keep]
     return Joined(
-        gyro_ns[keep],
-        rate[keep],
-        force[keep],
-        None if values is None else values[keep],
+        gyro_ns,
+        rate,
+        force,
+        values,
         gyro_source.layout,
         accel_source.layout,
         None if temp_source is None else temp_source.layout,
@@ -86,24 +90,27 @@ def join(sources: Sequence[Source], odr_hz: float | None) -> Joined:
     )
 
 
+#: of a piece
+PARTS = ("t_ns", "gyro", "accel", "temp")
+
+
 def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool = False) -> Piece:
     """All rows of a source; bursts: whether stamps that come in bursts stay as they are."""
-    pieces, rows = [], 0
-    name = source.path.name
+    name, rows = source.path.name, 0
+    growing: dict[str, Growing] = {}
     for piece in source.pieces(as_written=True):
-        pieces.append(piece)
+        for part in PARTS:
+            if (values := getattr(piece, part)) is not None:
+                growing.setdefault(part, Growing()).add(values)
         rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
         if rows > MOST_ROWS:
             raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
     notes += [f"{name}: {note}" for note in source.notes]
-    if not pieces and getattr(source, "picks_rows", False):
+    if not rows and getattr(source, "picks_rows", False):
         raise FormatError(f"{name}: no samples among the rows that --rows, --where and --lines leave; give others")
-    if not pieces:
+    if not rows:
         raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
-    columns = [
-        None if getattr(pieces[0], part) is None else np.concatenate([getattr(piece, part) for piece in pieces])
-        for part in ("t_ns", "gyro", "accel", "temp")
-    ]
+    columns = [growing[part].rows() if part in growing else None for part in PARTS]
     t_ns = columns[0]
     if t_ns is None:
         if odr_hz is None:  # of a file with neither sensor: ``recognise`` requires it of the others

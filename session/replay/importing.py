@@ -33,6 +33,8 @@ def import_log(
     header: of a port's bytes as text; array_by: the column whose values tell the units of an array; turns: the known turns of a gyroscope
     alone.  Raises FormatError and DataError, QuestionsError for all that the log does not say, StorageError.
     """
+    if add not in (None, "log", "closure"):
+        raise FormatError(f"add is {add!r:.40}, expected log or closure")
     out = Path(_stem(paths[0])) if out is None else out
     if len(paths) == 1 and is_raw(paths[0]) and not _is_known(paths[0]):
         return convert_raw(paths[0], out, answers.odr_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor, header)

@@ -129,12 +129,28 @@ def column_unit(unit: str) -> str:
     return "dps" if si == DEG else "rps"
 
 
+#: of an answer that is no number: an example of it; of the others, which are words, none is needed
+EXAMPLES = {
+    "time_unit": "'us'",
+    "gyro_unit": "'dps'",
+    "accel_unit": "'g'",
+    "columns": "'t_us=time,gx_dps=wx,…'",
+    "gyro_axes": "'y,-x,z'",
+    "accel_axes": "'y,-x,z'",
+    "rows": "'IMU' or '7'",
+    "where": "'id=0'",
+    "lines": "'1-2991'",
+    "packed": "'st'",
+}
+
+
 def answers_of(choices: Mapping[str, Any]) -> Answers:
     """Return what a log does not tell, checked; DataError for a full scale or rate that is no number above 0, and for other than text."""
     for name, value in choices.items():
         number = name in ("odr_hz", "gyro_fs_dps", "accel_fs_g")
         if value is not None and not (is_number(value) and value > 0 if number else isinstance(value, str)):
-            raise DataError(f"{name} is {value!r:.60}, expected {'a number above 0' if number else 'text'}")
+            expected = "a number above 0" if number else f"text, as {EXAMPLES[name]}" if name in EXAMPLES else "text"
+            raise DataError(f"{name} is {value!r:.60}, expected {expected}")
     return Answers(**{name: value for name, value in choices.items() if value is not None})
 
 

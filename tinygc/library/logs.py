@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from session.detect.findings import Finding
 from session.io.dialects import Answers
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FormatError
 from session.io.folder import Session, read_session
 from session.io.questions import QuestionsError
-from session.replay.answers import sensor_of, with_comments, with_full_scales, with_sensor
 from session.replay.importing import import_log as import_files
-from session.replay.join import join
-from session.replay.sources import Sources
-from session.replay.took import said_took
-from tinygc.library.arguments import public
+from tinygc.library.arguments import answers_of, public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -68,14 +66,34 @@ class LogArrays:
     took: tuple[str, ...]
     #: what was repaired, assumed or left out
     notes: tuple[str, ...]
+    #: the sensor's model, ``"unknown"`` where neither the log nor the caller says it
+    sensor: str = "unknown"
+    #: the sensor's serial number, as far as the log says it
+    serial: str = ""
+    #: Hz, the data rate as stated, or as the stamps say
+    odr_hz: float = float("nan")
+    #: whether there were no stamps, so that ``t_s`` counts samples at ``odr_hz``
+    counted: bool = False
+    #: whether the log held registers
+    raw: bool = False
+    #: what the log says of itself (``key=value``), as ``Log.comments`` has it
+    comments: dict[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<LogArrays {len(self.t_s)} samples, {self.t_s[-1]:.1f} s>"
 
     def session(self, **more: Any) -> Session:
-        """A session of these arrays; more: further arguments of ``Session.from_arrays``."""
-        told = {"gyro_fs_dps": self.gyro_fs_dps, "accel_fs_g": self.accel_fs_g} | more
-        return Session.from_arrays(self.t_s, self.gyro_rps, self.accel_mps2, self.temp_c, **told)
+        """The session that ``import_log`` makes, of these arrays; more: further arguments of ``Session.from_arrays``."""
+        told: dict[str, Any] = {
+            "gyro_fs_dps": self.gyro_fs_dps,
+            "accel_fs_g": self.accel_fs_g,
+            "model": self.sensor,
+            "serial": self.serial,
+        } | more
+        made = public()(Session.from_arrays)(self.t_s, self.gyro_rps, self.accel_mps2, self.temp_c, **told)
+        sensor = replace(made.config.sensor, odr_hz=self.odr_hz)
+        logs = tuple(replace(log, comments=dict(self.comments), raw=self.raw) for log in made.logs)
+        return replace(made, config=replace(made.config, sensor=sensor), logs=logs)
 
 
 def _paths(paths: Paths) -> list[Path]:
@@ -101,21 +119,21 @@ def _asking_for_keywords() -> Iterator[None]:
         raise QuestionsError(asked.file, asked.dialect, questions) from None
 
 
-def _columns(columns: str | Sequence[str] | None) -> tuple[str, ...]:
+def _columns(columns: Sequence[str] | None) -> tuple[str, ...]:
     return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
 
 
 @public(Answers)
 def import_log(
     paths: Paths,
-    out: str | PathLike[str] | None = None,
+    out: Path | str | None = None,
     *,
     add: str | None = None,
     serial: str = "",
-    columns: str | Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
     header: str | None = None,
     array_by: str | None = None,
-    turns: str | PathLike[str] | None = None,
+    turns: Path | str | None = None,
     **answers: Any,
 ) -> Imported:
     """Make a session folder of any program's log, as the command ``import`` does.
@@ -166,20 +184,20 @@ def import_log(
     with _asking_for_keywords():
         made = import_files(
             _paths(paths),
-            None if out is None else Path(fspath(out)),
-            Answers(**answers),
+            None if out is None else Path(out),
+            answers_of(answers),
             add=add,
             serial=serial,
             columns=_columns(columns),
             header=header,
             array_by=array_by,
-            turns=None if turns is None else Path(fspath(turns)),
+            turns=None if turns is None else Path(turns),
         )
     return Imported(made.folder, made.took, made.notes, made.findings, made.next)
 
 
 @public(Answers)
-def read_log(paths: Paths, *, columns: str | Sequence[str] | None = None, **answers: Any) -> LogArrays:
+def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: Any) -> LogArrays:
     """Read any program's log as arrays in SI, without a folder.
 
     Parameters
@@ -210,23 +228,31 @@ def read_log(paths: Paths, *, columns: str | Sequence[str] | None = None, **answ
     True
 
     """
-    with _asking_for_keywords(), Sources(_paths(paths), Answers(**answers), _columns(columns)) as sources:
-        told = with_comments(Answers(**answers), sources)
-        told, assumed = with_sensor(sources, told)
-        joined = join(sources, told.odr_hz)
-        told, ranges = with_full_scales(sources, joined, told)
-    units = sensor_of(told).register_units
-    temp = None if joined.temp is None or joined.temp_layout is None else joined.temp_layout.temperature_c(joined.temp, units)
-    t_s = (joined.t_ns - joined.t_ns[0]) * 1e-9
-    rate_hz = float(f"{(len(t_s) - 1) / max(t_s[-1], 1e-9):.4g}")
-    notes = (*assumed, *ranges)
+    with _asking_for_keywords(), TemporaryDirectory(prefix="read-log-") as folder:
+        try:
+            made = import_files(_paths(paths), Path(folder) / "log", answers_of(answers), columns=_columns(columns))
+            session = read_session(made.folder)
+        except CalibrationError as error:
+            if folder not in str(error):
+                raise
+            raise FormatError(str(error).replace(f"{folder}{os.sep}", "")) from None  # a folder that nobody has given
+    if len(session.logs) != 1:
+        raise CalibrationError(f"read_log: it makes {len(session.logs)} logs, and arrays are of one; use tinygc.import_log")
+    (log,), sensor = session.logs, session.config.sensor
+    samples = log.samples
     return LogArrays(
-        t_s,
-        joined.gyro * joined.gyro_layout.gyro_si(units),
-        joined.accel * joined.accel_layout.accel_si(units),
-        temp,
-        float(told.gyro_fs_dps or 0),
-        float(told.accel_fs_g or 0),
-        said_took(sources, joined, told, notes, rate_hz, float(t_s[-1])),
-        (*joined.notes, *notes),
+        (samples.t_ns - samples.t_ns[0]) * 1e-9,
+        samples.gyro[:],
+        samples.accel[:],
+        None if samples.temp_c is None else samples.temp_c[:],
+        sensor.gyro_fs_dps,
+        sensor.accel_fs_g,
+        made.took,
+        made.notes,
+        sensor.model,
+        sensor.serial,
+        sensor.odr_hz,
+        log.counted,
+        log.raw,
+        log.comments,
     )

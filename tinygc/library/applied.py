@@ -40,7 +40,7 @@ def apply(
     model : Calibration, Fit, str or Path
         A calibration, a model file, or the folder of a session: the model that its fit recommends.
     data : array_like, Log, str or Path
-        Measured rates (N, 3); a session's log; or a log file that ``replay`` reads, with ``out``.
+        Measured rates (N, 3); a session's log; or a log file that ``import`` reads, with ``out``.
     out : str or Path, optional
         The log to write, .csv or .csv.gz, of a log file.
     acc, temp : array_like, optional

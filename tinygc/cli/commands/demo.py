@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         command_line("report", folder),
         command_line("explain", folder),
         command_line("apply", model, log, "-o", "calibrated.csv"),
-        command_line("replay", "LOG.csv", "--out", "mine") + "  # a log of your own",
+        command_line("import", "LOG.csv", "--out", "mine") + "  # a log of your own",
     )
     table = {"schema": "tinygc-demo/1", "folder": str(folder), "parameters": parameters, "fit": result.to_json()}
     write_json(args.json, table)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
@@ -67,17 +67,17 @@ class LogArrays:
     #: what was repaired, assumed or left out
     notes: tuple[str, ...]
     #: the sensor's model, ``"unknown"`` where neither the log nor the caller says it
-    sensor: str = "unknown"
+    sensor: str
     #: the sensor's serial number, as far as the log says it
-    serial: str = ""
+    serial: str
     #: Hz, the data rate as stated, or as the stamps say
-    odr_hz: float = float("nan")
+    odr_hz: float
     #: whether there were no stamps, so that ``t_s`` counts samples at ``odr_hz``
-    counted: bool = False
+    counted: bool
     #: whether the log held registers
-    raw: bool = False
+    raw: bool
     #: what the log says of itself (``key=value``), as ``Log.comments`` has it
-    comments: dict[str, str] = field(default_factory=dict)
+    comments: dict[str, str]
 
     def __repr__(self) -> str:
         return f"<LogArrays {len(self.t_s)} samples, {self.t_s[-1]:.1f} s>"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -12,8 +14,8 @@ from session.io.errors import FormatError
 from session.io.forms import EXAMPLES
 from session.io.standard import OWN
 from session.replay.convert import Converted, convert
-from session.replay.raw import convert_raw, is_raw
-from session.replay.sources import head_of
+from session.replay.raw import convert_raw, is_raw, refuse_of_logs
+from session.replay.sources import BY_NAMES, head_of
 
 
 def import_log(
@@ -35,14 +37,44 @@ def import_log(
     """
     if add not in (None, "log", "closure"):
         raise FormatError(f"add is {add!r:.40}, expected log or closure")
+    if answers.like is not None:
+        answers = replace(answers, like=kind_named(answers.like))
     out = Path(_stem(paths[0])) if out is None else out
-    if len(paths) == 1 and is_raw(paths[0]) and not _is_known(paths[0]):
+    alone = replace(answers, columns=columns[0]) if len(columns) == 1 else answers
+    if len(paths) == 1 and not _is_known(paths[0], answers) and is_raw(paths[0], alone):
+        ignored = {"add": add is not None, "array_by": array_by is not None, "turns": turns is not None, "serial": bool(serial)}
+        refuse_of_logs(paths[0], alone, ignored)
         return convert_raw(paths[0], out, answers.odr_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor, header)
+    if header is not None:
+        raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
     if array_by is not None:
+        _refuse_beside(
+            "--array-by", {"--add": add, "--serial": serial, "--turns": turns, "--where": answers.where, "--topic": answers.topic}
+        )
         return need("arrays out of one log", "--array-by").import_array(paths, out, answers, array_by, columns)
     if turns is not None:
-        return need("turns of known angle", "--turns").import_turns(paths, out, answers, turns, columns)
+        _refuse_beside("--turns", {"--add": add})
+        return need("turns of known angle", "--turns").import_turns(paths, out, answers, turns, columns, serial)
     return convert(paths, out, answers, add, serial, columns)
+
+
+def _refuse_beside(option: str, others: Mapping[str, object]) -> None:
+    """FormatError for options that this one takes no notice of."""
+    if given := [name for name, value in others.items() if value]:
+        raise FormatError(f"{option} and {' and '.join(given)} do not go together; leave one out")
+
+
+def kind_named(text: str) -> str:
+    """The name of ``import --list`` that a text means: its whole, or a beginning that only one has.  FormatError for others."""
+    names = list(dict.fromkeys(name for name, _, _ in known_logs()))
+    plain = {name: re.sub(r"[^a-z0-9]", "", name.lower()) for name in names}
+    wanted = re.sub(r"[^a-z0-9]", "", text.lower())
+    near = [name for name in names if wanted and plain[name].startswith(wanted)]
+    whole = [name for name in near if plain[name] == wanted]
+    if len(whole or near) == 1:
+        return (whole or near)[0]
+    expected = f"which may be one of {'; '.join(near)}" if near else f"expected one of {'; '.join(names)}"
+    raise FormatError(f"--like is {text[:40]!r}, {expected}")
 
 
 def _stem(path: Path) -> str:
@@ -53,10 +85,12 @@ def _stem(path: Path) -> str:
     return stem
 
 
-def _is_known(path: Path) -> bool:
-    """Whether a file with the name of a port's bytes is a binary log after all."""
+def _is_known(path: Path, answers: Answers) -> bool:
+    """Whether a file with the name of a port's bytes is a binary log after all: by its bytes, or as ``--like`` says."""
     registry = find("binary logs")
-    return registry is not None and path.is_file() and registry.reader_of(path, head_of(path)) is not None
+    if registry is None or not path.is_file():
+        return False
+    return answers.like in registry.READERS or registry.reader_of(path, head_of(path)) is not None
 
 
 def known_logs() -> Iterator[tuple[str, str, str]]:
@@ -66,7 +100,7 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
         yield dialect.name, dialect.example, ""
     for name, (_, example) in EXAMPLES.items():
         yield name, example, ""
-    yield "columns by their names", "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
+    yield BY_NAMES, "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
     registry = find("binary logs")
     for reader in map(import_module, registry.READERS.values()) if registry is not None else ():
         needs = f"{reader.PACKAGE}: pip install 'tinygc[{reader.EXTRA}]'" if reader.PACKAGE else ""

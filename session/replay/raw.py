@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import re
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
+
+import numpy as np
 
 from session.bench.decoder import StreamDecoder
 from session.bench.frames import cannot_be_told
@@ -12,19 +17,55 @@ from session.bench.rawfile import said_cut
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.detect.first_look import check_folder
+from session.detect.segments import pace_of
+from session.io.config import read_config
+from session.io.dialects import Answers
 from session.io.errors import CalibrationError, FormatError, StorageError
 from session.io.files import MB, MOST_TOML, naming, open_file, read_bytes
+from session.io.logfile import read_log
+from session.io.questions import QuestionsError
+from session.io.reader import Reader
+from session.io.standard import OWN
 from session.io.texts import command_line
 from session.replay.convert import Converted
+from session.replay.sources import head_of
+from session.replay.took import said_port
 
 SUFFIX = ".bin"
 #: bytes without a sample: three hours of a port that listens at a wrong speed
 MOST_SILENT = 128 * MB
 
 
-def is_raw(path: Path) -> bool:
-    """Whether a file is what a port gave, rather than a log: by its name."""
-    return path.suffix.lower() == SUFFIX
+#: what no line of text holds
+NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
+
+
+def is_raw(path: Path, answers: Answers) -> bool:
+    """Whether a file is what a port gave, rather than a log: it is named so, and its bytes are no table of another program's.
+
+    A board's own lines are a port's bytes as well.
+    """
+    if path.suffix.lower() != SUFFIX or not path.is_file():
+        return path.suffix.lower() == SUFFIX
+    head = head_of(path)
+    if b"\n" not in head or NO_TEXT.search(head):
+        return True
+    try:
+        return Reader(path, answers).layout.dialect == OWN
+    except QuestionsError:
+        return False
+    except FormatError:
+        return True
+
+
+def refuse_of_logs(path: Path, answers: Answers, more: Mapping[str, bool]) -> None:
+    """FormatError for options that a port's bytes take no notice of; more: those that are no answers, and whether they are given."""
+    used = ("odr_hz", "gyro_fs_dps", "accel_fs_g", "sensor")
+    given = [each.name for each in fields(Answers) if each.name not in used and getattr(answers, each.name) != each.default]
+    given += [name for name, is_given in more.items() if is_given]
+    if given:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise FormatError(f"{path.name} holds a port's bytes, of which {options} says nothing: that is for logs; leave it out")
 
 
 def convert_raw(
@@ -88,7 +129,20 @@ def convert_raw(
     notes += [words] if (words := said_cut(raw_path)) else []
     notes += [ASSUMED] * assumed
     next_steps = (command_line("check", out), command_line("fit", out))
-    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
+    findings, took = tuple(check_folder(out)), _took(raw_path, own[0])
+    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
+
+
+def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
+    """What the bytes were taken for, by the first log that was made of them; nothing where that cannot be read, which is a finding."""
+    try:
+        sensor = read_config(log.with_name(NAME)).sensor
+        samples = read_log(log, sensor).samples
+        layout = Reader(log, None, sensor.wanted).layout
+    except CalibrationError:
+        return ()
+    rate = f"{pace_of(samples.t_ns).rate_hz:.4g} Hz for {samples.duration_s:.1f} s" if np.diff(samples.t_ns).any() else "one sample"
+    return said_port(raw_path.name, layout, sensor, rate)
 
 
 def _configure(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import lzma
+import re
 import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Protocol
@@ -15,13 +18,14 @@ from typing import Protocol
 import numpy as np
 
 from session.io.annexes import find
-from session.io.dialects import Answers, Layout, Triad, three
+from session.io.dialects import DIALECTS, Answers, Layout, Triad, three
 from session.io.errors import FormatError
 from session.io.files import MOST_ARCHIVE, open_file, unreadable
+from session.io.forms import EXAMPLES
 from session.io.lines import STANDARD
 from session.io.questions import Question, QuestionsError, all_of
 from session.io.reader import Piece, Reader
-from session.io.recognise import CHOICES, NO_TIME, parse_axes
+from session.io.recognise import CHOICES, NO_TIME, OTHER, parse_axes
 from session.io.streams import Stream, Topic
 from session.io.units import Unit, beyond_any_sensor, known, parse_unit
 
@@ -51,12 +55,14 @@ class Source(Protocol):
 class Sources:
     """The sources of some files, in a ``with``, since what is unpacked for it is removed behind it."""
 
-    def __init__(self, paths: Sequence[Path], answers: Answers, columns: Sequence[str] = ()):
-        """columns: a list of columns for each file, in their order; one is for all of them.  Raises FormatError."""
+    def __init__(self, paths: Sequence[Path], answers: Answers, columns: Sequence[str] = (), gyro_alone: bool = False):
+        """columns: a list of columns for each file, in their order; one is for all of them.  gyro_alone: whether no accelerometer is
+        needed.  Raises FormatError."""
         if len(columns) not in (0, 1, len(paths)):
             raise FormatError(f"--columns is given {len(columns)} times for {len(paths)} files; give it once, or once for each file")
         self._paths, self._answers = paths, answers
         self._columns = [columns[0] if len(columns) == 1 else columns[place] if columns else None for place in range(len(paths))]
+        self._needed = {"gyro": "gyroscope"} if gyro_alone else {"gyro": "gyroscope", "accel": "accelerometer"}
         self._stack = ExitStack()
 
     def __enter__(self) -> list[Source]:
@@ -64,14 +70,18 @@ class Sources:
         with ExitStack() as stack:
             found: list[Source] = []
             asked: list[QuestionsError] = []
+            faults: list[FormatError] = []
             for path, columns in zip(self._paths, self._columns, strict=True):
                 answers = self._answers if columns is None else replace(self._answers, columns=columns)
                 try:
-                    found += _sources_of(path, answers, stack)
+                    found += _sources_of(path, answers, stack, faults)
                 except QuestionsError as error:
                     asked.append(error)
             if asked:
                 raise all_of(asked) if len(asked) > 1 else asked[0]
+            for kind, called in self._needed.items():
+                if faults and all(getattr(source.layout, kind) is None for source in found):
+                    raise _left_out(self._paths, kind, called, faults)
             self._stack = stack.pop_all()
             return found
 
@@ -79,21 +89,55 @@ class Sources:
         self._stack.close()
 
 
-def _sources_of(path: Path, answers: Answers, stack: ExitStack) -> list[Source]:
+def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[FormatError]) -> list[Source]:
+    """The sources of one path; faults: what is wrong with the files of a folder that are left out."""
     if str(path) == STANDARD or not path.exists():
         return [Reader(path, answers)]
     if not path.is_file() and not path.is_dir():
         return [Reader(path, answers)]  # a pipe
     head = b"" if path.is_dir() else head_of(path)
-    registry = find("binary logs")
-    reader = None if registry is None else registry.reader_of(path, head)
+    reader = _binary(path, head, answers.like)
     if reader is not None:
         return list(_streams(path, reader, answers))
     if path.is_dir():
-        return _of_folder(path, answers)
+        return _of_folder(path, answers, faults)
     if head.startswith(b"PK\x03\x04"):
-        return _of_folder(_unpacked(path, stack), answers, path.name)
-    return [Reader(path, answers)]
+        return _of_folder(_unpacked(path, stack), answers, faults, path.name)
+    return [_text(path, answers)]
+
+
+def _binary(path: Path, head: bytes, like: str | None) -> ModuleType | None:
+    """The reader of a binary log: the one that knows its bytes, or that ``--like`` names; None for text.
+
+    FormatError where ``--like`` names a program whose log is text, and the file is none.
+    """
+    registry = find("binary logs")
+    if registry is None:
+        return None
+    reader: ModuleType | None = registry.reader_of(path, head)
+    if like in registry.READERS and (reader is not None or like not in {dialect.name for dialect in DIALECTS}):
+        return import_module(registry.READERS[like])
+    if reader is not None and like is not None:
+        raise FormatError(f"{path.name}: by its bytes a log of {reader.NAME}, and --like is {like[:40]!r}; leave --like out")
+    return reader
+
+
+#: as ``import --list`` calls a table of no program, whose header says what its columns are
+BY_NAMES = "columns by their names"
+
+
+def _text(path: Path, answers: Answers) -> Reader:
+    """The reader of a text log.  FormatError for ``--topic``, and for ``--like`` with a form of text that it does not have."""
+    if answers.topic is not None:
+        raise FormatError(f"{path.name}: a text log has no topics; leave --topic out")
+    like = answers.like
+    if like not in (BY_NAMES, *EXAMPLES):
+        return Reader(path, answers)
+    reader = Reader(path, replace(answers, like=None))
+    forms = [note.removesuffix(": read as a table") for note in reader.notes if note.endswith(": read as a table")]
+    if not (reader.layout.dialect == OTHER and not forms if like == BY_NAMES else any(form.startswith(like) for form in forms)):
+        raise FormatError(f"{path.name}: read as {', '.join((*forms, reader.layout.dialect))}, and --like is {like!r}; leave --like out")
+    return reader
 
 
 #: bytes of a file by which it is known
@@ -111,44 +155,70 @@ def head_of(path: Path) -> bytes:
 
 # Folders and archives, as a telephone's program exports them: a file for each sensor, and others that are not meant.
 
-SUFFIXES = (".csv", ".txt", ".tsv")
+SUFFIXES = (".csv", ".txt", ".tsv", ".log", ".jsonl", ".ndjson")
 #: files of such an export
 MOST_FILES = 200
+#: of what is wrong with files that are left out: how many are told of, and how much of each
+MOST_FAULTS, FAULT_LENGTH = 3, 140
+#: of a file's name: whose log it may be
+NAMED = {"gyro": "gyr", "accel": "acc"}
 
 
-def _of_folder(folder: Path, answers: Answers, called: str = "") -> list[Source]:
-    """The sources among the files of a folder; what holds neither sensor is left out."""
+def _of_folder(folder: Path, answers: Answers, faults: list[FormatError], called: str = "") -> list[Source]:
+    """The sources among the files of a folder; what holds neither sensor is left out.  QuestionsError for what any of the others does not
+    say; what is wrong with those that are left out is added to ``faults``."""
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())[:MOST_FILES]
     found: list[Source] = []
     asked: list[QuestionsError] = []
+    wrong: list[FormatError] = []
     for path in paths:
         try:
-            found.append(Reader(path, answers))
+            found.append(_text(path, answers))
         except QuestionsError as error:
             asked.append(error)
-        except FormatError:
-            continue
-    if asked and not found:
+        except FormatError as error:
+            wrong.append(error)
+    if asked:
         raise all_of(asked)
     name = called or str(folder)
     if not paths:
         raise FormatError(f"{name}: cannot be read (it holds no {', '.join(SUFFIXES)}); give the log's file")
     if not found:
-        raise FormatError(f"{name}: none of its {len(paths)} text files holds a gyroscope or an accelerometer; give the files themselves")
+        what = f"none of its {len(paths)} text files holds a gyroscope or an accelerometer"
+        raise FormatError(f"{name}: {what} ({_said(wrong, '')}); give the files themselves")
+    faults += wrong
     return found
 
 
+def _left_out(paths: Sequence[Path], kind: str, called: str, faults: Sequence[FormatError]) -> FormatError:
+    """The complaint about a sensor that is missing where files were left out, perhaps its own."""
+    return FormatError(f"{', '.join(path.name for path in paths)}: no {called} in it; files were left out: {_said(faults, NAMED[kind])}")
+
+
+def _said(faults: Sequence[FormatError], first: str) -> str:
+    """What is wrong with some of the files, those first whose name has this in it."""
+    texts = sorted((str(fault) for fault in faults), key=lambda text: first not in text.split(" ")[0].lower())
+    some = [text if len(text) <= FAULT_LENGTH else f"{text[:FAULT_LENGTH]}…" for text in texts[:MOST_FAULTS]]
+    return "; ".join((*some, *([f"and {len(texts) - MOST_FAULTS} more"] if len(texts) > MOST_FAULTS else [])))
+
+
 def _unpacked(path: Path, stack: ExitStack) -> Path:
-    """A folder with the archive's text files.  FormatError for what is damaged or beyond any log."""
+    """A folder with the archive's text files.  FormatError for what is damaged or beyond any log, and for two files of one name."""
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="import-")))
+    there: dict[str, str] = {}
     try:
         with zipfile.ZipFile(path) as archive:
-            members = [each for each in archive.infolist() if Path(each.filename).suffix.lower() in SUFFIXES][:MOST_FILES]
+            members = [each for each in archive.infolist() if Path(each.filename).suffix.lower() in SUFFIXES and not each.is_dir()]
+            # What a system puts beside its files when it packs them.
+            members = [each for each in members if not Path(each.filename).name.startswith("._")][:MOST_FILES]
             if sum(each.file_size for each in members) > MOST_ARCHIVE:
                 raise FormatError(f"{path.name}: its text files are larger than {MOST_ARCHIVE} bytes; unpack it, and give the files")
             for each in members:
-                (folder / Path(each.filename).name).write_bytes(archive.read(each))  # no name of the archive's is a path here
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
+                name = Path(each.filename).name  # no name of the archive's is a path here
+                if (other := there.setdefault(name.lower(), each.filename)) != each.filename:
+                    raise FormatError(f"{path.name}: it holds {other} and {each.filename}; unpack it, and give the files of one run")
+                (folder / name).write_bytes(archive.read(each))
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         raise FormatError(f"{path.name}: a damaged zip archive ({error}); unpack it as far as it goes, and give the files") from None
     return folder
 
@@ -200,9 +270,52 @@ class StreamSource:
 
 
 def _streams(path: Path, reader: ModuleType, answers: Answers) -> Iterator[StreamSource]:
+    for option in ("rows", "where", "lines", "packed"):
+        if getattr(answers, option) is not None:
+            raise FormatError(f"{path.name} ({reader.NAME}): --{option} is of a text log; leave it out")
     topics: list[Topic] = reader.topics(path, answers.columns)
     for stream in reader.read(path, _chosen(path, reader.NAME, topics, answers.topic), answers.columns):
-        yield _stream_source(path, reader.NAME, stream, answers)
+        columns = next((topic.columns for topic in topics if topic.name == stream.name), ())
+        yield _stream_source(path, reader.NAME, stream, answers, _names(reader.NAME, stream, columns))
+
+
+#: what the end of a column's name says of its axis
+AXIS = re.compile(r"(.*?)[\[_.]?([xyzXYZ012])\]?")
+#: of a column's name: which sensor it is of
+KINDS = {"gyro": re.compile(r"gyr|angular_velocity", re.I), "accel": re.compile(r"acc", re.I)}
+
+
+#: readers of arrays, whose topics name the stamps first, where there are any
+OF_ARRAYS = ("HDF5", "MATLAB", "NumPy", "Arrow")
+
+
+def _names(called: str, stream: Stream, columns: Sequence[str]) -> tuple[str, ...]:
+    """Of stamps, gyroscope, accelerometer and temperature: how the file calls them, and where that is not clear, what they are of.
+
+    columns: of the stream's topic.
+    """
+    triads: dict[str, list[str]] = {}
+    for name in columns:
+        if (match := AXIS.fullmatch(name)) is not None:
+            triads.setdefault(match[1], []).append(name)
+    triads = {stem: names for stem, names in triads.items() if len(names) == 3}
+    alone = not {"gyro", "accel"} <= set(stream.holds)
+    named: list[str] = []
+    for kind, pattern in KINDS.items():
+        found = [names for stem, names in triads.items() if pattern.search(stem) or (alone and not stem)]
+        # An array of three columns has one name.
+        whole = [name for name in columns if pattern.search(name) and called in OF_ARRAYS]
+        if not found and len(whole) == 1:
+            found = [[f"{whole[0]}[{axis}]" for axis in range(3)]]
+        named += found[0] if len(found) == 1 else [f"{stream.name} {kind} {axis}" for axis in "xyz"]
+    stamps = columns[0] if called in OF_ARRAYS and columns and stream.t_ns is not None else f"the stamps of {stream.name}"
+    return (stamps, *named, "temperature")
+
+
+#: of a column's name: of a message whose definition fixes its unit, sensor_msgs/Imu
+BY_DEFINITION = ("angular_velocity", "linear_acceleration")
+#: where the stamps of a stream are from: in ns here, whatever they are there
+BY_FILE = "the file"
 
 
 def _chosen(path: Path, called: str, topics: Sequence[Topic], told: str | None) -> list[str]:
@@ -227,7 +340,7 @@ def _chosen(path: Path, called: str, topics: Sequence[Topic], told: str | None) 
     raise QuestionsError(path.name, called, [Question("which of its topics is meant", f"--topic {example}", listed)])
 
 
-def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) -> StreamSource:
+def _stream_source(path: Path, called: str, stream: Stream, answers: Answers, names: tuple[str, ...]) -> StreamSource:
     questions: list[Question] = []
 
     def unit_of(kind: str, told: str | None, word: str) -> Unit:
@@ -264,15 +377,17 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) ->
         accel=accel,
         temp=None if stream.temp is None else 7,
         temp_unit=temp_unit,
-        names=(f"{stream.name} stamps", *(f"{stream.name} {what} {axis}" for what in ("gyro", "accel") for axis in "xyz"), "temperature"),
+        names=names,
         frame=stream.frame,
-        sources=_sources(stream, answers),
+        sources=_sources(called, names, answers),
     )
     facts = {"gyro_fs_dps": stream.gyro_fs_dps, "accel_fs_g": stream.accel_fs_g, "odr_hz": stream.odr_hz, "sensor": stream.sensor}
     comments = {key: str(value) for key, value in facts.items() if value is not None}
     return StreamSource(path, layout, replace(stream, t_ns=None) if counted else stream, list(stream.notes), comments)
 
 
-def _sources(stream: Stream, answers: Answers) -> Mapping[str, str]:
+def _sources(called: str, names: Sequence[str], answers: Answers) -> Mapping[str, str]:
+    defined = called == "ULog" or any(name.startswith(BY_DEFINITION) for name in names)
+    said = "as that message is defined" if defined else BY_FILE
     told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
-    return {"time": "the file"} | {kind: "as you say" if said else "the file" for kind, said in told.items()}
+    return {"time": BY_FILE} | {kind: "as you say" if word else said for kind, word in told.items()}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from session.io.config import Sensor
 from session.io.dialects import Answers, Layout, Triad
 from session.io.recognise import OTHER
 from session.io.standard import OWN
 from session.io.units import NS_PER_S, TIME
 from session.replay.join import Joined
-from session.replay.sources import Source
+from session.replay.sources import BY_FILE, Source
 
 #: columns of one sensor that are named one by one
 NAMED = 3
@@ -20,19 +21,27 @@ def said_took(
     sources: Sequence[Source], joined: Joined, answers: Answers, assumed: Sequence[str], rate_hz: float, duration_s: float
 ) -> tuple[str, ...]:
     """Three lines for people."""
-    files = "; ".join(f"{source.path.name}: {_program(source.layout, answers)}" for source in sources)
+    files = "; ".join(f"{source.path.name}: {said_program(source.layout, answers)}" for source in sources)
     ranges = [
         _range(word, full_scale, any(called in note and "assumed" in note for note in assumed))
         for called, word, full_scale in (("gyroscope", "dps", answers.gyro_fs_dps), ("accelerometer", "g", answers.accel_fs_g))
     ]
     gyro, accel = joined.gyro_layout, joined.accel_layout
-    sensors = (
-        f"gyroscope: {_triad(gyro, gyro.gyro, 'gyro')}, {ranges[0]}; accelerometer: {_triad(accel, accel.accel, 'accel')}, {ranges[1]}"
-    )
-    return files, sensors, f"clock: {_clock(gyro, answers, joined.counted)}; {rate_hz:g} Hz for {duration_s:.1f} s"
+    rates, forces = said_triad(gyro, gyro.gyro, "gyro"), said_triad(accel, accel.accel, "accel")
+    sensors = f"gyroscope: {rates}, {ranges[0]}; accelerometer: {forces}, {ranges[1]}"
+    return files, sensors, f"clock: {said_clock(gyro, answers, joined.counted)}; {rate_hz:g} Hz for {duration_s:.1f} s"
 
 
-def _program(layout: Layout, answers: Answers) -> str:
+def said_port(name: str, layout: Layout, sensor: Sensor, rate: str) -> tuple[str, ...]:
+    """The same of a port's bytes; layout: of the log that was made of them; sensor: of their session.toml; rate: and for how long."""
+    gyro, accel = (said_triad(layout, triad, kind) for kind, triad in (("gyro", layout.gyro), ("accel", layout.accel)))
+    gyro, accel = f"{gyro}, ±{sensor.gyro_fs_dps:g} dps (session.toml)", f"{accel}, ±{sensor.accel_fs_g:g} g (session.toml)"
+    clock = f"{layout.name(layout.time_column)} in {_unit(layout.time_ns)}, the board's own"
+    return f"{name}: a port's bytes, by its name", f"gyroscope: {gyro}; accelerometer: {accel}", f"clock: {clock}; {rate}"
+
+
+def said_program(layout: Layout, answers: Answers) -> str:
+    """The program, and how it was known."""
     if layout.dialect == OTHER:
         return "columns as you say" if answers.columns else "columns by their names; no program that is known"
     how = "as --like says" if answers.like else "by its header" if layout.header_line else "by its bytes"
@@ -40,7 +49,8 @@ def _program(layout: Layout, answers: Answers) -> str:
     return f"{called}, {how}"
 
 
-def _triad(layout: Layout, triad: Triad | None, kind: str) -> str:
+def said_triad(layout: Layout, triad: Triad | None, kind: str) -> str:
+    """Three columns, their unit, and where it is from; kind: ``gyro`` or ``accel``."""
     assert triad is not None  # ``join`` chose the files that have them
     columns = ", ".join(f"{'-' if sign < 0 else ''}{layout.name(column)}" for column, sign in zip(triad.columns, triad.signs, strict=True))
     counts = re.fullmatch(r"([0-9.e+-]+) ?(.+)", triad.unit.word)
@@ -53,12 +63,14 @@ def _range(word: str, full_scale: float | None, assumed: bool) -> str:
     return f"±{full_scale:g} {word}{' (assumed)' if assumed else ''}"
 
 
-def _clock(layout: Layout, answers: Answers, counted: bool) -> str:
+def said_clock(layout: Layout, answers: Answers, counted: bool) -> str:
+    """The columns of the stamps, their unit, and where it is from; counted: whether there are none."""
     if counted or layout.time is None:
         return f"none, samples counted at {answers.odr_hz:g} Hz" if answers.odr_hz else "none, samples counted"
     columns = " + ".join(layout.name(column) for column in (layout.time, *(column for column, _ in layout.finer)))
-    unit = "as a time of day" if layout.clock else f"in {_unit(layout.time_ns)}"
-    return f"{columns} {unit} ({layout.sources.get('time') or 'by its name and its pace'})"
+    source = layout.sources.get("time") or "by its name and its pace"
+    unit = "" if source == BY_FILE else " as a time of day" if layout.clock else f" in {_unit(layout.time_ns)}"
+    return f"{columns}{unit} ({source})"
 
 
 def _unit(ns: int) -> str:

@@ -71,3 +71,30 @@ def test_a_real_telephone_reads_as_the_public_set_does(tmp_path, run):
     for scale, published in zip(found.scales, (-0.002, 0.009, 0.003), strict=True):
         assert abs(scale.value - published) < 0.001
     assert found.asymmetry == {}
+
+
+def test_what_was_taken_is_three_lines_however_many_files(tmp_path, run):
+    paths = [phone(tmp_path / f"Z_{number}.csv") for number in range(5)]
+    turns = turns_file(tmp_path / "mine.csv", *(path.name for path in paths))
+    code, out, _ = run("import", *paths, "--turns", turns, "--out", tmp_path / "s", "--serial", "77")
+    assert code == 0
+    assert "Physics Toolbox, by its header: Z_0.csv as log0001_Z_0.csv.gz, Z_1.csv as" in out
+    assert "and 2 more" in out
+    assert "gyroscope: wx, wy, wz in rad/s" in out
+    assert "±125 dps (assumed)" in out
+    assert "clock: time in s" in out
+    assert 'serial = "77"' in (tmp_path / "s" / "session.toml").read_text()
+
+
+def test_two_files_of_one_name_and_a_wrong_file_of_turns_are_refused(tmp_path, run):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        phone(tmp_path / name / "Z.csv")
+    turns = turns_file(tmp_path / "mine.csv", "Z.csv")
+    code, _, said = run("import", tmp_path / "a" / "Z.csv", tmp_path / "b" / "Z.csv", "--turns", turns, "--out", tmp_path / "s")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "two files are called Z.csv" in said
+    turns.write_text(turns.read_text().replace("360", "north", 1))
+    code, _, said = run("import", tmp_path / "a" / "Z.csv", "--turns", turns, "--out", tmp_path / "s")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "mine.csv line 2: angle_deg" in said

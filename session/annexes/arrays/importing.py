@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from session.annexes.arrays.recording import read_array
+from session.detect.findings import Finding
 from session.io.dialects import Answers
 from session.io.errors import CalibrationError, FormatError
 from session.io.files import naming
+from session.io.forms import EXAMPLES
 from session.io.reader import Reader
 from session.io.texts import command_line
 from session.replay.convert import Converted, convert
+from session.replay.sources import BY_NAMES
+
+#: a note or a finding
+Said = TypeVar("Said", str, Finding)
 
 
 def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str, columns: Sequence[str] = ()) -> Converted:
@@ -25,7 +32,8 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
         raise FormatError(f"--array-by reads one log, not {len(paths)}; give the one that holds the rows of all sensors")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FormatError(f"{out}: exists; give --out a new folder")
-    values = Reader(paths[0], replace(answers, where=None), picking=column).values_of(column)
+    like = None if answers.like in (BY_NAMES, *EXAMPLES) else answers.like  # each unit's own import holds a form of text to it
+    values = Reader(paths[0], replace(answers, like=like), picking=column).values_of(column)
     made: list[Converted] = []
     try:
         for number, value in enumerate(values):
@@ -42,9 +50,19 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
         if out.is_dir() and not any(out.iterdir()):
             out.rmdir()
         raise
-    notes = tuple(f"{each.folder.name}: {note}" for each in made for note in each.notes)
-    findings = tuple(replace(finding, where=f"{each.folder.name} {finding.where}") for each in made for finding in each.findings)
+    notes = tuple(f"{', '.join(names)}: {note}" for note, names in _once((note, each) for each in made for note in each.notes))
+    # What a finding says of a unit's whole session, it says of its folder.
+    within = ((replace(finding, where=finding.where.removeprefix(each.folder.name)), each) for each in made for finding in each.findings)
+    findings = tuple(replace(said, where=f"{', '.join(names)} {said.where}".strip()) for said, names in _once(within))
     units = ", ".join(f"{column}={value} is {each.folder.name}" for value, each in zip(values, made, strict=True))
     samples = sum(each.samples for each in made)
     steps = (command_line("check", out), command_line("fit", out))
     return Converted(out, out, made[0].dialects, samples, notes, findings, steps, (*made[0].took, units))
+
+
+def _once(said: Iterable[tuple[Said, Converted]]) -> Iterable[tuple[Said, list[str]]]:
+    """What is said of several units once, with the names of those units."""
+    units: dict[Said, list[str]] = {}
+    for what, unit in said:
+        units.setdefault(what, []).append(unit.folder.name)
+    return units.items()

@@ -418,14 +418,14 @@ def two_in_turn(apart_us=0):
         for i, t in enumerate(T_US)
         for unit in range(2)
     ]
-    return "t_us,board,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + "".join(cells)
+    return "t_us,rig,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n" + "".join(cells)
 
 
 @pytest.mark.parametrize("apart_us", [0, 300])
 def test_two_sensors_in_turn_are_found_whatever_their_column_is_called(apart_us, tmp_path):
-    with pytest.raises(FormatError, match=r"the column 'board' holds A, B in turn.*give --where board=A"):
+    with pytest.raises(FormatError, match=r"the column 'rig' holds A, B in turn.*give --where rig=A"):
         make(tmp_path, two_in_turn(apart_us))
-    same(make(tmp_path, two_in_turn(apart_us), where="board=A"))
+    same(make(tmp_path, two_in_turn(apart_us), where="rig=A"))
 
 
 def test_a_bit_that_changes_with_each_row_is_no_second_sensor(tmp_path):
@@ -486,7 +486,7 @@ def test_names_and_numbers_as_people_print_them(write, tmp_path):
 def test_rows_that_are_wider_than_the_header_are_refused(tmp_path):
     head, *body = USUAL.splitlines()
     wide = [line if i < 900 else line.replace(",", ",7,", 1) for i, line in enumerate(body)]
-    with pytest.raises(FormatError, match=r"line 902: 8 cells under 7 names"):
+    with pytest.raises(FormatError, match=r"line 902: 8 columns, expected 7"):
         make(tmp_path, "\n".join([head, *wide]) + "\n", gyro_unit="dps", accel_unit="g")
     same(make(tmp_path, "\n".join([head, *(f"{line},," for line in body)]) + "\n", gyro_unit="dps", accel_unit="g"))
 
@@ -520,3 +520,66 @@ def test_a_peak_in_coarse_steps_is_no_end_of_a_range(tmp_path):
 def test_units_below_our_own_names_are_read(tmp_path):
     text = "time,gx,gy,gz,ax,ay,az\nms,deg/s,deg/s,deg/s,g,g,g\n" + rows(T_US / 1e3, *triads("dps", "g"))
     same(make(tmp_path, text))
+
+
+@pytest.mark.parametrize("behind", [" gx: 0.5 gy: 0.5 gz: 0.5", " gz: 0.5"])
+def test_what_comes_twice_in_a_line_leaves_no_trace_in_the_next(behind, tmp_path):
+    """Bytes that were lost between two lines, or a stray one: the line is refused, and the others keep their readings."""
+    lines_of = records()
+    spoilt = [*lines_of[:50], lines_of[50] + behind, *lines_of[51:]]
+    told = {"gyro_unit": "dps", "accel_unit": "m/s2", "time_unit": "us"}
+    with pytest.raises(FormatError, match=r"LOG\.CSV line 51"):
+        make(tmp_path, "\n".join(spoilt) + "\n", **told)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_a_record_of_several_lines_begins_with_its_time_wherever_the_capture_does(first, tmp_path):
+    three = [
+        part
+        for i, t in enumerate(T_US)
+        for part in (f"time: {t}", f"acc x: {i % 7}.5 y: 0.25 z: 9.75", f"gyr x: {i % 5}.125 y: 0.5 z: 1.5")
+    ]
+    made = make(tmp_path, "\n".join(three[first:]) + "\n", gyro_unit="dps", accel_unit="m/s2", time_unit="us")
+    skipped = bool(first)
+    samples = read_session(made.folder).logs[0].samples
+    np.testing.assert_array_equal(samples.t_ns, T_US[skipped:] * 1000)
+    np.testing.assert_allclose(samples.gyro[:, 0] / DEG, [i % 5 + 0.125 for i in range(skipped, len(T_US))])
+    del three[3 * 60]
+    with pytest.raises(FormatError, match=r"line 18[123]"):
+        make(tmp_path, "\n".join(three) + "\n", gyro_unit="dps", accel_unit="m/s2", time_unit="us", out="torn")
+
+
+@pytest.mark.parametrize("head", ["temp,", "extra,other,"])
+def test_a_row_that_lacks_a_cell_is_refused(head, tmp_path):
+    columns = head.count(",")
+    text = f"{head}{USUAL}".replace("\n", ",mag\n", 1)
+    body = [f"{'25.0,' * columns}{line},0.1" for line in USUAL.splitlines()[1:]]
+    body[700] = body[700].split(",", 1)[1]
+    with pytest.raises(FormatError, match=rf"line 702: {columns + 7} columns, expected {columns + 8}"):
+        make(tmp_path, text.splitlines()[0] + "\n" + "\n".join(body) + "\n", gyro_unit="dps", accel_unit="g")
+
+
+def test_words_that_say_the_sensor_are_seen(tmp_path):
+    told = {"gyro_unit": "dps", "accel_unit": "m/s2", "time_unit": "us"}
+    labelled = [f"IMU{i % 2}: {line}" for i, line in enumerate(records())]
+    with pytest.raises(FormatError, match="lines of several sensors"):
+        make(tmp_path, "\n".join(labelled) + "\n", **told)
+    objects = [json.dumps({"dev": "AB"[i % 2], "t": int(t), "gyro": [1, 2, 3], "accel": [0, 0, 9.5]}) for i, t in enumerate(T_US)]
+    with pytest.raises(FormatError, match=r"the column 'dev' holds A, B.*give --where dev=A"):
+        make(tmp_path, "\n".join(objects) + "\n", **told)
+    assert make(tmp_path, "\n".join(objects) + "\n", where="dev=B", **told).samples == len(T_US) // 2
+
+
+def test_a_unit_that_changes_in_mid_file_is_refused(tmp_path):
+    changed = [line.replace("gz: 1.5", f"gz: 1.5 {'dps' if i < 1000 else 'rad/s'}") for i, line in enumerate(records())]
+    with pytest.raises(FormatError, match="line 1001"):
+        make(tmp_path, "\n".join(changed) + "\n", accel_unit="m/s2", time_unit="us")
+
+
+def test_rows_that_were_written_twice_count_once(tmp_path):
+    head, *body = USUAL.splitlines()
+    told = {"gyro_unit": "dps", "accel_unit": "g"}
+    twice = [line for i, line in enumerate(body) for line in [line] * (1 + (i % 10 == 0))]
+    made = make(tmp_path, "\n".join([head, *twice]) + "\n", **told)
+    same(made)
+    assert any("rows repeat the one before them, stamp and readings: left out" in note for note in made.notes)

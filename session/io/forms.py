@@ -13,7 +13,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Protocol
 
+from session.io.clock import CLOCKS, UNITS
 from session.io.errors import FormatError
+from session.io.rows import SENSORS
 from session.io.units import parse_unit
 
 #: lines that are looked at, and the share of them that must be of a form
@@ -109,41 +111,50 @@ class _Record:
                 units.setdefault(name, unit)
         most = max(counts.values(), default=0)
         self.names = [name for name, count in counts.items() if count >= OFTEN * most]
-        if begins in self.names:
-            first = self.names.index(begins)
+        clock = next((name for name in self.names if set(re.findall(r"[a-z]+", name.lower())) & {*CLOCKS, *UNITS}), None)
+        if (begins or clock) in self.names:  # people print the time first
+            first = self.names.index(begins or clock or "")
             self.names = self.names[first:] + self.names[:first]
         self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in self.names)
         self.is_one = 2 * LEAST_PAIRS <= len(self.names) <= MOST_PAIRS and most > 1
         self._known, self._have, self._begun, self.left_out = set(self.names), dict[str, str](), False, 0
+        self._units = units
         whole = sum(self._known <= {name for name, _, _ in pairs} for pairs in parsed)
         self._on_one_line = whole > SHARE * len(parsed)
 
     def row(self, pairs: list[tuple[str, str, str]]) -> str:
-        """The row that a line's pairs complete, or one with holes where they show it to be torn; else empty.  What stands before the first
-        whole record, as a capture begins anywhere, is left out."""
+        """The row that a line's pairs complete, or one that cannot be read where they show it to be torn; else empty.  What stands before
+        the first whole record, as a capture begins anywhere, is left out."""
         mine = [(name, value) for name, value, _ in pairs if name in self._known]
+        if any(unit and name in self._known and unit != self._units[name] for name, _, unit in pairs):
+            return TORN  # in another unit than before
+        if self._on_one_line:
+            self._have = dict(mine)
+            if not mine or (len(mine) == len(self._have) == len(self.names)):
+                return self._finished() if mine else ""
+            return self._torn()
         torn = ""
         for name, value in mine:
-            if self._have and (name in self._have or (name == self.names[0] and not self._on_one_line)):
+            if self._have and (name in self._have or name == self.names[0]):
                 torn = self._torn() or torn
-            if self._have or name == self.names[0] or self._on_one_line:
+            if self._have or name == self.names[0]:
                 self._have[name] = value
-            else:
-                self.left_out += 1  # of a record whose beginning is not there
-        if torn:
-            return torn
-        if len(self._have) < len(self.names):
-            return self._torn() if self._on_one_line and self._have else ""
-        text, self._have, self._begun = self._text(), {}, True
+            else:  # of a record whose beginning is not there
+                torn = self._torn() or torn
+        return torn or (self._finished() if len(self._have) == len(self.names) else "")
+
+    def _finished(self) -> str:
+        text, self._have, self._begun = ",".join(self._have[name] for name in self.names), {}, True
         return text
 
     def _torn(self) -> str:
-        text, self._have = self._text(), {}
+        self._have = {}
         self.left_out += not self._begun
-        return text if self._begun else ""
+        return TORN if self._begun else ""
 
-    def _text(self) -> str:
-        return ",".join(self._have.get(name, "") for name in self.names)
+
+#: a row that no reader of tables takes: it is refused by its line
+TORN = "torn"
 
 
 class _Pairs:
@@ -162,6 +173,7 @@ class _Pairs:
         parsed = [pairs for line in mine if (pairs := _pairs(line, stamped, commas))]
         if len(parsed) <= SHARE * len(lines) or not parsed:
             return None
+        _refuse_labels(mine)
         gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
         behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
         record = _Record(parsed, behind[0][0] if behind else None)
@@ -176,6 +188,23 @@ class _Pairs:
             rows.append(self._record.row(pairs))
             self.left_out += self._record.left_out > before
         return rows
+
+
+#: ``IMU0: ax=1 …``, ``dev=left, ax=1 …``: which sensor a line is of, in words
+OF_SENSOR = re.compile(r"\s*(?:([A-Za-z_]\w*)\s*[:>]\s+(?=[A-Za-z_]\w*\s*[:=])|.*?\b(\w+)\s*[:=]\s*([A-Za-z]\w*)\b(?!\s*[:=]))")
+
+
+def _refuse_labels(lines: list[str]) -> None:
+    """FormatError where whole lines are of several sensors, by words that stand before their names."""
+    found = []
+    for line in lines:
+        match = OF_SENSOR.match(line)
+        if match is not None and line.count("=") + line.count(":") > 2 * LEAST_PAIRS:
+            of = match[1] or (match[3] if re.sub(r"[^a-z]", "", match[2].lower()) in SENSORS else None)
+            found += [of] if of else []
+    several = [word for word in dict.fromkeys(found) if found.count(word) > 1]
+    if len(several) > 1 and len(found) > SHARE * len(lines):
+        raise FormatError(f"lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
 
 
 #: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
@@ -238,15 +267,15 @@ class _JsonLines:
         rows = []
         for line in lines:
             found = _flat(line)
-            torn = not found and line.strip().startswith("{")
+            torn = not found and line.strip().startswith(("{", "[{"))
             self.left_out += bool(line.strip()) and not found and not torn
-            rows.append("torn" if torn else self._record.row(found))
+            rows.append(TORN if torn else self._record.row(found))
         return rows
 
 
 def _flat(line: str) -> list[tuple[str, str, str]]:
     """Numbers of an object: path, ``gyro.x``, ``gyro[0]``, number as it was written, and no unit; empty where the line is none."""
-    line = line.strip().rstrip(",")
+    line = line.strip().removeprefix("[").removesuffix("]").rstrip(", ")
     if not line.startswith("{"):
         return []
     try:
@@ -258,6 +287,8 @@ def _flat(line: str) -> list[tuple[str, str, str]]:
     def walk(value: object, name: str, depth: int) -> None:
         if isinstance(value, _Number):
             found[name] = str(value)
+        elif isinstance(value, str) and re.sub(r"[^a-z]", "", name.split(".")[-1].lower()) in SENSORS:
+            found[name] = re.sub(r"[\s,]+", "_", value)[:40]  # which sensor it is of
         elif isinstance(value, dict) and depth:
             for key, inner in value.items():
                 walk(inner, f"{name}.{key}".lstrip(".").replace(",", " "), depth - 1)
@@ -353,7 +384,7 @@ class _Packed:
             if match is None or len(match[1]) != 4 * len(self._fields):
                 torn = match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#"))
                 self.left_out += bool(line.strip()) and not torn
-                rows.append("torn" if torn else "")
+                rows.append(TORN if torn else "")
                 continue
             self._begun = True
             data = bytes.fromhex(match[1])

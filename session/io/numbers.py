@@ -204,14 +204,21 @@ def _cell_fault(cell: str, column: int, layout: Layout) -> str | None:
     return None
 
 
-def too_wide(lines: list[str], layout: Layout) -> int | None:
-    """The first row that has more cells than the header has names, and something in them; None where none has."""
-    mark = layout.delimiter
-    if mark is None or layout.standard or not layout.header_line:
+def wrong_width(lines: list[str], layout: Layout) -> int | None:
+    """The first row that has more cells than the header has names, and something in them, or fewer; None where none has.
+
+    numpy reads the columns that are wanted, and does not see that a cell is missing before them.
+    """
+    mark, names = layout.delimiter, layout.names
+    while names and not names[-1]:
+        names = names[:-1]
+    if mark is None or not layout.header_line or (layout.standard and max(layout.used) == len(names) - 1):
         return None
-    width = len(layout.names)
     for number, line in enumerate(lines):
-        if line.count(mark) >= width and '"' not in line and any(cell.strip() for cell in line.split("#")[0].split(mark)[width:]):
+        count = line.count(mark) + 1
+        if count == len(names) or not line.strip() or '"' in line or "#" in line or line.strip() == layout.header_line:
+            continue
+        if count < len(names) or any(cell.strip() for cell in line.split(mark)[len(layout.names) :]):
             return number
     return None
 

@@ -13,7 +13,7 @@ from session.io.errors import FormatError
 from session.io.files import MB
 from session.io.forms import form_of
 from session.io.lines import PIECE_BYTES, Lines
-from session.io.numbers import CORRECT, RowFault, fault, parse, too_wide, unreadable
+from session.io.numbers import CORRECT, RowFault, fault, parse, unreadable, wrong_width
 from session.io.recognise import recognise
 from session.io.rows import MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_turns, sensor_kinds, span_of
 from session.io.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
@@ -215,12 +215,14 @@ class Reader:
     def _piece(self, lines: list[str], number: int, last: bool) -> Piece | None:
         if self._commas:
             lines = _with_points(lines)
-        if (wide := too_wide(lines, self.layout)) is not None:
-            cells = lines[wide].count(self.layout.delimiter or "") + 1
-            raise FormatError(
-                f"{self.path.name} line {number + wide}: {cells} cells under {len(self.layout.names)} names; correct or remove that line, "
-                "or save decimal commas with semicolons between the columns"
-            )
+        if (wrong := wrong_width(lines, self.layout)) is not None:
+            count, names = lines[wrong].count(self.layout.delimiter or "") + 1, len(self.layout.names)
+            problem = f"{count} columns, expected {names}"
+            if not last or any(rest.strip() for rest in lines[wrong + 1 :]):
+                hint = ", or save decimal commas with semicolons between the columns" if count > names else ""
+                raise FormatError(f"{self.path.name} line {number + wrong}: {problem}; {CORRECT}{hint}")
+            self.notes.append(f"line {number + wrong}, the last, is cut off ({problem}): left out")
+            lines = [*lines[:wrong], *[""] * (len(lines) - wrong)]
         try:
             try:
                 table, stamps = parse(lines, self.layout)

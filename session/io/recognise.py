@@ -137,7 +137,8 @@ def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]
         bare = UNIT_WORDS.fullmatch(under)
         unit = bare[1] if bare else ""
         is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
-        whole.append(f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip())
+        both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
+        whole.append(both if name or under else "")
     return tuple(whole)
 
 
@@ -192,8 +193,8 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> di
 
 
 def _is_of(file: str, letter: str) -> bool:
-    """Whether a file's name says that it is of this sensor."""
-    return ("gyro" if letter == "g" else "accel") in file.lower()
+    """Whether a file's name says that it is of this sensor, and not of a watch's or a headphone's."""
+    return file.lower().startswith("gyro" if letter == "g" else ("accel", "totalaccel"))
 
 
 def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:

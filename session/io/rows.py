@@ -40,6 +40,17 @@ SENSORS = (
     "addr",
     "address",
     "chip",
+    "board",
+    "bus",
+    "side",
+    "source",
+    "mac",
+    "macaddress",
+    "name",
+    "devicename",
+    "sensorname",
+    "serial",
+    "serialno",
 )
 #: more are no sensors of one log: the column counts something
 MOST_SENSORS = 16

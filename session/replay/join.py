@@ -121,6 +121,9 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
         notes.append(f"{name}: its last {len(t_ns) - again} rows repeat the time before them, as a program's display does: left out")
         columns = [None if column is None else column[:again] for column in columns]
     stamps = source.unrolled(t_ns[:again])
+    if (once := _written_once(stamps, [column for column in columns[1:] if column is not None])) is not None:
+        notes.append(f"{name}: {np.count_nonzero(~once)} rows repeat the one before them, stamp and readings: left out")
+        stamps, columns = stamps[once], [None if column is None else column[once] for column in columns]
     if source.wraps:
         notes.append(f"{name}: the time counter came round {source.wraps}x: unrolled")
     if bursts and np.count_nonzero(np.diff(stamps) == 0) <= COARSE * len(stamps):
@@ -129,6 +132,21 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], bursts: bool 
     if note:
         notes.append(f"{name}: {note}")
     return Piece(stamps, *columns[1:])
+
+
+#: of the rows that share a stamp with the one before: so many that are the same in all else were written twice
+TWICE = 0.99
+
+
+def _written_once(t_ns: np.ndarray, columns: list[np.ndarray]) -> np.ndarray | None:
+    """(N,) bool: rows that do not repeat the row before them; None where rows that share a stamp are readings of their own."""
+    shares = np.diff(t_ns) == 0
+    if np.count_nonzero(shares) <= COARSE * len(shares):
+        return None  # a stutter, which the reader of the session leaves out
+    same = shares & np.all([(np.diff(column, axis=0) == 0).reshape(len(shares), -1).all(axis=1) for column in columns], axis=0)
+    if np.count_nonzero(same) < TWICE * np.count_nonzero(shares):
+        return None
+    return np.concatenate([[True], ~same])
 
 
 #: of a log: rows at its end that may repeat what is before them, and how near their last stamp is to the last before them, in periods

@@ -52,7 +52,7 @@ def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
         without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
         return _Monitor(form_of(without, packed, name), without)
     for kind in (_JsonLines, _Pairs):
-        if (form := kind.found(some)) is not None:
+        if (form := kind.found(some, name)) is not None:
             return form
     return _packed(some, packed, name) or _hexadecimal(some)
 
@@ -165,7 +165,7 @@ class _Pairs:
         self.header, self.left_out = record.header, 0
 
     @classmethod
-    def found(cls, lines: list[str]) -> _Pairs | None:
+    def found(cls, lines: list[str], name: str) -> _Pairs | None:
         """Where most lines hold them."""
         mine = [line for line in lines if not line.lstrip().startswith("#")]
         commas = sum(WITH_COMMA.search(line) is not None for line in mine) > SHARE * len(mine)
@@ -173,7 +173,7 @@ class _Pairs:
         parsed = [pairs for line in mine if (pairs := _pairs(line, stamped, commas))]
         if len(parsed) <= SHARE * len(lines) or not parsed:
             return None
-        _refuse_labels(mine)
+        _refuse_labels(mine, name)
         gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
         behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
         record = _Record(parsed, behind[0][0] if behind else None)
@@ -194,7 +194,7 @@ class _Pairs:
 OF_SENSOR = re.compile(r"\s*(?:([A-Za-z_]\w*)\s*[:>]\s+(?=[A-Za-z_]\w*\s*[:=])|.*?\b(\w+)\s*[:=]\s*([A-Za-z]\w*)\b(?!\s*[:=]))")
 
 
-def _refuse_labels(lines: list[str]) -> None:
+def _refuse_labels(lines: list[str], name: str) -> None:
     """FormatError where whole lines are of several sensors, by words that stand before their names."""
     found = []
     for line in lines:
@@ -204,7 +204,7 @@ def _refuse_labels(lines: list[str]) -> None:
             found += [of] if of else []
     several = [word for word in dict.fromkeys(found) if found.count(word) > 1]
     if len(several) > 1 and len(found) > SHARE * len(lines):
-        raise FormatError(f"lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
+        raise FormatError(f"{name}: lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
 
 
 #: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
@@ -255,7 +255,7 @@ class _JsonLines:
         self._record, self.header, self.left_out = record, record.header, 0
 
     @classmethod
-    def found(cls, lines: list[str]) -> _JsonLines | None:
+    def found(cls, lines: list[str], name: str) -> _JsonLines | None:
         """Where most lines are objects that hold numbers."""
         objects = [list(found) for line in lines if (found := _flat(line))]
         if len(objects) <= SHARE * len(lines) or not objects:

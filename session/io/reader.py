@@ -11,7 +11,7 @@ import numpy as np
 from session.io.dialects import Answers, Layout, Triad
 from session.io.errors import FormatError
 from session.io.files import MB
-from session.io.forms import form_of
+from session.io.forms import TORN, form_of
 from session.io.lines import PIECE_BYTES, Lines
 from session.io.numbers import CORRECT, RowFault, fault, parse, unreadable, wrong_width
 from session.io.recognise import recognise
@@ -218,6 +218,8 @@ class Reader:
         if (wrong := wrong_width(lines, self.layout)) is not None:
             count, names = lines[wrong].count(self.layout.delimiter or "") + 1, len(self.layout.names)
             problem = f"{count} columns, expected {names}"
+            if self._text_form is not None and lines[wrong] == TORN:
+                problem = "the record is torn, or in another unit than before"
             if not last or any(rest.strip() for rest in lines[wrong + 1 :]):
                 hint = ", or save decimal commas with semicolons between the columns" if count > names else ""
                 raise FormatError(f"{self.path.name} line {number + wrong}: {problem}; {CORRECT}{hint}")

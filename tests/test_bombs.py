@@ -19,8 +19,10 @@ from processes import PATIENCE_S, PIPE, started
 
 from session.bench.rawfile import GrowingFile
 from session.io import files
-from session.io.errors import FormatError
+from session.io.dialects import Answers
+from session.io.errors import CalibrationError, FormatError
 from session.io.files import open_file, open_stream, read_bytes
+from session.io.reader import Reader
 from tinygc.cli.arguments import parser, path_read
 from tinygc.cli.commands import present_commands
 
@@ -317,3 +319,12 @@ def _opens_to_read(node: ast.Call, called: str) -> bool:
     words = [arg.value for arg in (*node.args, *(keyword.value for keyword in node.keywords)) if isinstance(arg, ast.Constant)]
     flags = "O_WRONLY" in ast.dump(node) or "O_RDWR" in ast.dump(node)
     return not flags and not any(isinstance(word, str) and set(word) & set("wxa+") and len(word) < 4 for word in words)
+
+
+@pytest.mark.parametrize("part", ["a", "ab ", "a 1 ", "a: 1 ", "1 ", "a:1,", "a   ", "0xA", "A1B2", "[(", ": ", "x=", "x y z ", "[{"])
+def test_long_lines_of_any_text_are_seen_through_at_once(part, tmp_path, impatient):
+    """A pattern that looks on from each letter of a line of 60 000 would take minutes."""
+    line = part * (60_000 // len(part))
+    (tmp_path / "log.txt").write_text("\n".join([line] * 20) + "\n")
+    with pytest.raises(CalibrationError):
+        list(Reader(tmp_path / "log.txt", Answers()).pieces())

@@ -26,6 +26,8 @@ LEAST_PAIRS = 3
 OFTEN = 0.8
 #: of a record: a phone's with everything switched on has some dozens
 MOST_PAIRS = 200
+#: characters of a name behind its first
+LONGEST_NAME = 60
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
@@ -91,8 +93,9 @@ class _Monitor:
 
 # Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
 
+# Names have an end: from each of a long line's letters a pattern would look at all that follow.
 PAIR = re.compile(
-    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]*?)\s*[:=]\s*(?P<value>{NUMBER})(?![\w.:])",
+    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}[:=]\s{{0,9}}(?P<value>{NUMBER})(?![\w.:])",
 )
 UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])")
 AXES = ("x", "y", "z")
@@ -208,8 +211,9 @@ def _refuse_labels(lines: list[str], name: str) -> None:
 
 
 #: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
-LABEL = re.compile(r"([A-Za-z_]\w*)\s*[:=]\s*(?=[xyzXYZ]\s*[:=])")
-LIST = re.compile(rf"([A-Za-z_][\w ]*?)\s*[:=]\s*[\[(]?\s*({NUMBER})[,;\s]+({NUMBER})[,;\s]+({NUMBER})(?![\w.]|\s*[:=])")
+LABEL = re.compile(rf"\b([A-Za-z_]\w{{0,{LONGEST_NAME}}})\s{{0,9}}[:=]\s{{0,9}}(?=[xyzXYZ]\s{{0,9}}[:=])")
+_THREE = rf"({NUMBER})[,;\s]{{1,9}}({NUMBER})[,;\s]{{1,9}}({NUMBER})(?![\w.]|\s*[:=])"
+LIST = re.compile(rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}[:=]\s{{0,9}}[\[(]?\s{{0,9}}{_THREE}")
 WITH_COMMA = re.compile(r"[:=]\s*[-+]?\d+,\d+(?=\s*(?:[A-Za-z;|]|$))")
 LEADING = re.compile(r"\s*(?:[IWEDV]\s*\()?(\d+(?:\.\d+)?)\)?\s*[,:;]?\s+(?=[A-Za-z])")
 STAMP = "stamp"

@@ -126,7 +126,6 @@ def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) 
 
 #: columns of a table with two lines of names: fewer may be words
 LEAST_OF_TWO = 5
-UNIT_WORDS = re.compile(r"[\[(]?\s*([^\[\]()]*?)\s*[\])]?")
 
 
 def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]:
@@ -134,8 +133,7 @@ def _together(names: tuple[str, ...], below: tuple[str, ...]) -> tuple[str, ...]
     whole, before = [], ""
     for name, under in zip(names, below, strict=True):
         before = name or before
-        bare = UNIT_WORDS.fullmatch(under)
-        unit = bare[1] if bare else ""
+        unit = under.strip("[]() ")
         is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
         both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
         whole.append(both if name or under else "")

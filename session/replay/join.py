@@ -154,10 +154,8 @@ MOST_REPEATED, ENDS_WITHIN = 0.3, 5
 
 
 def _repeated_end(t_ns: np.ndarray) -> int | None:
-    """The row from which the last rows cover once more a time that is covered; None where none do.
-
-    Stamps go back once, less than a tenth of a counter's way, and end where they were.
-    """
+    """The row from which the last rows cover once more a time that is covered; None where none do: stamps go back once, not before the
+    first, and end where they were."""
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back) != 1:
         return None

@@ -35,6 +35,8 @@ SERVICES = {
     "rest logs and temperature": "tinygc.annexes.temperature.command",
     "models over temperature": "tinygc.annexes.temperature.model",
     "exports over temperature": "tinygc.annexes.temperature.deploy",
+    "noise": "tinygc.annexes.noise.command",
+    "noise figures": "tinygc.annexes.noise.library",
     "the emulated board": "tinygc.annexes.emulated.command",
     "fleet": "tinygc.annexes.lots.fleet_command",
     "lot": "tinygc.annexes.lots.command",

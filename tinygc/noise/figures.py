@@ -71,7 +71,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class AxisNoise:
-    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the fit of the model; excess: variance of the data over the model's, 1
+    """terms: by name, a key for each of ``TERMS``; lines; p_value: of the model; excess: variance of the data over its own, 1
     for a model that is right; from_s: shortest averaging time that the model describes; below it the sensor's filter shapes the noise."""
 
     terms: Mapping[str, Term]

@@ -1,4 +1,4 @@
-"""Noise terms of rest logs and stills together, by likelihood."""
+"""Noise terms of one unit: all its rest logs and stills, one estimate."""
 
 from __future__ import annotations
 
@@ -6,11 +6,33 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
-from tinygc.annexes.noise.summary import RestSums
-from tinygc.noise.figures import NoiseFigures
+from session.detect.rest_noise import FEWEST, lines_of, spectra
+from session.io.errors import DataError
+from tinygc.annexes.noise.choice import Chosen, Search
+from tinygc.annexes.noise.likelihood import cost, unit_covariance
+from tinygc.annexes.noise.over_temperature import knots_of, temperature_part
+from tinygc.annexes.noise.scales import TOP, Group, groups_of, rest_of
+from tinygc.annexes.noise.summary import SECTION, RestSums, contrasts, ratios_of
+from tinygc.noise.figures import TERMS, AxisNoise, Line, NoiseFigures, SensorNoise, Term
 
+#: callback for progress: the current step, steps done, and their total
 Progress = Callable[[str, int, int], None]
+#: rates of logs of one unit agree to this share
+SAME_RATE = 0.02
+#: probability of the model's misfit below which its finest level is left out, in which the sensor's filter or a vibration shapes the noise
+MISFIT = 0.01
+#: levels that are kept
+LEAST_LEVELS = 3
+#: lines of a channel that are described, the strongest
+MOST_LINES = 4
+#: periods of a line in a mean: a faster one is averaged away
+PASSED = 0.5
+#: bins of the spectrum within which two lines are one
+NEAR = 4
+#: windows per contrast from which a group's whole covariance is tested, else its chi-square alone
+ENOUGH = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +57,285 @@ class NoiseEstimate:
 
 
 def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, done, of: None) -> NoiseEstimate:
-    """Estimate the terms of one unit from all its rest logs and stills."""
-    raise NotImplementedError
+    """Estimate the terms of one unit from all its rest logs and stills.
+
+    Raises DataError where the rates differ, or where no rest is long enough.
+    """
+    sums = [each for each in sums if each.samples]
+    if not sums:
+        raise DataError("no readings at rest; expected a rest log or the stills of a session")
+    if (lowest := min(each.rate_hz for each in sums)) * (1 + SAME_RATE) < (highest := max(each.rate_hz for each in sums)):
+        raise DataError(f"the data rates differ, {lowest:g} and {highest:g} Hz; one estimate takes the logs of one unit at one rate")
+    sums = [each for each in sums if each.size == sums[0].size]
+    steps = sum(each.duration_s / each.period_s for each in sums)
+    period_s = sum(each.duration_s for each in sums) / steps if steps else 1 / sums[0].rate_hz
+    rests = [rest_of(each) for each in sums]
+    knots = knots_of([rest for rest in rests if len(rest.blocks) >= TOP]) if all(len(rest.blocks) >= TOP for rest in rests) else None
+    said = list(dict.fromkeys(line for rest in rests for line in rest.said))
+    axes: list[AxisNoise | None] = []
+    bands: list[list[tuple[float, float, float, float]]] = []
+    sections = np.concatenate([each.sections for each in sums])
+    for channel in range(6):
+        kind, axis = ("gyro", "accel")[channel // 3], "xyz"[channel % 3]
+        progress(f"{kind} {axis}", channel, 6)
+        part = temperature_part(rests, channel, knots)
+        groups = groups_of(rests, channel, part.residuals, part.columns)
+        if not groups or not all(np.isfinite(group.S).all() for group in groups) or not any(group.S.any() for group in groups):
+            axes.append(None)
+            bands.append([])
+            continue
+        found, own, search = _axis(groups, period_s, _lines_hz(sections[:, :, channel // 3 * 3 :][:, :, :3], channel % 3, period_s))
+        axes.append(found)
+        bands.append(allan_points(search.groups if own is None else groups, period_s, found))
+        if part.order:
+            said.append(f"{kind} {axis}: temperature moves it by {_shown(part.rms, kind)} rms; taken off")
+    if any(axis is None for axis in axes[:3]):
+        raise DataError("too few readings at rest, or readings that do not change; expected seconds of a sensor's noise")
+    has_accel = all(axis is not None for axis in axes[3:])
+    figures = NoiseFigures(
+        gyro=_sensor(axes[:3]),
+        accel=_sensor(axes[3:]) if has_accel else None,
+        rate_hz=1 / period_s,
+        duration_s=sum(each.duration_s for each in sums),
+        samples=sum(each.samples for each in sums),
+    )
+    allan = {"gyro": _band(bands[:3])} | ({"accel": _band(bands[3:])} if has_accel else {})
+    return NoiseEstimate(figures, allan, tuple(said), sum(rest.left_out_s for rest in rests))
+
+
+def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:
+    x, y, z = (axis for axis in axes if axis is not None)
+    return SensorNoise((x, y, z))
+
+
+def _shown(size: float, kind: str) -> str:
+    return f"{np.degrees(size) * 1e3:.2g} mdps" if kind == "gyro" else f"{size / 9.80665e-3:.2g} mg"
+
+
+# One axis.
+
+
+def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> tuple[AxisNoise, Chosen, Search]:
+    """Estimate the terms from all scales that the model describes: a finest level that it does not is left out, and the next is tried."""
+    sizes = sorted({group.size for group in groups})
+    for start in sizes[: max(len(sizes) - LEAST_LEVELS, 0) + 1]:
+        left = [group for group in groups if group.size >= start]
+        search = Search(left, period_s, tuple(hz for hz in lines_hz if hz * start * period_s < PASSED))
+        last = start == sizes[max(len(sizes) - LEAST_LEVELS, 0)]
+        if not last and _misfit_of_rich(search) < MISFIT:
+            continue
+        chosen = search.best()
+        p_value, excess = goodness(search, chosen)
+        if p_value >= MISFIT or last:
+            break
+    return described(search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0), chosen, search
+
+
+def _misfit_of_rich(search: Search) -> float:
+    """Best probability of the fit of sets with many terms: where they fail, smaller sets do."""
+    best, tried = 0.0, 0
+    for terms in (("Q", "B"), ("Q", "B", "K"), ("B", "K"), ("G", "B")):
+        if (chosen := search.of(frozenset(terms))) is not None:
+            best, tried = max(best, goodness(search, chosen)[0]), tried + 1
+        if best >= MISFIT:
+            break
+    return best if tried else 1.0
+
+
+def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
+    """Return the probability of a misfit as large by chance, and chi-square over its degrees of freedom, 1 at least.
+
+    A group's covariance is tested against the model's by the likelihood ratio with Bartlett's factor (Anderson 2003, 10.8); one of too few
+    windows by its chi-square alone.
+    """
+    total, freedom = 0.0, 0.0
+    for g, group in enumerate(search.groups):
+        C = sum(x * search.matrices(chosen, name)[g] for name, x in zip(chosen.names, chosen.fitted.x, strict=True))
+        R = np.linalg.solve(C, group.S)
+        d, n = len(R), group.count
+        if n >= ENOUGH * d:
+            bartlett = 1 - (2 * d + 1 - 2 / (d + 1)) / (6 * n)
+            total += bartlett * n * (float(np.trace(R)) / n - float(np.linalg.slogdet(R / n)[1]) - d)
+            freedom += d * (d + 1) / 2
+        else:
+            total += float(np.trace(R))
+            freedom += n * d
+    freedom = max(freedom - len(chosen.names) - ("G" in chosen.names), 1.0)
+    return float(chi2.sf(total, freedom)), max(total / freedom, 1.0)
+
+
+def described(search: Search, chosen: Chosen, p_value: float, excess: float, from_s: float) -> AxisNoise:
+    """Return an axis' record: sizes, sigmas, wider where the model does not describe the data, limits and probabilities."""
+    wider = np.sqrt(excess) if p_value < MISFIT else 1.0
+    terms = {}
+    for name in TERMS:
+        probability = 1.0 if name == "N" else search.probability(name)
+        if name not in chosen.names:
+            terms[name] = Term(0.0, None, probability, None if name == "G" else search.limit(chosen, name))
+            continue
+        value, sigma = float(np.sqrt(chosen.variance(name))), chosen.log_sigma(name) * float(np.sqrt(chosen.variance(name)))
+        if name == "R" and any(group.top for group in search.groups):
+            value, sigma = _slope(search, chosen)
+        terms[name] = Term(value, sigma * wider, probability)
+        if name == "G":
+            time = chosen.fitted.correlation_s
+            terms[name] = Term(value, sigma * wider, probability, None, time, time * chosen.time_log_sigma * wider)
+    lines = [Line(hz, float(np.sqrt(chosen.variance(f"line{k}")))) for k, hz in enumerate(search.lines_hz)]
+    return AxisNoise(terms, tuple(line for line in lines if line.rms > 0), p_value, excess, from_s)
+
+
+def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
+    """Return the size of a ramp and its sigma, by least squares in the coarsest vectors with the noise of the other terms."""
+    square, information = 0.0, 0.0
+    for g, group in enumerate(search.groups):
+        if not group.top:
+            continue
+        C = sum(x * search.matrices(chosen, name)[g] for name, x in zip(chosen.names, chosen.fitted.x, strict=True) if name != "R")
+        t = group.basis.T @ (group.at * group.size * search.period_s)
+        w = np.linalg.solve(C, t)
+        information += float(t @ w)
+        square += float(w @ group.S @ w)
+    # of several rests, each with a slope of its own: their weighted rms
+    return float(np.sqrt(square / information**2)), float(1 / np.sqrt(information))
+
+
+# Lines.
+
+
+def _lines_hz(sections: np.ndarray, axis: int, period_s: float) -> tuple[float, ...]:
+    """Frequencies of the strongest lines of an axis, of sections (K, SECTION, 3)."""
+    if len(sections) < FEWEST or not np.isfinite(sections).all():
+        return ()
+    x = spectra(sections.astype(float))
+    hz = np.fft.rfftfreq(SECTION, period_s)
+    power = np.mean(np.abs(x) ** 2, axis=0)
+    apart: list[int] = []
+    for one in lines_of(x, hz, power)[axis].hz:
+        at = round(one / hz[1])
+        if all(abs(at - other) > NEAR for other in apart):
+            apart.append(at)
+    size = np.sqrt(power[:, axis])
+    found = []
+    for at in apart[:MOST_LINES]:  # between two bins, by the ratio of their amplitudes in Hann's window
+        side = 1 if size[at + 1] > size[at - 1] else -1
+        ratio = size[at + side] / size[at]
+        found.append(float((at + side * np.clip((2 * ratio - 1) / (ratio + 1), 0, 0.5)) * hz[1]))
+    return tuple(found)
+
+
+# The Allan deviation, of the same windows.
+
+
+def allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> list[tuple[float, float, float, float]]:
+    """Return averaging time, deviation and its 68 % bounds at powers of two of each scale.
+
+    Differences of neighbouring means overlap within a window and do not cross its ends.  The variance of their mean square is that of a
+    quadratic form in Gaussian contrasts, with the data's own covariance where windows are many, else the fitted one.
+    """
+    found: dict[float, tuple[float, float, float]] = {}
+    for group in groups:
+        count = len(group.at)
+        for k in 2 ** np.arange(int(np.log2(count))):
+            A = _mean_square(group, int(k))
+            if A is None:
+                continue
+            mean = float(np.sum(A * group.S)) / group.count
+            C = group.S / group.count if group.count >= ENOUGH * len(group.S) else _model(group, period_s, axis)
+            AC = A @ C
+            sigma = np.sqrt(2 * float(np.sum(AC * AC.T)) / group.count) / max(float(np.trace(AC)), 1e-300)
+            tau_s = group.size * int(k) * period_s
+            weight = 1 / sigma**2
+            before = found.get(tau_s, (0.0, 0.0, 0.0))
+            found[tau_s] = (before[0] + weight * mean, before[1] + weight, 0.0)
+    points = []
+    for tau_s, (total, weight, _) in sorted(found.items()):
+        square, relative = total / weight, 1 / np.sqrt(weight)
+        freedom = 2 / relative**2  # of a chi-square with this relative sigma
+        low, high = (np.sqrt(square * freedom / chi2.ppf(p, freedom)) for p in (0.84, 0.16))
+        points.append((tau_s, float(np.sqrt(square)), float(low), float(high)))
+    return points
+
+
+def _mean_square(group: Group, k: int) -> np.ndarray | None:
+    """Return A (d, d): z' A z is half the mean square of differences between neighbouring means of k; None where no pair has all means."""
+    place = np.full(int(group.at[-1]) + 1, -1)
+    place[group.at] = np.arange(len(group.at))
+    rows = []
+    for start in range(len(place) - 2 * k + 1):
+        pair = place[start : start + 2 * k]
+        if (pair >= 0).all():
+            row = np.zeros(len(group.at))
+            row[pair] = np.repeat([-1 / k, 1 / k], k)
+            rows.append(row)
+    if not rows:
+        return None
+    D = np.array(rows) @ group.basis
+    return D.T @ D / (2 * len(rows))
+
+
+def _model(group: Group, period_s: float, axis: AxisNoise) -> np.ndarray:
+    total = np.zeros((group.basis.shape[1],) * 2)
+    for name, term in axis.terms.items():
+        if term.value:
+            total = total + term.value**2 * unit_covariance(name, [group], period_s, term.tau_s or 1.0)[0]
+    return total
+
+
+def _band(axes: Sequence[list[tuple[float, float, float, float]]]) -> AllanBand:
+    tau_s = sorted({point[0] for points in axes for point in points})
+    table = np.full((len(tau_s), 3, 3), np.nan)
+    for axis, points in enumerate(axes):
+        for tau, *values in points:
+            table[tau_s.index(tau), axis] = values
+    return AllanBand(np.array(tau_s), table[..., 0], table[..., 1], table[..., 2])
+
+
+# How long to record.
 
 
 def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relative: float = 0.2) -> float:
-    """Duration of rest, s, after which a term (of its present size, or of its limit) is known to a relative sigma; inf where never."""
-    raise NotImplementedError
+    """Duration of rest, s, after which a term (of its present size, or of its limit) is known to a relative sigma; inf where never.
+
+    From the expected information of a rest of that length, with all terms that the axis shows.
+    """
+    own = figures.sensors()[kind].axes[axis]
+    terms = {key: (term.value, term.tau_s) for key, term in own.terms.items() if term.chosen}
+    if name not in terms:
+        if not own.terms[name].at_most:
+            return float("inf")
+        terms[name] = (float(own.terms[name].at_most or 0.0), None)
+    period_s, first = 1 / figures.rate_hz, max(own.from_s, 0.0)
+    low, high = np.log(10.0), np.log(LONGEST_S)
+    if _relative(terms, name, float(np.exp(high)), period_s, first) > relative:
+        return float("inf")
+    while high - low > 0.02:
+        middle = (low + high) / 2
+        low, high = (low, middle) if _relative(terms, name, float(np.exp(middle)), period_s, first) <= relative else (middle, high)
+    return float(np.exp(high))
+
+
+#: s: a year is not recorded
+LONGEST_S = 3.2e7
+
+
+def _relative(terms: dict[str, tuple[float, float | None]], name: str, duration_s: float, period_s: float, from_s: float) -> float:
+    """Expected sigma of ln s of a term in a rest of a duration."""
+    block = RestSums(1 / period_s)
+    shapes, size, left = [], 1, duration_s / period_s
+    ratios = list(ratios_of(block.size))
+    while left > TOP:
+        ratio = ratios.pop(0) if ratios else 8
+        left /= ratio
+        shapes.append((size, ratio, left))
+        size *= ratio
+    count = max(int(left), 2)
+    groups = [Group(s, np.arange(r), contrasts(r), np.zeros((r - 1, r - 1)), n) for s, r, n in shapes if s * period_s >= from_s * 0.99]
+    groups.append(Group(size, np.arange(count), contrasts(count), np.zeros((count - 1,) * 2), 1.0, top=True))
+    names = list(terms)
+    V = [unit_covariance(key, groups, period_s, terms[key][1] or 1.0) for key in names]
+    x = np.array([terms[key][0] ** 2 for key in names])
+    _, _, curvature = cost(x, V, groups)
+    information = curvature * np.outer(x, x) / 2
+    variance = np.linalg.pinv(information, hermitian=True)[names.index(name), names.index(name)]
+    seen = information[names.index(name), names.index(name)]
+    return float(np.sqrt(max(variance, 1 / seen if seen > 0 else np.inf)) / 2)

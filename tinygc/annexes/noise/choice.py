@@ -1,0 +1,204 @@
+"""Which terms a rest supports: the evidence of each set of them, never a slope.
+
+The prior of a size is flat in its logarithm over ``DECADES``, that of a correlation time over the times that the rest can show; each term
+beside N is present with odds of ``ODDS``.  The evidence is Laplace's: the likelihood at its maximum times the width of the peak over that
+of the prior.  Sets are searched by adding, dropping and exchanging single terms from the best so far; N is in all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tinygc.annexes.noise.likelihood import Fitted, cost, fit, fit_with_time, unit_covariance
+from tinygc.annexes.noise.scales import Group
+
+#: terms that may be added to N, and lines
+CANDIDATES = ("Q", "G", "B", "K", "R")
+#: of the prior of a size, and prior odds of a term: with them a rest of white noise has another term named in less than 2 of 100
+#: (benchmarks/noise_terms.py)
+DECADES, ODDS = 3.0, 0.2
+#: ln: a size whose logarithm has a larger sigma is not seen
+UNSEEN = 1.0
+#: times of a Gauss-Markov term that are tried, per decade; those that are followed up
+TIMES_PER_DECADE, FOLLOWED = 5, 2
+#: means of the finest scale, and share of the longest rest, within which a correlation time shows by both its sides
+SHORTEST_MEANS, LONGEST_SHARE = 10.0, 0.1
+#: of the shortest time: a shorter one is no term of the sensor but what its filter makes of the finest level
+AT_BOUND = 1.1
+#: rise of -2 log L at a one-sided limit of 95 %
+AT_LIMIT = 1.645**2
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """A set of terms: names, N first; their fit; log of the evidence."""
+
+    names: tuple[str, ...]
+    fitted: Fitted
+    log_evidence: float
+
+    def variance(self, name: str) -> float:
+        """s^2 of a term, 0 where it is not of the set."""
+        return float(self.fitted.x[self.names.index(name)]) if name in self.names else 0.0
+
+    def log_sigma(self, name: str) -> float:
+        """Sigma of ln s."""
+        return float(np.sqrt(self.fitted.covariance[(k := self.names.index(name)), k]) / 2)
+
+    @property
+    def time_log_sigma(self) -> float:
+        """Sigma of ln T of a Gauss-Markov term."""
+        return float(np.sqrt(self.fitted.covariance[-1, -1]))
+
+
+@dataclass(eq=False)
+class Search:
+    """All that is tried on the groups of one channel; lines_hz: of lines, each a term ``line0``, ``line1``, … of every set."""
+
+    groups: Sequence[Group]
+    period_s: float
+    lines_hz: tuple[float, ...] = ()
+    candidates: tuple[str, ...] = CANDIDATES
+    tried: dict[frozenset[str], Chosen | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [name for name in ("N", *self.candidates) if name != "G"]
+        self.V = {name: self.unit(name) for name in names}
+        self.always = ("N", *(f"line{k}" for k in range(len(self.lines_hz))))
+        for name, hz in zip(self.always[1:], self.lines_hz, strict=True):
+            self.V[name] = self.unit("line", hz=hz)
+        self.bounds_s = self.bounds()
+
+    def unit(self, name: str, correlation_s: float = 1.0, hz: float = 0.0) -> list[np.ndarray]:
+        """Return the covariance of each group's contrasts for a term of size 1."""
+        return unit_covariance(name, self.groups, self.period_s, correlation_s, hz)
+
+    def bounds(self) -> tuple[float, float]:
+        """Shortest and longest correlation time of a Gauss-Markov term, s."""
+        shortest = SHORTEST_MEANS * min(group.size for group in self.groups) * self.period_s
+        longest = max((group.at[-1] + 1) * group.size for group in self.groups) * self.period_s
+        return shortest, max(LONGEST_SHARE * longest, 4 * shortest)
+
+    def best(self) -> Chosen:
+        """Search the sets and return the most probable one."""
+        best = self.of(frozenset(), None)
+        assert best is not None
+        while True:
+            here = frozenset(best.names) & frozenset(self.candidates)
+            near = [here | {name} for name in self.candidates if name not in here]
+            near += [here - {name} for name in here]
+            near += [here - {name} | {other} for name in here for other in self.candidates if other not in here]
+            found = [chosen for each in near if (chosen := self.of(each, best)) is not None]
+            step = max(found, key=lambda chosen: chosen.log_evidence, default=best)
+            if step.log_evidence <= best.log_evidence + 1e-6:
+                return best
+            best = step
+
+    def probability(self, name: str) -> float:
+        """Probability of a term among all sets that were tried."""
+        sets = [chosen for chosen in self.tried.values() if chosen is not None]
+        weight = np.exp([chosen.log_evidence - max(each.log_evidence for each in sets) for chosen in sets])
+        return float(sum(w for w, chosen in zip(weight, sets, strict=True) if name in chosen.names) / weight.sum())
+
+    def of(self, terms: frozenset[str], near: Chosen | None = None) -> Chosen | None:
+        """Return a set with its evidence; near: another set, where its search starts; None where a term is not seen."""
+        if terms not in self.tried:
+            self.tried[terms] = self._fit(terms, near)
+        return self.tried[terms]
+
+    def _fit(self, terms: frozenset[str], near: Chosen | None) -> Chosen | None:
+        names = (*self.always, *(name for name in self.candidates if name in terms and name != "G"))
+        at = [(near.variance(name) if near is not None else 0.0) or 0.3 * self.most(self.V[name]) for name in names]
+        if "G" not in terms:
+            return self._judged(names, fit(names, self.V, self.groups, np.array(at)))
+        names = (*names, "G")
+        if near is not None and "G" in near.names:
+            starts = [(near.variance("G"), near.fitted.correlation_s)]
+        else:
+            starts = self._times(names[:-1], np.array(at))
+        fits = [fit_with_time(names, self.V, self.groups, np.array([*at, x]), time, self.bounds_s, self.unit) for x, time in starts]
+        return self._judged(names, min(fits, key=lambda each: each.value)) if fits else None
+
+    def most(self, V: list[np.ndarray]) -> float:
+        """Largest variance that a term may have: at some scale it would be all that is there."""
+        shares = [np.trace(group.S) / (group.count * np.trace(v)) for group, v in zip(self.groups, V, strict=True) if np.trace(v) > 0]
+        return float(min(shares, default=1.0)) or 1e-30
+
+    def _times(self, names: Sequence[str], x: np.ndarray) -> list[tuple[float, float]]:
+        """Return variances and correlation times of a Gauss-Markov term at which the likelihood rises most, to first order."""
+        low, high = np.log10(self.bounds_s)
+        times = np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1)
+        own = [self.V[name] for name in names]
+        gains = []
+        for time in times:
+            V = self.unit("G", time)
+            _, slope, curvature = cost(x, [*own, V], self.groups)
+            left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
+            size = max(-slope[-1] / max(left, 1e-300), 0.0)
+            gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
+        gains.sort(reverse=True)
+        return [(size or 1e-3 * self.most(self.unit("G", time)), time) for _, size, time in gains[:FOLLOWED]]
+
+    def _judged(self, names: tuple[str, ...], fitted: Fitted) -> Chosen | None:
+        """Return a set with its evidence; None where a term of it is not seen."""
+        chosen = Chosen(names, fitted, 0.0)
+        terms = [name for name in names if name not in self.always]
+        if not np.isfinite(fitted.value) or any(chosen.log_sigma(name) > UNSEEN for name in terms):
+            return None
+        if "G" in names and fitted.correlation_s < AT_BOUND * self.bounds_s[0]:
+            return None
+        count = len(names) + ("G" in names)
+        log_width = count / 2 * np.log(2 * np.pi) + np.linalg.slogdet(fitted.covariance)[1] / 2
+        log_prior = -len(names) * np.log(2 * DECADES * np.log(10)) + len(terms) * np.log(ODDS)
+        if "G" in names:
+            log_prior -= float(np.log(np.log(self.bounds_s[1] / self.bounds_s[0])))
+        return replace(chosen, log_evidence=float(-fitted.value / 2 + log_width + log_prior))
+
+    def limit(self, chosen: Chosen, name: str) -> float:
+        """Return the upper limit of s (95 %) of a term that is not of the set, the others estimated with it.
+
+        A Gauss-Markov term has none: with its correlation time open, it could be anything that the others are.
+        """
+        V, names = self.V[name], chosen.names
+        own = [self.matrices(chosen, each) for each in names]
+
+        def rise(log_x: float, start: np.ndarray) -> tuple[float, np.ndarray]:
+            """-2 log L at a fixed variance above that without the term, the others by scoring."""
+            z = start.copy()
+            best = np.inf
+            for _ in range(6):
+                value, slope, curvature = cost(np.append(np.exp(z), np.exp(log_x)), [*own, V], self.groups)
+                if not value < best - 1e-3:
+                    break
+                best, x = value, np.exp(z)
+                z = z + np.clip(-np.linalg.lstsq(curvature[:-1, :-1] * np.outer(x, x), slope[:-1] * x, rcond=None)[0], -2, 2)
+            return best - chosen.fitted.value, z
+
+        z = np.log(chosen.fitted.x)
+        _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.groups)
+        inner = curvature[:-1, :-1]
+        left = float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0])
+        peak = max(-float(slope[-1]) / max(left, 1e-300), 0.0)
+        at = np.log(peak + np.sqrt(2 * AT_LIMIT / max(left, 1e-300)))  # of the parabola in the variance
+        low, high, lowest = -np.inf, np.inf, 0.0
+        for _ in range(10):
+            up, _ = rise(at, z)
+            lowest = min(lowest, up)
+            if up - lowest > AT_LIMIT:
+                high = at
+            else:
+                low = at
+            if np.isfinite(low) and np.isfinite(high):
+                if high - low < 0.1:
+                    break
+                at = (low + high) / 2
+            else:
+                at = at + 0.7 if np.isinf(high) else at - 0.7
+        return float(np.exp(at / 2))
+
+    def matrices(self, chosen: Chosen, name: str) -> list[np.ndarray]:
+        """Return the covariance of each group's contrasts for a term of size 1."""
+        return self.unit("G", chosen.fitted.correlation_s) if name == "G" else self.V[name]

@@ -1,0 +1,75 @@
+"""What of a rest goes with its temperature: it is no noise, and is taken off before the slow terms are estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.io.rests import RestLog
+from tinygc.annexes.noise.scales import Rest
+from tinygc.annexes.temperature.axis_fit import Knots, fit_axis, make_knots, sweeps_of
+from tinygc.annexes.temperature.rest_fit import zero_of_blocks
+
+#: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
+LEAST_RANGE_C = 1.0
+#: blocks of a rest, at least
+LEAST_BLOCKS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class TemperaturePart:
+    """Of one channel: residuals, of each rest (B,), its block means less the part; columns, of each rest (B, p), of what was estimated;
+    rms of the part, SI; order of the polynomial; lag_s of the element."""
+
+    residuals: list[np.ndarray]
+    columns: list[np.ndarray]
+    rms: float = 0.0
+    order: int = 0
+    lag_s: float = 0.0
+
+
+def knots_of(rests: Sequence[Rest]) -> Knots | None:
+    """Return the rests' good blocks over temperature; None where a rest has no temperature, or where it hardly changes."""
+    logs = []
+    for rest in rests:
+        good, blocks = ~rest.bad, rest.blocks
+        if np.count_nonzero(good) < LEAST_BLOCKS or not np.isfinite(blocks.temp_c[good]).all():
+            return None
+        none = np.zeros((int(np.count_nonzero(good)), 3))
+        means = blocks.mean[good]
+        count = np.full(len(none), blocks.size)
+        logs.append(
+            RestLog(
+                Path("rest"), blocks.number[good], rest.block_s, blocks.temp_c[good], means[:, :3], means[:, 3:], none, none, count, 0, 1.0
+            )
+        )
+    if not logs or max(float(np.ptp(log.temp_c)) for log in logs) < LEAST_RANGE_C:
+        return None
+    return make_knots(logs, [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
+
+
+def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -> TemperaturePart:
+    """Fit the channel's zero over temperature by the model of the temperature annex, with its lag; without knots there is no part."""
+    raw = [rest.blocks.mean[:, channel] for rest in rests]
+    none = TemperaturePart(raw, [np.zeros((len(own), 0)) for own in raw])
+    if knots is None:
+        return none
+    means = np.concatenate([own[~rest.bad] for own, rest in zip(raw, rests, strict=True)])
+    found = fit_axis(knots, means)
+    if not found.order:
+        return none
+    zero = zero_of_blocks(knots, found)
+    element = knots.element_c(found.tau_s) - knots.reference_c
+    powers = element[:, None] ** np.arange(1, found.order + 1)
+    edges = np.cumsum([np.count_nonzero(~rest.bad) for rest in rests])[:-1]
+    residuals, columns = [], []
+    for own, rest, of_zero, of_powers in zip(raw, rests, np.split(zero, edges), np.split(powers, edges), strict=True):
+        less, wide = own.copy(), np.zeros((len(own), found.order))
+        less[~rest.bad] -= of_zero
+        wide[~rest.bad] = of_powers
+        residuals.append(less)
+        columns.append(wide)
+    return TemperaturePart(residuals, columns, float(np.std(zero)), found.order, found.tau_s)

@@ -1,0 +1,214 @@
+"""From sums and block means to the groups of contrasts that the likelihood takes; what is left out on the way.
+
+Left out: a knock (a block with a reading far from its mean, or a mean far from its neighbours'), a spell that is noisier than the rest,
+a register that stands still.  Limits are the recording's own: chance reaches them in one recording of a thousand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinygc.annexes.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts
+
+#: means of the coarsest level, which is one vector: the likelihood's cost goes with its cube, what more would give is below 3 %
+#: (benchmarks/noise_terms.py)
+TOP = 64
+#: probability of a limit that chance exceeds somewhere in a recording
+BY_CHANCE = 1e-3
+#: a spell is noisier than the rest if its variance exceeds it by this share; less is said by the excess of the fit
+NOISIER = 0.25
+#: of a recording: more noisy spells than this are its noise, not spells
+MOST_LEFT_OUT = 0.2
+#: of a block's readings that repeat all six before them: it stands still
+STUCK = 0.9
+#: of a window's means that must be there for the mean of the window
+PRESENT = 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Windows of one scale.
+
+    size: samples of each mean; at (M,): places of the means in a window, in their own lengths; basis (M, d): contrasts; S (d, d): sum
+    of products over the windows; count: how many; top: whether it is a rest's coarsest vector.
+    """
+
+    size: int
+    at: np.ndarray
+    basis: np.ndarray
+    S: np.ndarray
+    count: float
+    top: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """One rest, ready: blocks; bad (B,): left out; sums and counts by chunk, without the bad ones; left_out_s; said: sentences."""
+
+    blocks: Blocks
+    bad: np.ndarray
+    sums: list[np.ndarray]
+    counts: np.ndarray
+    block_s: float
+    said: tuple[str, ...]
+
+    @property
+    def left_out_s(self) -> float:
+        """Time of the bad blocks, s."""
+        return float(np.count_nonzero(self.bad)) * self.block_s
+
+
+def rest_of(sums: RestSums) -> Rest:
+    """Find what is to be left out."""
+    blocks, by_level, counts = sums.ended()
+    block_s = blocks.size * sums.period_s
+    kinds: dict[str, np.ndarray] = {}
+    if len(blocks):
+        kinds["stuck"] = blocks.stuck >= STUCK * (blocks.size - 1)
+        peak = np.zeros(len(blocks), bool)
+        for channel in range(CHANNELS):
+            peak |= above_chance(blocks.peak[:, channel].astype(float), kinds["stuck"])
+        kinds["knock"] = (peak | _leaps(blocks, kinds["stuck"])) & ~kinds["stuck"]
+    bad = np.logical_or.reduce([*kinds.values()]) if kinds else np.zeros(0, bool)
+    out = np.zeros(len(counts), bool)
+    out[blocks.chunk[bad]] = True
+    noisy = _noisy_chunks(by_level[0], counts[:, 0], out)
+    if noisy.any():
+        spell = noisy[blocks.chunk]
+        if counts[noisy].sum() <= MOST_LEFT_OUT * counts.sum():
+            kinds["noisier"] = spell & ~bad
+            bad, out = bad | spell, out | noisy
+    words = {"stuck": "readings stand still", "knock": "knocks", "noisier": "noisier than the rest"}
+    said = [
+        f"{words[kind]}: {np.count_nonzero(mask) * block_s:.3g} s left out{_when(blocks, mask, block_s)}"
+        for kind, mask in kinds.items()
+        if mask.any()
+    ]
+    if noisy.any() and "noisier" not in kinds:
+        said.append("the noise is not steady: it differs between spells by more than chance; the figures are their mean")
+    return Rest(blocks, bad, [level[:, ~out] for level in by_level], counts[~out], block_s, tuple(said))
+
+
+def _when(blocks: Blocks, mask: np.ndarray, block_s: float) -> str:
+    at = np.flatnonzero(mask)
+    first = [f"{blocks.number[k] * block_s:.4g} s" for k in at[np.diff(at, prepend=-9) > 1][:4].tolist()]
+    return f" (at {', '.join(first)}{', …' if np.count_nonzero(np.diff(at) > 1) > 3 else ''})"
+
+
+def above_chance(values: np.ndarray, but: np.ndarray) -> np.ndarray:
+    """Return which (n,) exceed what a Gumbel distribution with their median and quartiles reaches in one recording of 1000."""
+    if np.count_nonzero(~but) < 8 or not np.isfinite(values).all():
+        return np.zeros(len(values), bool)
+    low, middle, high = np.quantile(values[~but], (0.25, 0.5, 0.75))
+    scale = (high - low) / 1.5725  # Gumbel's quartiles: ln(ln 4 / ln(4/3))
+    return np.asarray(values > middle + scale * (np.log(len(values) / BY_CHANCE) + np.log(np.log(2))) + 1e-12 * middle)
+
+
+def _leaps(blocks: Blocks, but: np.ndarray) -> np.ndarray:
+    """Blocks whose mean is far from the mean of both neighbours: second differences beyond a Gaussian's by chance."""
+    found = np.zeros(len(blocks), bool)
+    if len(blocks) < 16:
+        return found
+    second = np.zeros(blocks.mean.shape)
+    second[1:-1] = blocks.mean[1:-1] - (blocks.mean[2:] + blocks.mean[:-2]) / 2
+    joined = np.zeros(len(blocks), bool)
+    joined[1:-1] = (blocks.number[2:] - blocks.number[:-2] == 2) & ~(but[2:] | but[:-2] | but[1:-1])
+    if not joined.any():
+        return found
+    limit = np.sqrt(2 * np.log(len(blocks) / BY_CHANCE))
+    for channel in range(CHANNELS):
+        size = np.abs(second[:, channel])
+        sigma = float(np.median(size[joined])) / 0.6745
+        if np.isfinite(sigma) and sigma > 0:
+            found |= joined & (size > limit * sigma)
+    return found
+
+
+def _noisy_chunks(sums: np.ndarray, windows: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Chunks whose variance at the finest level exceeds the usual one on some channel by ``NOISIER`` and by more than chance."""
+    found = np.zeros(len(windows), bool)
+    whole = (windows >= np.median(windows[~out]) / 2) & ~out if np.any(~out) else out
+    if np.count_nonzero(whole) < 8:
+        return found
+    variance = np.trace(sums, axis1=2, axis2=3) / np.maximum(windows * sums.shape[2], 1)
+    for own in variance:
+        usual = float(np.median(own[whole]))
+        if not np.isfinite(usual) or usual <= 0:
+            continue
+        spread = float(np.median(np.abs(own[whole] - usual))) / 0.6745
+        limit = max(NOISIER * usual, np.sqrt(2 * np.log(len(windows) / BY_CHANCE)) * spread)
+        found |= (windows > 0) & (own - usual > limit)
+    return found & ~out
+
+
+def groups_of(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], regressors: Sequence[np.ndarray]) -> list[Group]:
+    """Return the groups of one channel.
+
+    residuals: of each rest, its block means (B,) less what temperature explains; regressors: of each rest, columns (B, p) whose
+    coefficients were estimated: they are projected out of the coarsest vector.
+    """
+    sizes = _sizes(rests[0].blocks.size)
+    fine = [
+        (
+            size,
+            ratio,
+            sum(rest.sums[level][channel].sum(axis=0) for rest in rests),
+            sum(float(rest.counts[:, level].sum()) for rest in rests),
+        )
+        for level, (size, ratio) in enumerate(sizes)
+    ]
+    found = [Group(size, np.arange(ratio), contrasts(ratio), np.asarray(S), count) for size, ratio, S, count in fine if count]
+    coarse: dict[tuple[int, int], list[np.ndarray]] = {}
+    tops = []
+    for rest, means, columns in zip(rests, residuals, regressors, strict=True):
+        levels, top = _coarse(rest, means, columns)
+        for key, z in levels:
+            coarse.setdefault(key, []).append(z)
+        tops += [top] if top is not None else []
+    for (size, ratio), parts in coarse.items():
+        z = np.concatenate(parts)
+        found.append(Group(size, np.arange(ratio), contrasts(ratio), z.T @ z, len(z)))
+    return found + tops
+
+
+def _sizes(block: int) -> list[tuple[int, int]]:
+    from tinygc.annexes.noise.summary import ratios_of
+
+    sizes, size = [], 1
+    for ratio in ratios_of(block):
+        sizes.append((size, ratio))
+        size *= ratio
+    return sizes
+
+
+def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tuple[tuple[int, int], np.ndarray]], Group | None]:
+    """Return the levels above a block, (size, ratio) and contrasts (n, M - 1), and the coarsest vector; None for less than two means."""
+    size, good = rest.blocks.size, ~rest.bad
+    number, y, X = rest.blocks.number[good], means[good], columns[good]
+    found = []
+    while len(y) > TOP:
+        ratio = min(MOST_WINDOW // 2, 2 ** int(np.ceil(np.log2(len(y) / TOP))))
+        window, starts, counts = np.unique(number // ratio, return_index=True, return_counts=True)
+        whole = starts[counts == ratio]
+        found.append(((size, ratio), y[whole[:, None] + np.arange(ratio)] @ contrasts(ratio)))
+        kept = counts >= PRESENT * ratio
+        y = (np.add.reduceat(y, starts) / counts)[kept]
+        X = (np.add.reduceat(X, starts, axis=0) / counts[:, None])[kept]
+        number, size = window[kept], size * ratio
+    if len(y) < 2:
+        return found, None
+    basis = _without(np.column_stack([np.ones(len(y)), X]))
+    if not basis.shape[1]:
+        return found, None
+    z = basis.T @ y
+    return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True)
+
+
+def _without(columns: np.ndarray) -> np.ndarray:
+    """Return an orthonormal basis (n, n - rank) of what is orthogonal to columns (n, p)."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    u, size, _ = np.linalg.svd(scaled, full_matrices=True)
+    return u[:, int(np.count_nonzero(size > 1e-9)) :]
